@@ -1,0 +1,148 @@
+"""The interfaces, and the only place where one is defined. Fitting one is all it takes: no base class, no registration.
+
+Every part is a record; its fields are its parameters. Times `t` of blocks are integers of 100 ns, and steps are pure:
+state comes in and goes out. Inside a step nothing raises.
+"""
+
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+
+from trimtab.core.rng import Key
+from trimtab.core.signals import Command, Estimate, Frame, Motion, Sample
+
+X = TypeVar("X")
+U = TypeVar("U", contravariant=True)
+
+
+@runtime_checkable
+class Vehicle(Protocol[X, U]):
+    """The truth. x: state record; u: input record; t: seconds."""
+
+    def dynamics(self, t: Any, x: X, u: U) -> X:
+        """The derivative of x, as a record of the same type."""
+        ...
+
+    def motion(self, t: Any, x: X, u: U) -> Motion:
+        """All that a sensor can feel; t: integer time."""
+        ...
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """Motion in, sample out, each `period`."""
+
+    @property
+    def period(self) -> int:
+        """Sampling period."""
+        ...
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def measure(self, motion: Motion) -> Any:
+        """The noise-free measurement h(x), a record: step() corrupts it, an estimator differentiates it."""
+        ...
+
+    def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
+        """One sample at time t."""
+        ...
+
+
+@runtime_checkable
+class Channel(Protocol):
+    """Samples in at one end, delayed, jittered, lost or held samples out at the other."""
+
+    @property
+    def period(self) -> int:
+        """How often the channel looks at its input and its output."""
+        ...
+
+    def init(self, key: Key, like: Sample) -> Any:
+        """First state, for samples of this structure."""
+        ...
+
+    def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
+        """What the receiving end holds at time t."""
+        ...
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """Frame in, estimate out."""
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
+        """The estimate at time t."""
+        ...
+
+
+@runtime_checkable
+class Law(Protocol):
+    """Estimate in; out comes a record with the field `demand` (the wanted input), and whatever else is worth logging."""
+
+    reads: ClassVar[tuple[str, ...]]
+    """Names of the fields of the estimated state that the law needs."""
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
+        """The demand at time t."""
+        ...
+
+
+@runtime_checkable
+class Allocation(Protocol):
+    """Demand in, values for the actuators out."""
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
+        """Actuator commands that come closest to the demand."""
+        ...
+
+
+@runtime_checkable
+class Actuators(Protocol):
+    """Commands in; out comes a record with the field `u` (the vehicle's input), and whatever else is worth logging."""
+
+    @property
+    def period(self) -> int:
+        """How often they act."""
+        ...
+
+    def neutral(self) -> Any:
+        """The output before any command has arrived."""
+        ...
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
+        """What the actuators do from time t on."""
+        ...
+
+
+@runtime_checkable
+class Autopilot(Protocol):
+    """Frame in, command out, each `period`."""
+
+    @property
+    def period(self) -> int:
+        """The control period."""
+        ...
+
+    def init(self, key: Key, frame: Frame) -> Any:
+        """First state, for frames of this structure."""
+        ...
+
+    def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Command]:
+        """The command at time t."""
+        ...

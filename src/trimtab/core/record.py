@@ -1,0 +1,244 @@
+"""Records: frozen dataclasses that are pytrees, each field declared once with unit, meaning and valid range.
+
+Three kinds of field:
+
+- ``quantity``  a number or array; a run-time input, so that changing it never compiles anything again;
+- ``part``      another record, a mapping or tuple of records, or None;
+- ``option``    a choice or a period; it shapes the program, so changing it compiles again.
+
+What is declared here is the name of the same thing in ``--set``, the log, the plots and the exported code.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar, dataclass_transform
+
+import jax
+import numpy as np
+
+T = TypeVar("T")
+Scalar = Any
+"""A float, or an array of shape () while a run is traced."""
+
+DTYPES = {
+    "real": np.float64,
+    "angle": np.float64,
+    "time": np.int64,
+    "count": np.int32,
+    "mode": np.int32,
+    "word": np.uint32,
+    "flag": np.bool_,
+}
+KINDS = tuple(DTYPES)
+MISSING = dataclasses.MISSING
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What a numeric field means. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
+
+    unit: str
+    doc: str
+    frame: str = ""
+    kind: str = "real"
+    source: str = ""
+    above: float | None = None
+    low: float | None = None
+    high: float | None = None
+    modes: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+
+    def dtype(self) -> Any:
+        """The numpy type that the field has in a run."""
+        return DTYPES[self.kind]
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A nested record."""
+
+    doc: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """A static choice. Kind `period` is a time in integer units of 100 ns and must be at least `low`."""
+
+    doc: str
+    kind: str = "choice"
+    choices: tuple[Any, ...] = ()
+    low: int | None = None
+
+
+Declaration = Quantity | Part | Option
+
+
+def quantity(
+    unit: str,
+    doc: str,
+    *,
+    default: Any = MISSING,
+    frame: str = "",
+    kind: str = "real",
+    source: str = "",
+    above: float | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    modes: tuple[str, ...] = (),
+    shape: tuple[int, ...] = (),
+) -> Any:
+    """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source."""
+    if kind not in KINDS:
+        raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
+    declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
+    return _field(declared, default)
+
+
+def part(doc: str, *, default: Any = MISSING) -> Any:
+    """Declare a nested record (or a mapping or tuple of records, or None)."""
+    return _field(Part(doc), default)
+
+
+def option(doc: str, *, default: Any = MISSING, choices: tuple[Any, ...] = (), kind: str = "choice") -> Any:
+    """Declare a static choice; `choices` lists the valid values."""
+    return _field(Option(doc, kind, choices), default)
+
+
+def period(doc: str, *, default: Any = MISSING, low: int = 1) -> Any:
+    """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`."""
+    return _field(Option(doc, "period", (), low), default)
+
+
+def _field(declared: Declaration, default: Any) -> Any:
+    metadata = {"declared": declared}
+    if isinstance(default, Mapping | np.ndarray | list):  # dataclasses refuse mutable defaults
+        held: Any = default
+        return dataclasses.field(default_factory=lambda: held, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
+def record(cls: type[T]) -> type[T]:
+    """Make a class a record: a frozen dataclass, registered as a pytree with the field names as path."""
+    made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    fields = dataclasses.fields(made)
+    for f in fields:
+        if "declared" not in f.metadata:
+            raise TypeError(f"{cls.__name__}.{f.name} is not declared: use quantity(), part(), option() or period()")
+    dynamic = tuple(f.name for f in fields if not isinstance(f.metadata["declared"], Option))
+    static = tuple(f.name for f in fields if isinstance(f.metadata["declared"], Option))
+    keys = tuple(jax.tree_util.GetAttrKey(n) for n in dynamic)
+
+    def aux(r: Any) -> tuple[Any, ...]:
+        return tuple(getattr(r, n) for n in static)
+
+    def flatten(r: Any) -> tuple[Any, Any]:
+        return [getattr(r, n) for n in dynamic], aux(r)
+
+    def flatten_with_keys(r: Any) -> tuple[Any, Any]:
+        return [(k, getattr(r, n)) for k, n in zip(keys, dynamic, strict=True)], aux(r)
+
+    def unflatten(meta: Any, children: Any) -> Any:
+        r = object.__new__(made)
+        for n, v in zip(dynamic, children, strict=True):
+            object.__setattr__(r, n, v)
+        for n, v in zip(static, meta, strict=True):
+            object.__setattr__(r, n, v)
+        return r
+
+    jax.tree_util.register_pytree_with_keys(made, flatten_with_keys, unflatten, flatten)
+    return made
+
+
+def is_record(value: Any) -> bool:
+    """Whether value is an instance of a record."""
+    fields = getattr(type(value), "__dataclass_fields__", None)
+    return fields is not None and all("declared" in f.metadata for f in fields.values())
+
+
+def declarations(cls: Any) -> dict[str, Declaration]:
+    """Field name -> what was declared, for a record or its class."""
+    return {f.name: f.metadata["declared"] for f in dataclasses.fields(cls)}
+
+
+def replace(r: T, **changes: Any) -> T:
+    """A copy of a record with some fields changed."""
+    made: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
+    return made
+
+
+def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
+    """Name, value and declaration of everything one level below a record, mapping or tuple."""
+    if is_record(value):
+        declared = declarations(value)
+        return [(n, getattr(value, n), d) for n, d in declared.items()]
+    if isinstance(value, Mapping):
+        items: Any = value.items()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        return [(str(n), v, None) for n, v in items]
+    if isinstance(value, tuple | list):
+        several: Any = value  # pyright: ignore[reportUnknownVariableType]
+        return [(str(i), v, None) for i, v in enumerate(several)]
+    return []
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
+    """Every quantity and option below value, as (dotted path, value, declaration), in declared order."""
+    for name, child, declared in children(value):
+        here = f"{path}.{name}" if path else name
+        if isinstance(declared, Quantity | Option):
+            yield here, child, declared
+        else:
+            yield from leaves(child, here)
+
+
+def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], Any]) -> Any:
+    """A copy of a tree of records in which the leaf at a dotted path is change(old value, declaration).
+
+    Raises KeyError with the path where there is no such leaf.
+    """
+    head, _, rest = path.partition(".")
+    for name, child, declared in children(value):
+        if name != head:
+            continue
+        if isinstance(declared, Quantity | Option):
+            if rest:
+                raise KeyError(path)
+            return _put(value, name, change(child, declared))
+        if rest:
+            return _put(value, name, with_leaf(child, rest, change))
+    raise KeyError(path)
+
+
+def _put(value: Any, name: str, child: Any) -> Any:
+    if isinstance(value, Mapping):
+        items: dict[str, Any] = dict(value)  # pyright: ignore[reportUnknownArgumentType]
+        items[name] = child
+        return items
+    if isinstance(value, tuple):
+        several: list[Any] = list(value)  # pyright: ignore[reportUnknownArgumentType]
+        several[int(name)] = child
+        return tuple(several)
+    return replace(value, **{name: child})
+
+
+def numeric(tree: T) -> T:
+    """The same tree with every quantity as a numpy array of its declared type, so that equal programs compile once."""
+
+    def convert(value: Any) -> Any:
+        if is_record(value):
+            changes: dict[str, Any] = {}
+            for name, child, declared in children(value):
+                if isinstance(declared, Quantity):
+                    changes[name] = np.asarray(child, declared.dtype())
+                elif isinstance(declared, Part):
+                    changes[name] = convert(child)
+            return replace(value, **changes)
+        if isinstance(value, Mapping):
+            items: Any = value.items()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+            return {n: convert(v) for n, v in items}
+        if isinstance(value, tuple):
+            several: Any = value  # pyright: ignore[reportUnknownVariableType]
+            return tuple(convert(v) for v in several)
+        return value
+
+    return convert(tree)

@@ -1,0 +1,102 @@
+"""Rotations in the plane and in space.
+
+Conventions: right-handed frames, z down; R_WB takes body components to world components, v_W = R_WB v_B. Quaternions are
+(w, x, y, z), unit, q_WB the same rotation as R_WB, and q and -q are equal. Euler angles are roll, pitch, yaw about
+x, y, z in the order yaw, pitch, roll (3-2-1).
+
+Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.3.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+
+def wrap(angle: Any) -> Any:
+    """An angle (rad) as its equal in [-pi, pi)."""
+    return angle - 2 * np.pi * jnp.floor((angle + np.pi) / (2 * np.pi))
+
+
+def wrap_positive(angle: Any) -> Any:
+    """An angle (rad) as its equal in [0, 2 pi)."""
+    return angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
+
+
+def planar(heading: Any) -> Any:
+    """R_WB (2, 2) of a heading (rad): body to world components in the horizontal plane."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+
+
+def from_euler(roll: Any, pitch: Any, yaw: Any) -> Any:
+    """R_WB (3, 3) of roll, pitch, yaw (rad), order 3-2-1; defined for every angle."""
+    cr, sr, cp, sp, cy, sy = (g(a) for a in (roll, pitch, yaw) for g in (jnp.cos, jnp.sin))
+    return jnp.stack(
+        [
+            jnp.stack([cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy]),
+            jnp.stack([cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy]),
+            jnp.stack([-sp, sr * cp, cr * cp]),
+        ]
+    )
+
+
+def to_euler(R_WB: Any) -> Any:
+    """Roll, pitch, yaw (3,) of a rotation (3, 3). At pitch ±90° roll and yaw are not unique: roll is given as 0."""
+    pitch = -jnp.arcsin(jnp.clip(R_WB[2, 0], -1, 1))
+    singular = jnp.abs(R_WB[2, 0]) > 1 - 1e-12
+    roll = jnp.where(singular, 0.0, jnp.arctan2(R_WB[2, 1], R_WB[2, 2]))
+    yaw = jnp.where(singular, jnp.arctan2(-R_WB[0, 1], R_WB[1, 1]), jnp.arctan2(R_WB[1, 0], R_WB[0, 0]))
+    return jnp.stack([roll, pitch, yaw])
+
+
+def cross_matrix(v: Any) -> Any:
+    """[v ×] (3, 3), so that cross_matrix(v) @ w = v × w."""
+    o = jnp.zeros_like(v[0])
+    return jnp.stack([jnp.stack([o, -v[2], v[1]]), jnp.stack([v[2], o, -v[0]]), jnp.stack([-v[1], v[0], o])])
+
+
+def from_rotation_vector(v: Any) -> Any:
+    """R (3, 3) that turns by |v| (rad) about v: Rodrigues' formula, with its series near zero."""
+    a2 = v @ v
+    small = a2 < 1e-8
+    a = jnp.sqrt(jnp.where(small, 1.0, a2))
+    p = jnp.where(small, 1 - a2 / 6, jnp.sin(a) / a)
+    q = jnp.where(small, 0.5 - a2 / 24, (1 - jnp.cos(a)) / (a * a))
+    U = cross_matrix(v)
+    return jnp.eye(3) + p * U + q * (U @ U)
+
+
+def quaternion_product(p: Any, q: Any) -> Any:
+    """p q (4,): the rotation q followed by p, R(p q) = R(p) R(q)."""
+    w = p[0] * q[0] - p[1:] @ q[1:]
+    return jnp.concatenate([w[None], p[0] * q[1:] + q[0] * p[1:] + jnp.cross(p[1:], q[1:])])
+
+
+def quaternion_inverse(q: Any) -> Any:
+    """The conjugate (4,) of a unit quaternion."""
+    return q * jnp.array([1.0, -1.0, -1.0, -1.0])
+
+
+def quaternion_from_rotation_vector(v: Any) -> Any:
+    """Unit quaternion (4,) that turns by |v| (rad) about v, with its series near zero."""
+    a2 = v @ v
+    small = a2 < 1e-8
+    a = jnp.sqrt(jnp.where(small, 1.0, a2))
+    w = jnp.where(small, 1 - a2 / 8, jnp.cos(a / 2))
+    return jnp.concatenate([w[None], jnp.where(small, 0.5 - a2 / 48, jnp.sin(a / 2) / a) * v])
+
+
+def quaternion_to_rotation_vector(q: Any) -> Any:
+    """Rotation vector (3,), |v| in [0, pi], of a unit quaternion (4,)."""
+    q = jnp.where(q[0] < 0, -q, q)
+    s2 = q[1:] @ q[1:]
+    small = s2 < 1e-12
+    s = jnp.sqrt(jnp.where(small, 1.0, s2))
+    return jnp.where(small, 2.0, 2 * jnp.arctan2(s, q[0]) / s) * q[1:]
+
+
+def quaternion_to_matrix(q: Any) -> Any:
+    """R (3, 3) of a unit quaternion (4,)."""
+    U = cross_matrix(q[1:])
+    return jnp.eye(3) + 2 * q[0] * U + 2 * (U @ U)

@@ -1,0 +1,106 @@
+"""Integer time: units of 100 ns, so that 1 ms = 10 000 and the 6.5536 ms tick of an IMU = 65 536 are both exact.
+
+A run walks the ordered instants at which some block is due. Due predicates depend on time alone.
+"""
+
+import re
+from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+UNITS_PER_SECOND = 10_000_000
+SECONDS_PER_UNIT = 1e-7
+NAMES = {"s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
+FOREVER = 2**62
+"""Later than any instant of a run."""
+
+
+def seconds(value: float | str | Decimal) -> int:
+    """A time in seconds as integer units of 100 ns; refused where it is not a whole number of them."""
+    try:
+        units = Decimal(str(value)) * UNITS_PER_SECOND
+    except InvalidOperation:
+        raise InputError(
+            "time", f"{value!r} is not a number of seconds", fix="write e.g. 0.02 or '6.5536 ms'"
+        ) from None
+    if not units.is_finite() or units != units.to_integral_value():
+        problem = f"{value} s is not a whole number of 100 ns units"
+        raise InputError("time", problem, fix="round it to 1e-7 s, e.g. 0.0065536")
+    return int(units)
+
+
+def ms(value: float | str) -> int:
+    """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``."""
+    return seconds(Decimal(str(value)).scaleb(-3))
+
+
+def parse(text: str | float) -> int:
+    """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, or a bare number of seconds."""
+    found = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(s|ms|us|µs|ns)?\s*", str(text))
+    if not found:
+        raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
+    try:
+        number = Decimal(found[1])
+    except InvalidOperation:
+        raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02") from None
+    return seconds(number * Decimal(NAMES[found[2] or "s"]))
+
+
+def show(units: int) -> str:
+    """A time for people: ``6.5536 ms``, ``20 ms``, ``2 s``."""
+    if units and units % UNITS_PER_SECOND == 0:
+        return f"{units // UNITS_PER_SECOND} s"
+    return f"{Decimal(int(units)).scaleb(-4).normalize():f} ms"
+
+
+def to_seconds(units: Any) -> Any:
+    """Integer time as float seconds; also for arrays and while a run is traced."""
+    return units * SECONDS_PER_UNIT
+
+
+class Clock(NamedTuple):
+    """Now, and which periods are known to be due at every instant of this walk."""
+
+    t: Any
+    always: frozenset[int] = frozenset()
+
+    def due(self, period: int) -> Any:
+        """Whether a block of this period is due now: the Python value True where that is certain beforehand."""
+        return True if period in self.always else self.t % period == 0
+
+
+class Timetable(NamedTuple):
+    """The instants of a run, half open: t[0] = 0 and the last step ends at the run's duration.
+
+    t: int64 (n,), strictly rising.  h: int64 (n,), the time from each instant to the next.
+    always: the periods that are due at every instant.
+    """
+
+    t: np.ndarray[Any, np.dtype[np.int64]]
+    h: np.ndarray[Any, np.dtype[np.int64]]
+    always: frozenset[int]
+
+
+def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable:
+    """All instants in [0, duration) at which a period is due, with gaps longer than max_step split evenly.
+
+    Args:
+        periods: in 100 ns units, each at least 1; they need no common divisor.
+        duration: end of the run, not itself an instant.
+        max_step: longest integration step.
+    """
+    distinct = sorted({int(p) for p in periods})
+    due = [np.arange(0, duration, p, dtype=np.int64) for p in distinct]
+    t = np.unique(np.concatenate([np.zeros(1, np.int64), *due]))
+    gaps = np.diff(np.append(t, duration))
+    parts = -(-gaps // max_step)
+    if (parts > 1).any():
+        first = np.repeat(t, parts)
+        index = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
+        t = first + index * np.repeat(gaps, parts) // np.repeat(parts, parts)
+    h = np.diff(np.append(t, duration))
+    return Timetable(t, h, frozenset(p for p in distinct if not (t % p).any()))

@@ -1,0 +1,114 @@
+"""Planar hovercraft with a vectored fan at the tail: sway has no actuator of its own."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.signals import Motion, PlanarForce
+from trimtab.core.time import to_seconds
+
+
+@record
+class HovercraftState:
+    """Velocity in the body and pose on the floor. Frames: W north-east-down, B at the centre of mass.
+
+    Source: [1] eq. 2.11, in velocities instead of momenta: PX = m u, PY = m v, Pi = J r.
+    """
+
+    surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=0.0)
+    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
+    north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+
+
+@record
+class Friction:
+    """Drag of skirt and air that the source leaves out: Coulomb, viscous and quadratic, on force and torque.
+
+    F = -(c0 tanh(|v|/v0) + c1 |v| + c2 |v|^2) v/|v|, the same form for the torque with the yaw rate.
+
+    Not in:  the source's model; rotational friction explains its slow spin, sway bias and early stop together, but
+             contradicts its measured moment of inertia (docs page, Errata).
+    Source:  Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994), section 2, for the form.
+    """
+
+    force_coulomb: Scalar = quantity("N", "Dry friction.", default=0.0, low=0)
+    force_viscous: Scalar = quantity("N s/m", "Drag per speed.", default=0.0, low=0)
+    force_quadratic: Scalar = quantity("N s^2/m^2", "Drag per speed squared.", default=0.0, low=0)
+    torque_coulomb: Scalar = quantity("N m", "Dry friction torque.", default=0.0, low=0)
+    torque_viscous: Scalar = quantity("N m s", "Torque per yaw rate.", default=0.0, low=0)
+    torque_quadratic: Scalar = quantity("N m s^2", "Torque per yaw rate squared.", default=0.0, low=0)
+    slip_speed: Scalar = quantity("m/s", "Speed at which dry friction is nearly full.", default=0.01, above=0)
+    slip_rate: Scalar = quantity("rad/s", "Yaw rate at which dry friction is nearly full.", default=0.01, above=0)
+
+    def wrench(self, surge_velocity: Any, sway_velocity: Any, yaw_rate: Any) -> tuple[Any, Any, Any]:
+        """Force along x and y (N) and torque about z (N m), all in B."""
+        speed2 = surge_velocity**2 + sway_velocity**2
+        speed = jnp.sqrt(jnp.where(speed2 > 0, speed2, 1.0)) * (speed2 > 0)
+        dry = jnp.where(speed > 0, self.force_coulomb * jnp.tanh(speed / self.slip_speed) / (speed + (speed == 0)), 0.0)
+        per_velocity = dry + self.force_viscous + self.force_quadratic * speed
+        torque = self.torque_coulomb * jnp.tanh(yaw_rate / self.slip_rate)
+        torque = torque + (self.torque_viscous + self.torque_quadratic * jnp.abs(yaw_rate)) * yaw_rate
+        return -per_velocity * surge_velocity, -per_velocity * sway_velocity, -torque
+
+
+@record
+class Hovercraft:
+    """Planar hovercraft with a vectored fan at the tail; sway is unactuated.
+
+        u' =  v r + FX/m      v' = -u r + FY/m      r' = -d FY/J          [1, eq. 2.10, divided by m and J]
+        north' = u cos psi - v sin psi    east' = u sin psi + v cos psi    psi' = r     [1, eq. 2.11]
+
+    Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; the force acts at (-d, 0) in B.
+    Valid:   level floor.    Not modelled: skirt contact, slope, the fan's gyroscopic moment.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             chapter 2. Differences from the source: docs page, Errata.
+    """
+
+    mass: Scalar = quantity("kg", "Total mass with batteries.", default=2.6, above=0, source="[1] text, 5.7 lb")
+    inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.096, above=0, source="[1] table 4.2")
+    arm: Scalar = quantity("m", "Centre of mass to rudder pivot.", default=0.32, above=0, source="[1] 12.6 in")
+    friction: Any = part("Friction, or None for the source's frictionless model.", default=None)
+
+    def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
+        """The derivative of x (SI) under the force u at the rudder pivot."""
+        surge_rate, sway_rate, turn_rate = self.accelerations(x, u)
+        c, s = jnp.cos(x.heading), jnp.sin(x.heading)
+        return HovercraftState(
+            surge_velocity=x.sway_velocity * x.yaw_rate + surge_rate,
+            sway_velocity=-x.surge_velocity * x.yaw_rate + sway_rate,
+            yaw_rate=turn_rate,
+            north=c * x.surge_velocity - s * x.sway_velocity,
+            east=s * x.surge_velocity + c * x.sway_velocity,
+            heading=x.yaw_rate,
+        )
+
+    def accelerations(self, x: HovercraftState, u: PlanarForce) -> tuple[Any, Any, Any]:
+        """Acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and yaw acceleration (rad/s^2)."""
+        FX, FY, torque = u.FX, u.FY, -self.arm * u.FY
+        if self.friction is not None:
+            dX, dY, dN = self.friction.wrench(x.surge_velocity, x.sway_velocity, x.yaw_rate)
+            FX, FY, torque = FX + dX, FY + dY, torque + dN
+        return FX / self.mass, FY / self.mass, torque / self.inertia
+
+    def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
+        """All that a sensor can feel; t: integer time."""
+        ax, ay, turn = self.accelerations(x, u)
+        o = jnp.zeros_like(ax)
+        stack = jnp.stack
+        return Motion(
+            t=t,
+            p_WB=stack([x.north, x.east, o]),
+            attitude=stack([o, o, x.heading]),
+            v_WB_B=stack([x.surge_velocity, x.sway_velocity, o]),
+            w_WB_B=stack([o, o, x.yaw_rate]),
+            a_WB_B=stack([ax, ay, o]),
+            alpha_WB_B=stack([o, o, turn]),
+        )
+
+    def energy(self, x: HovercraftState) -> Any:
+        """Kinetic energy (J), V in [1, eq. 2.17]."""
+        return self.mass * (x.surge_velocity**2 + x.sway_velocity**2) / 2 + self.inertia * x.yaw_rate**2 / 2
