@@ -185,7 +185,7 @@ def test_with_leaf_changes_that_leaf_and_no_other(path):
     marker = object()
     block = Block()
     changed = with_leaf(block, path, lambda old, declared: marker)
-    before, after = (dict((p, v) for p, v, _ in leaves(b)) for b in (block, changed))
+    before, after = ({p: v for p, v, _ in leaves(b)} for b in (block, changed))
     assert after.pop(path) is marker
     before.pop(path)
     assert list(before) == list(after)

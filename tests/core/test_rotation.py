@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from trimtab.core import rotation as r
 
 ANGLES = st.floats(-1e4, 1e4, allow_nan=False)
-RANDOM = Rotation.random(40, random_state=3)
+RANDOM = Rotation.random(40, rng=np.random.default_rng(3))
 VECTORS = [
     np.zeros(3),
     *(np.array([1.0, -2.0, 0.5]) * s for s in (1e-12, 1e-7, 4e-5, 5e-5, 1e-3, 0.3, 1.0)),

@@ -1,5 +1,6 @@
 """Integer time: exact periods with no common divisor, the timetable's invariants, and what is refused."""
 
+import itertools
 from decimal import Decimal
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_timetable_invariants(periods, duration, max_step):
     t, h = table.t.tolist(), table.h.tolist()
     due = sorted({0} | {i for p in periods for i in range(0, duration, p)})
     assert t[0] == 0
-    assert all(a < b for a, b in zip(t, t[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(t))
     assert t[-1] < duration
     assert set(due) <= set(t)
     assert all(0 < step <= max_step for step in h)

@@ -81,7 +81,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Law(Protocol):
-    """Estimate in; out comes a record with the field `demand` (the wanted input), and whatever else is worth logging."""
+    """Estimate in; out comes a record with the field `demand` (the wanted input), and whatever is worth logging."""
 
     reads: ClassVar[tuple[str, ...]]
     """Names of the fields of the estimated state that the law needs."""
