@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from contracts import parts
-from contracts.parts import blocks, every, example, made, rollout
 
-from trimtab.core.record import numeric, part, period, record
-from trimtab.core.signals import measured
+from contracts import checks, parts
+from contracts.parts import blocks, every, example, made, rollout
+from trimtab.core.record import declarations, numeric, part, period, record, replace
+from trimtab.core.signals import Motion, PlanarForce, measured
 from trimtab.core.time import ms, to_seconds
 
 STEPS = 40
@@ -30,18 +30,18 @@ def _alone(folder, cls):
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_state_keeps_its_structure(folder, cls):
-    parts.assert_stable(folder, made(cls))
+    checks.assert_stable(folder, made(cls))
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_step_is_pure(folder, cls):
-    parts.assert_pure(folder, made(cls))
+    checks.assert_pure(folder, made(cls))
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_output_is_finite(folder, cls):
     for _, outputs in _alone(folder, cls):
-        parts.assert_finite(outputs)
+        checks.assert_finite(outputs)
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
@@ -52,7 +52,7 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
     for k in range(3):
         t = np.int64(k * parts.period(one))
         state, out = one.step(t, state, given(t))
-        parts.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
+        checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
@@ -63,7 +63,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * RUNS), one)
     both = jax.jit(jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS)))(batch, jnp.arange(RUNS))
     for run, alone in enumerate(_alone(folder, cls)):
-        parts.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
+        checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
 
 
 @pytest.mark.parametrize(("folder", "cls"), every(blocks, ("sensors",)))
@@ -93,7 +93,7 @@ def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
     assert (t <= now[valid]).all()
     assert (np.diff(t) >= 0).all(), "an older sample replaced a newer one"
     np.testing.assert_allclose(np.asarray(out.age)[valid], (now[valid] - t) * 1e-7, rtol=1e-9, atol=1e-12)
-    parts.assert_near(jax.tree.map(lambda a: a[valid], out.value), parts.planar_state(t))
+    checks.assert_near(jax.tree.map(lambda a: a[valid], out.value), parts.planar_state(t))
     fresh = np.asarray(out.fresh)[valid]
     changed = np.diff(t, prepend=-1) > 0
     np.testing.assert_array_equal(fresh, changed, err_msg="fresh is not 'newly arrived'")
@@ -105,11 +105,11 @@ def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
 
     def nothing(t):
         sample = measured(t, parts.planar_state(t))
-        return parts.replace(sample, valid=False, fresh=False)
+        return replace(sample, valid=False, fresh=False)
 
     _, out = jax.jit(lambda one: rollout(folder, one, nothing, 0, STEPS))(one)
     assert not np.asarray(out.valid).any()
-    parts.assert_finite(out)
+    checks.assert_finite(out)
 
 
 @pytest.mark.parametrize(("folder", "cls"), every(blocks, ("laws",)))
@@ -117,7 +117,7 @@ def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
     one = made(cls)
     _, out = _alone(folder, cls)[0]
     assert hasattr(out, "demand")
-    known = set(parts.declarations(example(folder, one)(np.int64(0)).state))
+    known = set(declarations(example(folder, one)(np.int64(0)).state))
     assert set(one.reads) <= known
 
 
@@ -129,7 +129,7 @@ def test_actuators_stay_neutral_until_a_command_is_valid(folder, cls):
     given = example(folder, one)
 
     def invalid(t):
-        return parts.replace(given(t), valid=False, fresh=False)
+        return replace(given(t), valid=False, fresh=False)
 
     _, out = jax.jit(lambda one: rollout(folder, one, invalid, 0, STEPS))(one)
     neutral = one.neutral()
@@ -155,18 +155,18 @@ def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
         f for f in parts.states()[1:] if type(f(np.int64(0))) is parts.typing.get_type_hints(cls.dynamics)["x"]
     )
     u = parts.typing.get_type_hints(cls.dynamics)["u"]
-    assert u is parts.PlanarForce, "the contract tests know no other input yet: add it to parts.py"
+    assert u is PlanarForce, "the contract tests know no other input yet: add it to parts.py"
     x, u = state(np.int64(0)), numeric(parts.planar_force(ms(20)))
     rate = jax.jit(lambda c, x, u: c.dynamics(0.0, x, u))(one, x, u)
     assert jax.tree.structure(rate) == jax.tree.structure(x)
-    parts.assert_finite(rate)
-    parts.assert_near(one.dynamics(0.0, x, u), rate)
-    parts.assert_finite(jax.jacfwd(lambda x: one.dynamics(0.0, x, u))(x))
+    checks.assert_finite(rate)
+    checks.assert_near(one.dynamics(0.0, x, u), rate)
+    checks.assert_finite(jax.jacfwd(lambda x: one.dynamics(0.0, x, u))(x))
     motion = one.motion(np.int64(0), x, u)
-    assert type(motion) is parts.Motion
-    parts.assert_finite(motion)
+    assert type(motion) is Motion
+    checks.assert_finite(motion)
     batch = jax.vmap(lambda x: one.dynamics(0.0, x, u))(jax.tree.map(lambda a: np.stack([a, 2 * a]), x))
-    parts.assert_near(jax.tree.map(lambda a: a[0], batch), rate)
+    checks.assert_near(jax.tree.map(lambda a: a[0], batch), rate)
 
 
 @record
@@ -198,11 +198,11 @@ class _Impure(_Counter):
 
 def test_the_contracts_find_what_they_are_for():
     """A good block passes; a state that changes type, an impure step and a NaN do not."""
-    parts.assert_stable("sensors", _Counter())
-    parts.assert_pure("sensors", _Counter())
+    checks.assert_stable("sensors", _Counter())
+    checks.assert_pure("sensors", _Counter())
     with pytest.raises(AssertionError, match="became"):
-        parts.assert_stable("sensors", _Forgetful())
+        checks.assert_stable("sensors", _Forgetful())
     with pytest.raises(AssertionError, match="two calls differ"):
-        parts.assert_pure("sensors", _Impure())
+        checks.assert_pure("sensors", _Impure())
     with pytest.raises(AssertionError):
-        parts.assert_finite({"x": jnp.asarray(np.nan)})
+        checks.assert_finite({"x": jnp.asarray(np.nan)})

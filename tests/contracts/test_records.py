@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
-from contracts.parts import FOLDERS, assert_declared, blocks, every, modules, records, vehicles
 
+from contracts.checks import assert_declared
+from contracts.parts import FOLDERS, blocks, every, modules, records, vehicles
 from trimtab.core.record import Scalar, quantity, record
 
 ROOT = Path(__file__).parents[2]
