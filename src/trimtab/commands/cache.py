@@ -12,11 +12,9 @@ def use_cache() -> None:
     The folder is $TRIMTAB_CACHE, else trimtab below $XDG_CACHE_HOME or ~/.cache. It holds code that will be run, so it
     is refused when it belongs to somebody else or others can write to it.
     """
-    base = (
-        os.environ.get("TRIMTAB_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trimtab"
-    )
-    folder = Path(base) / "jax"
     try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = Path(os.environ.get("TRIMTAB_CACHE") or cache / "trimtab") / "jax"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         about = folder.stat()
     except (OSError, RuntimeError):

@@ -1,7 +1,8 @@
 """`trimtab run` and `trimtab demo`: fly a scenario, ideal beside real, and show what came of it."""
 
+import contextlib
 import json
-import os
+import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -102,16 +103,19 @@ def _outputs(request: Request) -> tuple[Path | None, Path | None]:
 
 
 def _check_folder(part: str, folder: Path) -> None:
-    """Refuse a folder that cannot be written, without leaving anything behind."""
-    existing = folder
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir():
-        raise InputError(part, f"{str(existing)!r} is not a folder", fix=f"{part} with another folder")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise InputError(
-            part, f"cannot write in {str(existing)!r}: permission denied", fix=f"{part} with another folder"
-        )
+    """Refuse a folder that cannot be written, by trying; leaves nothing behind."""
+    missing = [p for p in (folder, *folder.parents) if not p.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError(part, problem, fix=f"{part} with a folder of yours, e.g. {part} flight") from None
+    finally:
+        for made in missing:
+            with contextlib.suppress(OSError):
+                made.rmdir()
 
 
 def _write_log(real: Log, ideal: Log | None, file: Path | None) -> list[Path]:
