@@ -83,9 +83,8 @@ def _unit(declared: Any) -> str:
 def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     """Metrics of a run, ideal beside real."""
     flown = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
-    table = _table(
-        title=f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}", title_justify="left"
-    )
+    title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
+    table = _table(title=title, title_justify="left")
     table.add_column("signal", no_wrap=True)
     table.add_column("")
     table.add_column("final", justify="right")

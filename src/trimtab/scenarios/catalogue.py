@@ -1,7 +1,7 @@
 """The catalogue: every file below this folder is a scenario, named after its path.
 
-``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A scenario outside the package is named by its module or
-file and the function: ``my_boat:scenario``, ``my_boat.py:scenario``.
+``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A scenario outside the package is named by its module
+or file and the function: ``my_boat:scenario``, ``my_boat.py:scenario``.
 """
 
 import ast

@@ -26,7 +26,7 @@ PAIRING = "free2move/linksys 2.9/22.0"
 def flight(
     name: str,
     law: Any,
-    initial: HovercraftState,
+    x: HovercraftState,
     duration_s: float,
     targets: tuple[Target, ...],
     links: Links = "chain",
@@ -36,7 +36,7 @@ def flight(
     Args:
         name: in the catalogue.
         law: what flies it.
-        initial: first state.
+        x: first state.
         duration_s: length (s).
         targets: where signals should go, for the metrics.
         links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with
@@ -55,7 +55,7 @@ def flight(
     )
     autopilot = Autopilot(estimator=Passthrough("navigation"), law=law, allocation=ThrustVectorAllocation())
     return Scenario(
-        world=world, autopilot=autopilot, initial=initial, duration=seconds(duration_s), targets=targets, name=name
+        world=world, autopilot=autopilot, initial=x, duration=seconds(duration_s), targets=targets, name=name
     )
 
 
