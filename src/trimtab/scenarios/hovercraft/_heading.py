@@ -18,12 +18,12 @@ TOLERANCE = np.pi / 180
 def heading_flight(name: str, law: Any, initial: Initial, links: Links) -> Scenario:
     """Turn to 5 rad out of a spinning slide, or to 1 rad from rest.
 
-    The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the source,
-    the error of that flight is the plain difference to a heading that the navigation gives in [0, 2 pi), so that the
-    vehicle goes up to 5 rad and not the short way down.
+    The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
+    source, the error of that flight is the plain difference to a heading that the navigation gives in [0, 2 pi), so
+    that the vehicle goes up to 5 rad and not the short way down.
     """
     if initial == "rest":
-        x, target, navigation = HovercraftState(), 1.0, NavigationErrors()
+        x, target, navigation = HovercraftState(), 1.0, None
     else:
         x, target = HovercraftState(surge_velocity=0.4, sway_velocity=1.2, yaw_rate=4.1), 5.0
         law, navigation = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
