@@ -171,8 +171,8 @@ class HeadingProportional:
              the bad limit point: allowing |r_ref| = v, where the derivation needs more, drives W up to
              limit_point_value, where v = |r_ref| and nothing moves any more: a constant error and sideways slide.
              "floored" never asks for less than `floor`, and lets |r_ref| fall only while
-             W < margin * limit_point_value; it may rise at any time, which is safe. Near the bad limit point the
-             reference then stands still, and as W is below limit_point_value and cannot grow, the turn gets away.
+             W < margin * limit_point_value; it may rise at any time. Near the bad limit point the reference then
+             stands still, and as W is below limit_point_value and cannot grow, the turn gets away.
     Valid:   k of about 1/s. A minute on, 1 % of ideal runs miss by 2 degrees or more at 1.5/s and 60 % at 3/s, where
              they swing to and fro as HeadingBangBang does.
     Source:  [1] section 2.3.3; floor and margin are this project's; gains [1] tables 6.1 and 6.4, reconstructed.

@@ -101,9 +101,9 @@ def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
 def provision(model: Hovercraft, W: Any, reference: Any) -> Any:
     """The yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
 
-    (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. The bound is
-    tight, holds for a larger reference too, and is below |reference| exactly when W < limit_point_value. It does not
-    cover a change of sign: brake first.
+    (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. Below
+    |reference|, that is exactly while W < limit_point_value, the bound is tight, and any larger reference is safe too.
+    Above it, where only a disturbance leads, the bound is not enough. A change of sign is never covered: brake first.
 
     Source: [1] eq. 2.69, reconstructed (docs Errata); the middle sign of [1, eq. 2.66] is +.
     """

@@ -190,7 +190,9 @@ class ReverseMomentum:
         """Refuse a reference that is not backward, and a theta that leaves the equilibrium unstable."""
         if not np.all(np.asarray(self.reference) < 0):
             problem = f"the reference momentum must be negative, it is {self.reference} kg m/s"
-            raise InputError("ReverseMomentum.reference", problem, fix="drive forward with ForwardMomentum, e.g. -1.98")
+            raise InputError(
+                "ReverseMomentum.reference", problem, fix="write e.g. -1.98; ForwardMomentum drives forward"
+            )
         least = self.model.inertia / (self.model.arm**2 * self.model.mass)
         if not np.all(np.asarray(self.theta) > least):
             problem = f"theta must be above J/(d^2 m) = {least:.4g}, it is {self.theta}"
