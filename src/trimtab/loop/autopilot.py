@@ -7,7 +7,7 @@ from trimtab.core.record import children, is_record, part, period, record, repla
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame
 from trimtab.core.time import ms
-from trimtab.loop.structure import like, tree_where, zeros_of
+from trimtab.loop.structure import tree_where, zeros_of
 
 
 @record
@@ -65,7 +65,13 @@ class Autopilot:
         new = AutopilotState(
             estimator=estimator, law=law, allocation=allocation, estimate=estimate, output=output, command=command
         )
-        return like(new, state), command
+        return new, command
+
+    def lean(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
+        """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
+        if self.period not in always:
+            return state
+        return replace(state, estimate=(), output=(), command=())
 
     def hold(self, t: Any, state: AutopilotState) -> AutopilotState:
         """The state between two control periods: last outputs kept, nothing fresh."""
@@ -77,7 +83,9 @@ class Autopilot:
             if name not in provided:
                 near = closest(name, provided, 1)
                 fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives it"
-                problem = f"{type(self.law).__name__} reads {name!r}, which {type(self.estimator).__name__} does not give"
+                problem = (
+                    f"{type(self.law).__name__} reads {name!r}, which {type(self.estimator).__name__} does not give"
+                )
                 raise InputError("autopilot.law", problem, choices=provided, fix=fix)
 
     def _refuse_sensor(self, name: str, sent: tuple[str, ...]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.errors import InputError
 from trimtab.core.record import children, is_record, option, part, period, record, replace
-from trimtab.core.time import ms, seconds
+from trimtab.core.time import seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot

@@ -27,7 +27,11 @@ def _unknown(tree: Any, path: str) -> InputError:
     known = [p for p, _, _ in leaves(tree)]
     below = [p for p in known if p.startswith(path + ".")]
     near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
-    fix = f"--set {near[0]}=…" if below or near[0] in known else "trimtab list SCENARIO  shows every path with its value and unit"
+    fix = (
+        f"--set {near[0]}=…"
+        if below or near[0] in known
+        else "trimtab list SCENARIO  shows every path with its value and unit"
+    )
     return InputError(f"--set {path}", "there is no such setting", choices=near, fix=fix)
 
 
@@ -60,7 +64,9 @@ def _option(path: str, text: str, old: Any, declared: Option) -> Any:
         try:
             return parse(text)
         except InputError as error:
-            raise InputError(f"--set {path}", error.problem, choices=error.choices, fix=f"--set {path}='20 ms'") from None
+            raise InputError(
+                f"--set {path}", error.problem, choices=error.choices, fix=f"--set {path}='20 ms'"
+            ) from None
     if declared.choices:
         found = [c for c in declared.choices if str(c) == text]
         if not found:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.record import record, part
+from trimtab.core.record import Quantity, leaves, part, record
 from trimtab.core.rng import Key
 from trimtab.core.time import Clock
 from trimtab.loop.autopilot import Autopilot, AutopilotState
@@ -33,11 +33,16 @@ class Signals:
 
 
 class Walked(NamedTuple):
-    """rows: float64 (n, width), the logged signals flattened; last: signals at the end, for their structure; x: truth."""
+    """What a walk gives.
+
+    rows: float64 (n, width), the logged signals flattened.  seen: signals with every number zero, for their structure.
+    x: the truth at the end.  sensors: states of the sensors at the end.
+    """
 
     rows: Any
-    last: Signals
+    seen: Signals
     x: Any
+    sensors: Any
 
 
 def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
@@ -56,8 +61,8 @@ def instant(
     s, frame = world.sense(clock, s)
     due = clock.due(autopilot.period)
     a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
-    acted = world.act(clock, s, a.command, due)
-    return world.advance(clock.t, acted, h), a, signals(acted, a)
+    s = world.act(clock, s, a.command, due)
+    return world.advance(clock.t, s, h), a, signals(s, a)
 
 
 def signals(s: WorldState, a: AutopilotState) -> Signals:
@@ -75,7 +80,14 @@ def signals(s: WorldState, a: AutopilotState) -> Signals:
 
 
 def walk(
-    world: World, autopilot: Autopilot, x: Any, key: Key, instants: tuple[Any, Any, Any], rows: int, always: frozenset[int]
+    world: World,
+    autopilot: Autopilot,
+    x: Any,
+    key: Key,
+    instants: tuple[Any, Any, Any],
+    rows: int,
+    always: frozenset[int],
+    wanted: tuple[str, ...] = (),
 ) -> Walked:
     """Run the loop over all instants.
 
@@ -87,25 +99,43 @@ def walk(
             row `rows` is scratch for instants that are not logged.
         rows: length of the log.
         always: periods that are due at every instant.
+        wanted: which signals are logged, see `logged`; all when empty.
     """
     s, a = start(world, autopilot, x, key)
-    pack = _packer()
-    width = pack(signals(s, a)).shape[0]
+    seen = signals(s, a)
+    width = pack(seen, wanted).shape[0]
 
     def body(carry: Any, at: Any) -> Any:
         s, a, log = carry
         t, h, row = at
         new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
-        log = jax.lax.dynamic_update_slice(log, pack(seen)[None], (row, 0))
+        log = jax.lax.dynamic_update_slice(log, pack(seen, wanted)[None], (row, jnp.zeros_like(row)))
+        new_s, new_a = world.lean(new_s, always), autopilot.lean(new_a, always)
         return (like(new_s, s), like(new_a, a), log), None
 
-    carry = (s, a, jnp.zeros((rows + 1, width)))
-    (s, a, log), _ = jax.lax.scan(body, carry, instants)
-    return Walked(log[:rows], signals(s, a), s.x)
+    carry = (world.lean(s, always), autopilot.lean(a, always), jnp.zeros((rows + 1, width)))
+    (s, _, log), _ = jax.lax.scan(body, carry, instants)
+    return Walked(log[:rows], seen, s.x, s.sensors)
 
 
-def _packer() -> Any:
-    def pack(seen: Signals) -> Any:
-        return jnp.concatenate([jnp.ravel(leaf).astype(np.float64) for leaf in jax.tree.leaves(seen)])
+def logged(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
+    """Path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
+    return [
+        (path, value, declared)
+        for path, value, declared in leaves(seen)
+        if isinstance(declared, Quantity) and (not wanted or any(path == w or path.startswith(w + ".") for w in wanted))
+    ]
 
-    return pack
+
+def pack(seen: Signals, wanted: tuple[str, ...]) -> Any:
+    """One row of the log, float64 (width,): integers below 2**53 are exact.
+
+    Written as selects: concatenating that many scalars costs XLA's CPU backend more than all the rest of the loop.
+    """
+    parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged(seen, wanted)]
+    scalars = [part[i] for part in parts for i in range(part.shape[0])]
+    column = np.arange(len(scalars))
+    row = jnp.zeros(len(scalars))
+    for i, scalar in enumerate(scalars):
+        row = jnp.where(column == i, scalar, row)
+    return row

@@ -24,7 +24,8 @@ class WorldState:
     uplink: Any = part("State of the uplink.")
     commanded: Any = part("Last command that came out of the uplink.")
     actuators: Any = part("State of the actuators.")
-    actuated: Any = part("Last output of the actuators; its u acts on the vehicle.")
+    actuated: Any = part("Last output of the actuators.")
+    u: Any = part("What acts on the vehicle: the field u of that output.")
 
 
 @record
@@ -71,6 +72,7 @@ class World:
             commanded=(),
             actuators=self.actuators.init(key.at("actuators")),
             actuated=neutral,
+            u=neutral.u,
         )
 
     def connect(self, key: Key, s: WorldState, command: Command) -> WorldState:
@@ -80,7 +82,8 @@ class World:
         _, commanded = zeros_of("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
         act = self.actuators.step
         _, actuated = zeros_of("world.actuators", "world.uplink", act, 0, s.actuators, commanded)
-        return replace(s, uplink=link, commanded=commanded, actuated=like(s.actuated, actuated))
+        actuated = like(s.actuated, actuated)
+        return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
     def sense(self, clock: Clock, s: WorldState) -> tuple[WorldState, Frame]:
         """Truth, sensors, downlink: the frame that the autopilot holds at this instant."""
@@ -89,9 +92,7 @@ class World:
         for name, sensor in self.sensors.items():
             states[name], samples[name] = step_if(
                 clock.due(sensor.period),
-                lambda sensor=sensor, name=name: sensor.step(
-                    t, s.sensors[name], self.vehicle.motion(t, s.x, s.actuated.u)
-                ),
+                lambda sensor=sensor, name=name: sensor.step(t, s.sensors[name], self.vehicle.motion(t, s.x, s.u)),
                 lambda name=name: (s.sensors[name], held(t, s.sampled[name])),
             )
             links[name], received[name] = step_if(
@@ -116,13 +117,23 @@ class World:
             lambda: self.actuators.step(t, s.actuators, commanded),
             lambda: (s.actuators, s.actuated),
         )
-        return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated)
+        return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
+
+    def lean(self, s: WorldState, always: frozenset[int]) -> WorldState:
+        """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
+        return replace(
+            s,
+            sampled={n: () if self.sensors[n].period in always else v for n, v in s.sampled.items()},
+            received={n: () if self.downlink.period in always else v for n, v in s.received.items()},
+            commanded=() if self.uplink.period in always else s.commanded,
+            actuated=() if self.actuators.period in always else s.actuated,
+        )
 
     def advance(self, t: Any, s: WorldState, h: Any) -> WorldState:
         """The truth integrated from integer time t over integer time h, the actuators' output held."""
 
         def derivative(time: Any, x: Any) -> Any:
-            return self.vehicle.dynamics(time, x, s.actuated.u)
+            return self.vehicle.dynamics(time, x, s.u)
 
         return replace(s, x=rk4(derivative, to_seconds(t), s.x, to_seconds(h)))
 
