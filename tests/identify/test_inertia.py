@@ -3,6 +3,8 @@
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import linregress
@@ -25,9 +27,14 @@ def test_check_10_table_4_2(trial, FY, J):
 
 
 def test_table_4_2_needs_the_rounded_force():
-    """Unrounded, the same trials give 0.0943 and 0.0979; the means agree (0.0959 and 0.0961)."""
-    exact = [trial_inertia(trial, ARM, PSI)[1] for trial in TRIALS]
-    assert exact == pytest.approx([0.0943, 0.0979], abs=5e-5)
+    """Unrounded: 0.0943 and 0.0979 from the printed psi (14.6, -17.4), 0.0948 and 0.0982 from the printed theta."""
+    from_psi = [
+        inertia(ARM, lateral_force(trial.force, psi * DEG), trial.slope)
+        for trial, psi in zip(TRIALS, (14.6, -17.4), strict=True)
+    ]
+    assert from_psi == pytest.approx([0.0943, 0.0979], abs=5e-5)
+    from_theta = [trial_inertia(trial, ARM, PSI)[1] for trial in TRIALS]
+    assert from_theta == pytest.approx([0.0948, 0.0982], abs=5e-5)
     rounded = [trial_inertia(trial, ARM, PSI, decimals=2)[1] for trial in TRIALS]
     assert np.mean(rounded) == pytest.approx(0.0959, abs=1e-4)
 
@@ -47,7 +54,7 @@ def test_fit_is_ordinary_least_squares_over_the_window():
     r = 0.1 + 0.9 * (t - t[0]) - 0.05 * (t - t[0]) ** 2 + rng.normal(0, 0.05, 300)
     fit = fit_slope(t, r, window=1.5)
     inside = t <= t[0] + 1.5
-    oracle = linregress(t[inside] - t[0], r[inside])
+    oracle: Any = linregress(t[inside] - t[0], r[inside])
     assert (fit.slope, fit.offset) == pytest.approx((oracle.slope, oracle.intercept), rel=1e-10)
     assert fit.standard_error == pytest.approx(oracle.stderr, rel=1e-10)
     assert fit.samples == inside.sum() < 300

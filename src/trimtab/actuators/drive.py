@@ -5,6 +5,7 @@
 
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -104,7 +105,7 @@ class FanDrive:
         return DriveOutput(
             u=PlanarForce(0.0, 0.0),
             thrust=0.0,
-            rudder=self._rudder_angle(self.rudder.neutral_pulse),
+            rudder=_neutral_angle(self),
             speed_rpm=0.0,
             mode=np.int32(0),
             brakings=np.int32(0),
@@ -155,3 +156,9 @@ class FanDrive:
         if self.table is None or not self.saturation:
             return self.thruster.force(speed_rpm, rudder_angle)
         return self.table.at(rudder_angle, speed_rpm)
+
+
+@jax.jit
+def _neutral_angle(drive: FanDrive) -> Any:
+    """Compiled, for outside a run every operation by itself would be compiled anew."""
+    return drive._rudder_angle(drive.rudder.neutral_pulse)
