@@ -14,7 +14,7 @@ from trimtab.core.record import Quantity, leaves, part, record
 from trimtab.core.rng import Key
 from trimtab.core.time import Clock
 from trimtab.loop.autopilot import Autopilot, AutopilotState
-from trimtab.loop.structure import like, step_if, strong
+from trimtab.loop.structure import like, step_if, strong, zeros_of
 from trimtab.loop.world import World, WorldState
 
 
@@ -49,7 +49,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
     """States at rest before the first instant; refuses parts that don't fit each other."""
     key_world, key_autopilot = key.at("world"), key.at("autopilot")
     s = world.init(key_world, x)
-    _, frame = jax.eval_shape(lambda s: world.sense(Clock(np.int64(0)), s), s)
+    _, frame = zeros_of("world", "the scenario", lambda s: world.sense(Clock(np.int64(0)), s), s)
     a = autopilot.init(key_autopilot, frame)
     return strong(world.connect(key_world, s, a.command)), strong(a)
 
