@@ -109,7 +109,7 @@ def test_any_demand_is_exact_without_any_fault():
 
 
 def test_force_across_comes_out_along():
-    """[1] section 6.1: a pure FY demand is realised at |psi| <= 25 deg, with a large FX that jumps with the sign of FX."""
+    """[1] section 6.1: a pure FY demand comes out at |psi| <= 25 deg, with a large FX whose sign jumps."""
     FX = np.array([1e-9, 1e-9, -1e-9, -1e-9, 0.0, 0.0])
     FY = np.array([0.5, -0.5, 0.5, -0.5, 0.5, -0.5])
     _, out = _through(FX, FY)

@@ -68,9 +68,7 @@ class RudderServo:
         angles = np.asarray(self.angles)
         if not (np.diff(angles) > 0).all():
             k = int(np.argmin(np.diff(angles)))
-            problem = (
-                f"they must rise with the pulse; angles[{k}]={angles[k]:.6g}, angles[{k + 1}]={angles[k + 1]:.6g}"
-            )
+            problem = f"they must rise with the pulse; angles[{k}]={angles[k]:.6g}, angles[{k + 1}]={angles[k + 1]:.6g}"
             raise InputError("angles", problem, fix="sort the points, drop repeated ones")
         low, high = float(self.angle_min), float(self.angle_max)
         if not angles[0] - 1e-9 <= low < high <= angles[-1] + 1e-9:
