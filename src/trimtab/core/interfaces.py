@@ -70,6 +70,11 @@ class Channel(Protocol):
 class Estimator(Protocol):
     """Frame in, estimate out."""
 
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Names of the sensors whose samples it reads."""
+        ...
+
     def init(self, key: Key) -> Any:
         """First state."""
         ...
@@ -81,7 +86,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Law(Protocol):
-    """Estimate in; out comes a record with the field `demand` (the wanted input), and whatever else is worth logging."""
+    """Estimate in; out comes a record with the field `demand` (the wanted input) and whatever is worth logging."""
 
     reads: ClassVar[tuple[str, ...]]
     """Names of the fields of the estimated state that the law needs."""
@@ -110,7 +115,7 @@ class Allocation(Protocol):
 
 @runtime_checkable
 class Actuators(Protocol):
-    """Commands in; out comes a record with the field `u` (the vehicle's input), and whatever else is worth logging."""
+    """Commands in; out comes a record with the field `u` (the vehicle's input) and whatever is worth logging."""
 
     @property
     def period(self) -> int:

@@ -1,8 +1,8 @@
 """Rotations in the plane and in space.
 
-Conventions: right-handed frames, z down; R_WB takes body components to world components, v_W = R_WB v_B. Quaternions are
-(w, x, y, z), unit, q_WB the same rotation as R_WB, and q and -q are equal. Euler angles are roll, pitch, yaw about
-x, y, z in the order yaw, pitch, roll (3-2-1).
+Conventions: right-handed frames, z down; R_WB takes body components to world components, v_W = R_WB v_B. Quaternions
+are (w, x, y, z), unit, q_WB the same rotation as R_WB, and q and -q are equal. Euler angles are roll, pitch, yaw
+about x, y, z in the order yaw, pitch, roll (3-2-1).
 
 Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.3.
 """

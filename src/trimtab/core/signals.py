@@ -79,7 +79,7 @@ class Command:
 
 @record
 class PlanarState:
-    """Velocity and heading of a vehicle that moves in the plane: what planar laws read. Source: docs page, Conventions."""
+    """Velocity and heading of a vehicle in the plane: what planar laws read. Source: docs page, Conventions."""
 
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")

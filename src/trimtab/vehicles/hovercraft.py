@@ -6,7 +6,6 @@ import jax.numpy as jnp
 
 from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import Motion, PlanarForce
-from trimtab.core.time import to_seconds
 
 
 @record

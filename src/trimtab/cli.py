@@ -1,0 +1,140 @@
+"""The command line: each verb is one function of the package.
+
+Exit code 0: done and good; 1: done and failed; 2: refused input.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trimtab import __version__
+from trimtab.core.errors import InputError
+from trimtab.scenarios import catalogue
+
+SCENARIO = click.argument("scenario", metavar="SCENARIO")
+JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+class Verbs(click.Group):
+    """The verbs; input that is refused ends with the fix on standard error and exit code 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb."""
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            click.echo(f"error: {error}", err=True)
+            ctx.exit(2)
+
+
+@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="trimtab")
+def main() -> None:
+    """Guidance, navigation and control of vehicles that are hard to steer.
+
+    \b
+    trimtab demo                                     the first flight: a table and a picture
+    trimtab list                                     every scenario
+    trimtab list hovercraft/spin                     every setting of one, with unit and meaning
+    trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
+    trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
+    """
+
+
+@main.command()
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path(), help="Folder for the picture.  [default: here]")
+def demo(seed: int, out: Path) -> None:
+    """Bring the hovercraft to rest over its radio, ideal beside real.
+
+    Zero velocity with the source's settings and its measured Bluetooth latencies; writes trimtab-demo.png.
+    """
+    from trimtab.commands.fly_scenario import Request, fly
+
+    fly(
+        Request(
+            scenario="hovercraft/zero-velocity",
+            settings={"links": "measured"},
+            seed=seed,
+            plot=out / "trimtab-demo.png",
+        )
+    )
+    click.echo("next: trimtab list, trimtab run --help")
+
+
+@main.command(name="list")
+@click.argument("scenario", metavar="[SCENARIO]", required=False)
+@JSON
+def list_(scenario: str | None, as_json: bool) -> None:
+    """List the scenarios, or every setting of one.
+
+    \b
+    trimtab list
+    trimtab list hovercraft/zero-velocity
+    """
+    if scenario is None:
+        from trimtab.commands.tables import print_scenarios
+
+        print_scenarios(catalogue.names(), as_json)
+        return
+    from trimtab.commands.tables import print_settings
+
+    built, _ = catalogue.load(scenario)
+    print_settings(scenario, built, catalogue.arguments(scenario), as_json)
+
+
+def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    settings = {}
+    for text in values:
+        path, equals, value = text.partition("=")
+        if not equals or not path:
+            problem = f"{text!r} is not path=value"
+            raise InputError("--set", problem, fix="--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths")
+        settings[path.strip()] = value.strip()
+    return settings
+
+
+@main.command()
+@SCENARIO
+@click.option(
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting; repeatable."
+)
+@click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
+@click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
+@click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of all signals.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for log (MCAP) and picture.")
+@JSON
+def run(
+    scenario: str,
+    settings: dict[str, str],
+    without: tuple[str, ...],
+    seed: int,
+    duration: str | None,
+    ideal: bool,
+    plot: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Fly a scenario in virtual time, ideal beside real.
+
+    SCENARIO is a name from `trimtab list`, or your own: my_boat.py:scenario.
+
+    \b
+    trimtab run hovercraft/zero-velocity --plot rest.png
+    trimtab run hovercraft/heading-bang-bang --set initial=rest --seed 3
+    trimtab run hovercraft/forward --without navigation-error --out forward/
+    trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
+    """
+    from trimtab.commands.fly_scenario import Request, fly
+
+    if duration is not None:
+        settings["duration"] = duration
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

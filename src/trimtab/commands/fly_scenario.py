@@ -1,0 +1,142 @@
+"""`trimtab run` and `trimtab demo`: fly a scenario, ideal beside real, and show what came of it."""
+
+import contextlib
+import json
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from trimtab.commands.cache import use_cache
+from trimtab.core.errors import InputError
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import metrics, mode_switches
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_settings
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+
+class Request(NamedTuple):
+    """What was asked for on the command line."""
+
+    scenario: str
+    settings: Mapping[str, str] = {}
+    without: tuple[str, ...] = ()
+    seed: int = 0
+    ideal: bool = True
+    plot: Path | None = None
+    out: Path | None = None
+    as_json: bool = False
+
+
+def fly(request: Request) -> None:
+    """Everything is checked before anything runs; files appear whole or not at all."""
+    scenario = build(request)
+    picture, log_file = _outputs(request)
+    use_cache()
+    started = time.perf_counter()
+    real = simulate(scenario, seed=request.seed)
+    ideal = simulate(scenario.ideal(), seed=request.seed) if request.ideal else None
+    result = {
+        "scenario": request.scenario,
+        "seed": request.seed,
+        "backend": "jax",
+        "duration_s": real.metadata["duration_s"],
+        "wall_s": round(time.perf_counter() - started, 4),
+        "real": summary(real, scenario),
+        "ideal": None if ideal is None else summary(ideal, scenario),
+    }
+    written = [*_write_log(real, ideal, log_file), *_draw(real, ideal, scenario, picture)]
+    if request.as_json:
+        click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
+        return
+    from trimtab.commands.tables import print_result
+
+    print_result(result, {signal: real.unit(f"truth.{signal}") for signal in result["real"]["metrics"]})
+    for file in written:
+        click.echo(f"wrote {file}")
+
+
+def build(request: Request) -> Scenario:
+    """The scenario with its settings, checked."""
+    scenario, rest = catalogue.load(request.scenario, request.settings)
+    if not isinstance(scenario, Scenario):
+        problem = f"the function gives {type(scenario).__name__}, not a Scenario"
+        raise InputError(f"scenario {request.scenario!r}", problem, fix="return Scenario(world=…, autopilot=…)")
+    scenario = with_settings(scenario, rest)
+    for name in request.without:
+        scenario = scenario.without(name)
+    scenario.check()
+    return scenario
+
+
+def summary(log: Log, scenario: Scenario) -> dict[str, Any]:
+    """Metrics, last state and mode switches of one run."""
+    signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.")]
+    preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
+    shown = [s for s in preferred if s in signals] or signals
+    final = {path.removeprefix("truth."): float(value) for path, value in log.final.items()}
+    found = metrics(log, scenario.targets, shown)
+    return {"metrics": found, "final": final, "mode_switches": mode_switches(log)}
+
+
+def _outputs(request: Request) -> tuple[Path | None, Path | None]:
+    """Picture and log file; refuses before the run what could not be written after it."""
+    picture, log_file = request.plot, None
+    if request.out is not None:
+        picture = picture or request.out / "run.png"
+        log_file = request.out / "run.mcap"
+        _check_folder("--out", request.out)
+    if picture is not None:
+        if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+            problem = f"{picture.name!r} has no picture's ending"
+            raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
+        if request.out is None or picture.parent != request.out:
+            _check_folder("--plot", picture.parent)
+        if picture.is_dir():
+            raise InputError("--plot", f"{str(picture)!r} is a folder", fix=f"--plot {picture / 'run.png'}")
+    return picture, log_file
+
+
+def _check_folder(part: str, folder: Path) -> None:
+    """Refuse a folder that cannot be written, by trying; leaves nothing behind."""
+    missing = [p for p in (folder, *folder.parents) if not p.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError(part, problem, fix=f"{part} with a folder of yours, e.g. {part} flight") from None
+    finally:
+        for made in missing:
+            with contextlib.suppress(OSError):
+                made.rmdir()
+
+
+def _write_log(real: Log, ideal: Log | None, file: Path | None) -> list[Path]:
+    if file is None:
+        return []
+    from trimtab.logs.mcap import write_mcap
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_mcap(real, file)
+    if ideal is None:
+        return [file]
+    twin = file.with_name("ideal.mcap")
+    write_mcap(ideal, twin)
+    return [file, twin]
+
+
+def _draw(real: Log, ideal: Log | None, scenario: Scenario, file: Path | None) -> list[Path]:
+    if file is None:
+        return []
+    from trimtab.plots.run import plot_run
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    plot_run(real, ideal, file, title=scenario.name, targets=scenario.targets)
+    return [file]

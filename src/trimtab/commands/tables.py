@@ -1,0 +1,105 @@
+"""Tables in the terminal."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import click
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from trimtab.core.record import Option, leaves
+from trimtab.core.time import show
+
+METRICS = {
+    "first_reach_s": ("first in band", "s"),
+    "settling_s": ("settled", "s"),
+    "overshoot": ("overshoot", ""),
+    "tail_mean": ("tail mean", ""),
+    "tail_rms": ("tail rms", ""),
+}
+
+
+def console() -> Console:
+    """Standard output; wide enough for a table when it is not a terminal."""
+    found = Console(highlight=False, soft_wrap=False)
+    return found if found.is_terminal else Console(highlight=False, width=140)
+
+
+def _table(**options: Any) -> Table:
+    return Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", **options)
+
+
+def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
+    """Every scenario with its first line."""
+    if as_json:
+        click.echo(json.dumps({"scenarios": names}))
+        return
+    table = _table()
+    table.add_column("scenario", no_wrap=True)
+    table.add_column("what it shows")
+    for name, doc in names.items():
+        table.add_row(name, doc)
+    console().print(table)
+    click.echo(f"fly one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
+
+
+def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, ...]], as_json: bool) -> None:
+    """Every setting of a scenario: path, value, unit, meaning; and what can be switched off."""
+    faults = sorted(scenario.imperfections())
+    rows = [(path, _value(value, d), _unit(d), d.doc) for path, value, d in leaves(scenario)]
+    if as_json:
+        settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}
+        click.echo(json.dumps({"scenario": name, "choices": arguments, "settings": settings, "imperfections": faults}))
+        return
+    table = _table()
+    table.add_column("--set", no_wrap=True)
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    table.add_column("meaning")
+    for argument, choices in arguments.items():
+        table.add_row(argument, "|".join(choices), "", "Choice of this scenario; the first is the default.")
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+    click.echo(f"--without {' | '.join(faults)}")
+
+
+def _value(value: Any, declared: Any) -> str:
+    if isinstance(declared, Option):
+        return show(value) if declared.kind == "period" else str(value)
+    array = np.asarray(value)
+    return f"{array:.6g}" if array.ndim == 0 else f"{array.shape} numbers"
+
+
+def _unit(declared: Any) -> str:
+    if isinstance(declared, Option):
+        return "" if declared.kind == "period" else "|".join(map(str, declared.choices))
+    return "" if declared.unit == "1" else declared.unit
+
+
+def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
+    """Metrics of a run, ideal beside real."""
+    flown = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
+    title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
+    table = _table(title=title, title_justify="left")
+    table.add_column("signal", no_wrap=True)
+    table.add_column("")
+    table.add_column("final", justify="right")
+    for heading, unit in METRICS.values():
+        table.add_column(f"{heading} ({unit})" if unit else heading, justify="right")
+    signals = list(next(iter(flown.values()))["metrics"])
+    for signal in signals:
+        for i, (side, found) in enumerate(flown.items()):
+            name = f"{signal} ({units[signal]})" if i == 0 else ""
+            cells = [_number(found["metrics"][signal][metric]) for metric in METRICS]
+            table.add_row(name, side, _number(found["final"].get(signal)), *cells, end_section=side == list(flown)[-1])
+    console().print(table)
+    switches = ", ".join(f"{side} {found['mode_switches']}" for side, found in flown.items())
+    click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

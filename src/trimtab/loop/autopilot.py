@@ -1,0 +1,94 @@
+"""The Autopilot: estimator, law, allocation. It takes a Frame and gives a Command, and knows nothing of the world."""
+
+from typing import Any
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import children, is_record, part, period, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Command, Estimate, Frame
+from trimtab.core.time import ms
+from trimtab.loop.structure import tree_where, zeros_of
+
+
+@record
+class AutopilotState:
+    """Everything about the autopilot that changes, with its last outputs. Source: docs page, Time."""
+
+    estimator: Any = part("State of the estimator.")
+    law: Any = part("State of the law.")
+    allocation: Any = part("State of the allocation.")
+    estimate: Any = part("Last estimate.")
+    output: Any = part("Last output of the law.")
+    command: Any = part("Last command.")
+
+
+@record
+class Autopilot:
+    """Estimator, law and allocation at one control period.
+
+    Until the estimate is valid the law stands still and the command is marked invalid, so that actuators stay neutral.
+
+    Source: docs page, Time.
+    """
+
+    estimator: Any = part("Frame in, estimate out.")
+    law: Any = part("Estimate in, demand out.")
+    allocation: Any = part("Demand in, actuator commands out.")
+    period: int = period("Control period.", default=ms(1))
+
+    def init(self, key: Key, frame: Frame) -> AutopilotState:
+        """First state, for frames of this structure; refuses parts that don't fit each other."""
+        for name in self.estimator.listens:
+            if name not in frame.samples:
+                self._refuse_sensor(name, tuple(frame.samples))
+        states = [getattr(self, n).init(key.at(n)) for n in ("estimator", "law", "allocation")]
+        _, estimate = zeros_of("autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame)
+        self._check_reads(estimate)
+        _, output = zeros_of("autopilot.law", "autopilot.estimator", self.law.step, 0, states[1], estimate)
+        if not hasattr(output, "demand"):
+            problem = f"the output of {type(self.law).__name__} has no field 'demand'"
+            raise InputError("autopilot.law", problem, fix="return a record with demand=… from step()")
+        allocate = self.allocation.step
+        _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
+        command = Command(t=frame.t, valid=estimate.valid, value=value)
+        return AutopilotState(
+            estimator=states[0], law=states[1], allocation=states[2], estimate=estimate, output=output, command=command
+        )
+
+    def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
+        """The command at integer time t."""
+        estimator, estimate = self.estimator.step(t, state.estimator, frame)
+        law, output = self.law.step(t, state.law, estimate)
+        law = tree_where(estimate.valid, law, state.law)
+        allocation, value = self.allocation.step(t, state.allocation, output.demand)
+        command = Command(t=t, valid=estimate.valid, value=value)
+        new = AutopilotState(
+            estimator=estimator, law=law, allocation=allocation, estimate=estimate, output=output, command=command
+        )
+        return new, command
+
+    def lean(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
+        """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
+        if self.period not in always:
+            return state
+        return replace(state, estimate=(), output=(), command=())
+
+    def hold(self, t: Any, state: AutopilotState) -> AutopilotState:
+        """The state between two control periods: last outputs kept, nothing fresh."""
+        return replace(state, estimate=replace(state.estimate, t=t, fresh=False))
+
+    def _check_reads(self, estimate: Estimate) -> None:
+        provided = tuple(n for n, _, _ in children(estimate.state)) if is_record(estimate.state) else ()
+        for name in self.law.reads:
+            if name not in provided:
+                near = closest(name, provided, 1)
+                fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives it"
+                problem = (
+                    f"{type(self.law).__name__} reads {name!r}, which {type(self.estimator).__name__} does not give"
+                )
+                raise InputError("autopilot.law", problem, choices=provided, fix=fix)
+
+    def _refuse_sensor(self, name: str, sent: tuple[str, ...]) -> None:
+        problem = f"the autopilot reads sensor {name!r}, the world sends ({', '.join(sent) or 'nothing'})"
+        fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
+        raise InputError("autopilot.estimator", problem, choices=sent, fix=fix)

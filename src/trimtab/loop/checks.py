@@ -1,0 +1,76 @@
+"""Checks of values before a run: finite, in range, of the declared shape, a valid choice, a possible period."""
+
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Option, Quantity, children, is_record, leaves
+from trimtab.core.time import show
+
+
+def check_values(tree: Any, path: str = "") -> None:
+    """Walk every declared field below tree and every part's own check(); raises InputError with the full path."""
+    for where, value, declared in leaves(tree, path):
+        if isinstance(declared, Quantity):
+            _check_quantity(where, value, declared)
+        else:
+            _check_option(where, value, declared)
+    for where, child in _records(tree, path):
+        own = getattr(child, "check", None)
+        if own is not None and where != path:
+            _check_own(where, own)
+
+
+def _check_own(where: str, own: Any) -> None:
+    try:
+        own()
+    except InputError as error:
+        part = where if not error.part or error.part in where else f"{where}: {error.part}"
+        raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
+
+
+def _records(value: Any, path: str) -> list[tuple[str, Any]]:
+    found = [(path, value)] if is_record(value) else []
+    for name, child, _ in children(value):
+        found += _records(child, f"{path}.{name}" if path else name)
+    return found
+
+
+def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
+    unit = "" if declared.unit == "1" else f" {declared.unit}"
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{_in(unit)}") from None
+    if declared.shape and array.shape != declared.shape:
+        problem = f"has shape {array.shape}, declared is {declared.shape}"
+        raise InputError(where, problem, fix=f"give {declared.shape} numbers{_in(unit)}")
+    if not np.isfinite(array).all():
+        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{_in(unit)}")
+    for bound, wrong, text in (
+        (declared.above, lambda b: array <= b, "above"),
+        (declared.low, lambda b: array < b, "at least"),
+        (declared.high, lambda b: array > b, "at most"),
+    ):
+        if bound is not None and wrong(bound).any():
+            fix = f"--set {where}=VALUE {text} {bound:g}{unit}"
+            raise InputError(where, f"{value}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
+
+
+def _in(unit: str) -> str:
+    return f" in{unit}" if unit else ""
+
+
+def _check_option(where: str, value: Any, declared: Option) -> None:
+    if declared.kind == "period":
+        low = declared.low or 0
+        if not isinstance(value, int) or isinstance(value, bool):
+            fix = f"write e.g. ms(20) in Python or --set {where}='20 ms'"
+            raise InputError(where, f"{value!r} is not an integer time of 100 ns units", fix=fix)
+        if value < low:
+            problem = f"{show(value)} is too short: it must be at least {show(low)}"
+            raise InputError(where, problem, fix=f"--set {where}='20 ms'")
+    elif declared.choices and value not in declared.choices:
+        choices = [str(c) for c in declared.choices]
+        raise InputError(where, f"{value!r} is not a choice", choices=choices, fix=f"--set {where}={choices[0]}")

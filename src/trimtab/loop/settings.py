@@ -1,0 +1,81 @@
+"""Settings written as text, ``path=value``, put into a scenario; the path is the same as in the log and the docs."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import Option, Quantity, leaves, with_leaf
+from trimtab.core.time import parse
+
+T = TypeVar("T")
+
+
+def with_settings(tree: T, settings: Mapping[str, str]) -> T:
+    """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near."""
+    for path, text in settings.items():
+        try:
+            tree = with_leaf(tree, path, lambda old, declared, path=path, text=text: _value(path, text, old, declared))
+        except KeyError:
+            raise _unknown(tree, path) from None
+    return tree
+
+
+def _unknown(tree: Any, path: str) -> InputError:
+    known = [p for p, _, _ in leaves(tree)]
+    below = [p for p in known if p.startswith(path + ".")]
+    near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
+    fix = (
+        f"--set {near[0]}=…"
+        if below or near[0] in known
+        else "trimtab list SCENARIO  shows every path with its value and unit"
+    )
+    return InputError(f"--set {path}", "there is no such setting", choices=near, fix=fix)
+
+
+def _value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
+    if isinstance(declared, Option):
+        return _option(path, text, old, declared)
+    try:
+        number = json.loads(text)
+        array = np.asarray(number, np.float64)
+    except (TypeError, ValueError):
+        number = _float(path, text, declared)
+        array = np.asarray(number)
+    if array.shape != np.shape(old):
+        problem = f"{text!r} has shape {array.shape}, wanted is {np.shape(old)}"
+        raise InputError(f"--set {path}", problem, fix=f"--set {path}={json.dumps(np.asarray(old).tolist())}")
+    return number if array.ndim == 0 else array
+
+
+def _float(path: str, text: str, declared: Quantity) -> float:
+    try:
+        return float(text)  # nan and inf are read here and refused by the checks, with the range
+    except ValueError:
+        unit = "" if declared.unit == "1" else f", in {declared.unit}"
+        fix = f"--set {path}=NUMBER{unit}"
+        raise InputError(f"--set {path}", f"{text!r} is not a number", fix=fix) from None
+
+
+def _option(path: str, text: str, old: Any, declared: Option) -> Any:
+    if declared.kind == "period":
+        try:
+            return parse(text)
+        except InputError as error:
+            raise InputError(
+                f"--set {path}", error.problem, choices=error.choices, fix=f"--set {path}='20 ms'"
+            ) from None
+    if declared.choices:
+        found = [c for c in declared.choices if str(c) == text]
+        if not found:
+            choices = [str(c) for c in declared.choices]
+            problem = f"{text!r} is not a choice"
+            raise InputError(f"--set {path}", problem, choices=choices, fix=f"--set {path}={choices[0]}")
+        return found[0]
+    try:
+        return type(old)(text) if not isinstance(old, bool) else {"true": True, "false": False}[text.lower()]
+    except (ValueError, KeyError):
+        kind = type(old).__name__
+        raise InputError(f"--set {path}", f"{text!r} is not of type {kind}", fix=f"--set {path}={old}") from None

@@ -1,0 +1,52 @@
+"""Shapes of what the parts exchange, found without running them, and errors that name both ends where two don't fit."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+
+def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
+    """The output of a function with every number zero; nothing is computed.
+
+    Raises InputError naming the part and what it was given when the two don't fit.
+    """
+    try:
+        shape = jax.eval_shape(function, *inputs)
+    except InputError:
+        raise
+    except (AttributeError, KeyError, TypeError, IndexError) as error:
+        given = type(inputs[-1]).__name__ if inputs else "nothing"
+        fix = f"give {part} an input that has what its step() reads, or another part that reads {given}"
+        raise InputError(part, f"does not fit {reads}, which gives {given}: {error}", fix=fix) from error
+    return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
+
+
+def step_if(due: Any, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
+    """step() where due, else hold(); a plain call where due is known beforehand."""
+    if due is True:
+        return step()
+    return jax.lax.cond(due, lambda: strong(step()), lambda: strong(hold()))
+
+
+def strong(tree: Any) -> Any:
+    """The same tree with every number an array of a fixed type, as a loop's carry must be."""
+
+    def fix(leaf: Any) -> Any:
+        return jax.lax.convert_element_type(leaf, np.dtype(jnp.result_type(leaf)))
+
+    return jax.tree.map(fix, tree)
+
+
+def like(tree: Any, pattern: Any) -> Any:
+    """tree with every number in the type of the pattern's."""
+    return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
+
+
+def tree_where(condition: Any, a: Any, b: Any) -> Any:
+    """a where the condition holds, else b, leaf by leaf."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

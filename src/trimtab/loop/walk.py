@@ -1,0 +1,141 @@
+"""The walk over the instants of a run: the whole closed loop as one pure function of records.
+
+At one instant the order is that of the loop: truth, sensors, downlink, autopilot, uplink, actuators; then the truth is
+integrated to the next instant.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Quantity, leaves, part, record
+from trimtab.core.rng import Key
+from trimtab.core.time import Clock
+from trimtab.loop.autopilot import Autopilot, AutopilotState
+from trimtab.loop.structure import like, step_if, strong, zeros_of
+from trimtab.loop.world import World, WorldState
+
+
+@record
+class Signals:
+    """All that is logged at one instant; a field's path is the signal's name in the log. Source: docs page, Log."""
+
+    truth: Any = part("State of the vehicle.")
+    sensors: Any = part("Last sample of each sensor.")
+    downlink: Any = part("Sample of each sensor as the autopilot holds it, with its age.")
+    estimate: Any = part("The estimate.")
+    law: Any = part("Output of the law.")
+    command: Any = part("The command as issued.")
+    uplink: Any = part("The command as the actuators hold it, with its age.")
+    actuators: Any = part("What the actuators do.")
+
+
+class Walked(NamedTuple):
+    """What a walk gives.
+
+    rows: float64 (n, width), the logged signals flattened.  seen: signals with every number zero, for their structure.
+    x: the truth at the end.  sensors: states of the sensors at the end.
+    """
+
+    rows: Any
+    seen: Signals
+    x: Any
+    sensors: Any
+
+
+def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
+    """States at rest before the first instant; refuses parts that don't fit each other."""
+    key_world, key_autopilot = key.at("world"), key.at("autopilot")
+    s = world.init(key_world, x)
+    _, frame = zeros_of("world", "the scenario", lambda s: world.sense(Clock(np.int64(0)), s), s)
+    a = autopilot.init(key_autopilot, frame)
+    return strong(world.connect(key_world, s, a.command)), strong(a)
+
+
+def instant(
+    world: World, autopilot: Autopilot, clock: Clock, h: Any, s: WorldState, a: AutopilotState
+) -> tuple[WorldState, AutopilotState, Signals]:
+    """Everything that happens at one instant, then the truth up to the next, h later."""
+    s, frame = world.sense(clock, s)
+    due = clock.due(autopilot.period)
+    a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
+    s = world.act(clock, s, a.command, due)
+    return world.advance(clock.t, s, h), a, signals(s, a)
+
+
+def signals(s: WorldState, a: AutopilotState) -> Signals:
+    """What is logged of the two states."""
+    return Signals(
+        truth=s.x,
+        sensors=s.sampled,
+        downlink=s.received,
+        estimate=a.estimate,
+        law=a.output,
+        command=a.command,
+        uplink=s.commanded,
+        actuators=s.actuated,
+    )
+
+
+def walk(
+    world: World,
+    autopilot: Autopilot,
+    x: Any,
+    key: Key,
+    instants: tuple[Any, Any, Any],
+    rows: int,
+    always: frozenset[int],
+    wanted: tuple[str, ...] = (),
+) -> Walked:
+    """Run the loop over all instants.
+
+    Args:
+        world, autopilot: the two sides.
+        x: the vehicle's first state.
+        key: seed and run.
+        instants: integer time (n,), time to the next (n,), and the row of the log that each instant writes, (n,);
+            row `rows` is scratch for instants that are not logged.
+        rows: length of the log.
+        always: periods that are due at every instant.
+        wanted: which signals are logged, see `logged`; all when empty.
+    """
+    s, a = start(world, autopilot, x, key)
+    seen = signals(s, a)
+    width = pack(seen, wanted).shape[0]
+
+    def body(carry: Any, at: Any) -> Any:
+        s, a, log = carry
+        t, h, row = at
+        new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
+        log = jax.lax.dynamic_update_slice(log, pack(seen, wanted)[None], (row, jnp.zeros_like(row)))
+        new_s, new_a = world.lean(new_s, always), autopilot.lean(new_a, always)
+        return (like(new_s, s), like(new_a, a), log), None
+
+    carry = (world.lean(s, always), autopilot.lean(a, always), jnp.zeros((rows + 1, width)))
+    (s, _, log), _ = jax.lax.scan(body, carry, instants)
+    return Walked(log[:rows], seen, s.x, s.sensors)
+
+
+def logged(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
+    """Path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
+    return [
+        (path, value, declared)
+        for path, value, declared in leaves(seen)
+        if isinstance(declared, Quantity) and (not wanted or any(path == w or path.startswith(w + ".") for w in wanted))
+    ]
+
+
+def pack(seen: Signals, wanted: tuple[str, ...]) -> Any:
+    """One row of the log, float64 (width,): integers below 2**53 are exact.
+
+    Written as selects: concatenating that many scalars costs XLA's CPU backend more than all the rest of the loop.
+    """
+    parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged(seen, wanted)]
+    scalars = [part[i] for part in parts for i in range(part.shape[0])]
+    column = np.arange(len(scalars))
+    row = jnp.zeros(len(scalars))
+    for i, scalar in enumerate(scalars):
+        row = jnp.where(column == i, scalar, row)
+    return row

@@ -1,0 +1,1 @@
+"""The hovercraft's flights, with the settings of the source's tables."""

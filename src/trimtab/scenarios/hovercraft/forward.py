@@ -1,0 +1,12 @@
+"""From rest to a constant forward momentum of 2.8 kg m/s, which is 1.08 m/s."""
+
+from trimtab.laws.velocity import ForwardMomentum
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.vehicles.hovercraft import HovercraftState
+
+
+def scenario(links: Links = "chain") -> Scenario:
+    """[1] fig. 6.8, table 6.2."""
+    law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
+    return flight("hovercraft/forward", law, HovercraftState(), 15, towards(surge=2.8 / 2.6), links)

@@ -1,0 +1,13 @@
+"""To a constant momentum of -1.98 kg m/s, backwards at 0.76 m/s."""
+
+from trimtab.laws.velocity import ReverseMomentum
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.vehicles.hovercraft import HovercraftState
+
+
+def scenario(links: Links = "chain") -> Scenario:
+    """[1] fig. 6.9, table 6.3."""
+    law = ReverseMomentum(k1=1.5, k2=1.0, theta=1.44, reference=-1.98)
+    initial = HovercraftState(sway_velocity=-0.1, yaw_rate=0.1)
+    return flight("hovercraft/reverse", law, initial, 15, towards(surge=-1.98 / 2.6), links)

@@ -1,0 +1,13 @@
+"""Turn on the spot at 3 rad/s: brake first, then spin."""
+
+from trimtab.laws.spin import SupervisedSpin
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.vehicles.hovercraft import HovercraftState
+
+
+def scenario(links: Links = "chain") -> Scenario:
+    """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
+    law = SupervisedSpin()
+    initial = HovercraftState(yaw_rate=0.1)
+    return flight("hovercraft/spin", law, initial, 22, towards(yaw_rate=3.0, yaw_band=0.15), links)
