@@ -21,6 +21,13 @@ class Zero:
     def step(self, t, state, estimate): ...
 
 
+class Fusion:
+    listens = ("imu",)
+
+    def init(self, key): ...
+    def step(self, t, state, frame): ...
+
+
 class Thruster:
     period = ms(20)
 
@@ -38,7 +45,7 @@ FITS = {
     "Sensor": Gyro,
     "Channel": Gyro,
     "Law": Zero,
-    "Estimator": Zero,
+    "Estimator": Fusion,
     "Allocation": Zero,
     "Actuators": Thruster,
     "Vehicle": Boat,
@@ -55,6 +62,7 @@ def test_a_class_with_the_members_fits(interface, cls):
     [
         ("Sensor", Thruster),
         ("Law", Gyro),
+        ("Estimator", Zero),
         ("Actuators", Gyro),
         ("Vehicle", Gyro),
         ("Autopilot", Zero),

@@ -1,0 +1,172 @@
+"""Delivery in order: packets that take a latency each, and never overtake one another.
+
+A ring has one slot per send instant. A slot in which nothing was sent, or whose packet was lost, repeats the slot before
+it; so arrival times never fall along the ring, and the newest packet that has arrived is found by counting those that
+have not. The slot numbers follow from the time alone: a batch of runs shares them.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.signals import Sample
+from trimtab.core.time import FOREVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, show, to_seconds
+
+NEVER = -FOREVER
+"""Earlier than any instant: when a slot was measured that holds nothing yet."""
+
+
+@record
+class Fifo:
+    """Packets under way, and what the receiving end holds. Leaves of the ring have a leading axis of slots.
+
+    Frames: those of the values carried. Source: docs page.
+    """
+
+    key: Any = part("Of the numbers that are drawn; None where none are.")
+    values: Any = part("The value in each slot.")
+    measured: Scalar = quantity("100 ns", "When the value in each slot was measured.", kind="time")
+    due: Scalar = quantity("100 ns", "When the packet in each slot arrives; never falls along the ring.", kind="time")
+    serial: Scalar = quantity("1", "How many packets not lost had been sent up to each slot.", kind="count")
+    offered: Scalar = quantity("100 ns", "When the last sample that was sent had been measured.", kind="time")
+    held: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
+    sent: Scalar = quantity("1", "Packets sent so far, with those lost.", kind="count")
+    lost: Scalar = quantity("1", "Packets lost so far.", kind="count")
+    delivered: Scalar = quantity("1", "Packets that have arrived so far.", kind="count")
+
+
+def empty(key: Any, like: Sample, capacity: int) -> Fifo:
+    """A ring of `capacity` slots with nothing in it, for samples of the structure of `like`."""
+    none = np.int32(0)
+    return Fifo(
+        key=key,
+        values=slots(like.value, capacity),
+        measured=jnp.full(capacity, NEVER, np.int64),
+        due=jnp.full(capacity, NEVER, np.int64),
+        serial=jnp.zeros(capacity, np.int32),
+        offered=np.int64(NEVER),
+        held=np.int64(NEVER),
+        sent=none,
+        lost=none,
+        delivered=none,
+    )
+
+
+def slots(value: Any, n: int) -> Any:
+    """The same tree with zeros and a leading axis of n slots on every leaf."""
+    return jax.tree.map(lambda leaf: jnp.zeros((n, *jnp.shape(leaf)), jnp.result_type(leaf)), value)
+
+
+def take(ring: Any, slot: Any) -> Any:
+    """What a ring (leaves (n, ...)) holds in a slot in [0, n)."""
+    return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
+
+
+def put(ring: Any, slot: Any, value: Any) -> Any:
+    """A ring (leaves (n, ...)) with another value in a slot in [0, n)."""
+    return jax.tree.map(
+        lambda leaf, new: lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0), ring, value
+    )
+
+
+def measurement_time(sample: Sample) -> Any:
+    """When a sample was measured; NEVER where it is not valid."""
+    return jnp.where(sample.valid, sample.t, NEVER)
+
+
+def received(now: Any, value: Any, measured: Any, held: Any) -> Sample:
+    """The sample at the receiving end, fresh where it replaces one measured at another time `held`.
+
+    Before anything has arrived it is not valid, and its age counts from the start of the run.
+    """
+    valid = measured != NEVER
+    t = jnp.where(valid, measured, 0)
+    return Sample(value=value, t=t, age=to_seconds(now - t), fresh=measured != held, valid=valid)
+
+
+def deliver(
+    t: Any, fifo: Fifo, sample: Sample, draw: Callable[[], tuple[Any, Any]], *, send_period: int, period: int
+) -> tuple[Fifo, Sample]:
+    """One instant of a link: send the sample if it is time and it is new, hand out the newest that has arrived.
+
+    A packet arrives at max(arrival of the one before it, now + latency), and is seen at the first instant from then on.
+
+    Args:
+        t: now, integer time.
+        fifo: the packets under way.
+        sample: what the sending end has now.
+        draw: gives the latency (s, not negative) of a packet sent now, and whether it is lost.
+        send_period: one packet at most in each such period, at its first instant.
+        period: time since this was last called.
+    """
+    number, before = t // send_period, (t - period) // send_period
+    # The time alone decides, so that a batch of runs has a real branch here.
+    fifo = lax.cond(number != before, lambda: _send(t, number, fifo, sample, *draw()), lambda: fifo)
+
+    pending = jnp.sum(fifo.due > t)
+    newest = (number - pending) % fifo.due.shape[0]
+    value, measured, delivered = take((fifo.values, fifo.measured, fifo.serial), newest)
+    return replace(fifo, held=measured, delivered=delivered), received(t, value, measured, fifo.held)
+
+
+def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: Any) -> Fifo:
+    capacity = fifo.due.shape[0]
+    measured = measurement_time(sample)
+    new = measured > fifo.offered
+    goes = new & ~jnp.asarray(lost)
+
+    ring = (fifo.values, fifo.measured, fifo.due, fifo.serial)
+    _, _, latest, serial = previous = take(ring, (number - 1) % capacity)
+    arrival = t + jnp.round(latency * UNITS_PER_SECOND).astype(np.int64)
+    packet = (sample.value, measured, jnp.maximum(latest, arrival), serial + 1)
+    packet = jax.tree.map(lambda new, old: jnp.where(goes, new, old), packet, previous)
+    values, times, due, serials = put(ring, number % capacity, packet)
+    return replace(
+        fifo,
+        values=values,
+        measured=times,
+        due=due,
+        serial=serials,
+        offered=jnp.where(new, measured, fifo.offered),
+        sent=fifo.sent + new.astype(np.int32),
+        lost=fifo.lost + (new & ~goes).astype(np.int32),
+    )
+
+
+def slots_needed(longest: float, send_period: int, period: int) -> int:
+    """The smallest ring that cannot overflow with latencies up to `longest` (s)."""
+    return 1 + math.ceil((round(longest * UNITS_PER_SECOND) + period) / send_period)
+
+
+def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
+    """Refuse a ring in which a packet could be overwritten before it arrives, or a link that sends between its instants.
+
+    Args:
+        name: of the link, for the message.
+        capacity: slots of the ring.
+        longest: longest latency (s).
+        send_period: one slot each.
+        period: of the link.
+    """
+    if send_period < period:
+        raise InputError(
+            f"{name}.send_period",
+            f"{show(send_period)} is shorter than the link's period, {show(period)}: it would send between its instants",
+            fix=f"set send_period to {show(period)} or more, or period to {show(send_period)} or less",
+        )
+    needed = slots_needed(longest, send_period, period)
+    if capacity < needed:
+        span = max(capacity - 1, 0) * send_period * SECONDS_PER_UNIT
+        raise InputError(
+            f"{name}.capacity",
+            f"a ring of {capacity} slots, one each {show(send_period)}, keeps packets for {span:.4g} s,"
+            f" but the longest latency is {longest:.4g} s (+ {show(period)} to be seen)",
+            fix=f"set capacity to {needed} or more",
+        )

@@ -1,0 +1,134 @@
+"""A packet link whose latency is drawn from a measured distribution."""
+
+import math
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.rng import Key, normal2, uniform2
+from trimtab.core.signals import Sample
+from trimtab.core.time import ms
+from trimtab.links.fifo import Fifo, check_ring, deliver, empty
+
+NODES = 65
+SPAN = 4.0
+"""The table of latencies has NODES entries at normal scores z, evenly spaced from -SPAN to SPAN."""
+
+
+@record
+class MeasuredLatency:
+    """Packets that take a random time each, arrive in order, and are sometimes lost.
+
+        latency of packet k = table(z_k), linear between its nodes, z_k ~ N(0, 1);
+        arrival_k = max(arrival_(k-1), send_k + latency_k);   lost with probability `loss`
+
+    One packet at most leaves per `send_period`, and only if its sample is newer than the last one sent; a lost one is
+    not sent again. The receiving end looks each `period` and holds the newest that has arrived. The draws of a packet
+    depend on its send instant alone, so changing loss or latency leaves the others as they were.
+
+    Frames:  those of the values carried.    Not modelled: correlation of successive latencies, bursts of loss.
+    Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             table 5.1, for means and spreads; the shape of the distribution is reconstructed, see docs Errata.
+    """
+
+    latency: Scalar = quantity("s", "Latency at each node of the normal score.", low=0, shape=(NODES,))
+    loss: Scalar = quantity("1", "Probability that a packet is lost.", default=0.0, low=0, high=1)
+    send_period: int = period("Time between packets.", default=ms(20))
+    period: int = period("How often the receiving end looks.", default=ms(1))
+    capacity: int = option("Slots of the ring, one per send period.", default=64)
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay", "jitter", "loss")
+
+    def check(self) -> None:
+        """Refuse a table that is not a rising list of latencies, and a ring too short for the longest of them."""
+        table = np.asarray(self.latency)
+        if table.shape != (NODES,) or not np.isfinite(table).all() or (np.diff(table) < 0).any() or table[0] < 0:
+            raise InputError(
+                "MeasuredLatency.latency",
+                f"a table of shape {table.shape} from {table.min():.4g} to {table.max():.4g} s is not"
+                f" {NODES} rising latencies from 0 on",
+                fix="make it with gamma_table(mean, sd, shift), or from the quantiles of a measurement at ndtr(scores())",
+            )
+        check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
+
+    def without(self, name: str) -> "MeasuredLatency":
+        """A copy with one fault off: "delay" (and jitter with it), "jitter" (the mean remains) or "loss"."""
+        if name == "delay":
+            return replace(self, latency=np.zeros(NODES))
+        if name == "jitter":
+            return replace(self, latency=np.full(NODES, mean_latency(self.latency)))
+        if name == "loss":
+            return replace(self, loss=0.0)
+        raise InputError("MeasuredLatency", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+
+    def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
+        """Latency (s) and whether it is lost, of the packet of a send instant: its time divided by `send_period`."""
+        z, _ = normal2(key, packet, 0)
+        u, _ = uniform2(key, packet, 1)
+        return interpolate(self.latency, z), u < self.loss
+
+    def init(self, key: Key, like: Sample) -> Fifo:
+        """Nothing under way, for samples of the structure of `like`."""
+        return empty(key, like, self.capacity)
+
+    def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
+        """What the receiving end holds at integer time t."""
+        return deliver(
+            t,
+            state,
+            sample,
+            lambda: self.draw(state.key, t // self.send_period),
+            send_period=self.send_period,
+            period=self.period,
+        )
+
+
+def interpolate(table: Any, z: Any) -> Any:
+    """The latency (s) at a normal score z, from a table (NODES,); constant beyond ±SPAN."""
+    place = jnp.clip((z + SPAN) * ((NODES - 1) / (2 * SPAN)), 0.0, NODES - 1.0)
+    node = jnp.minimum(place.astype(np.int32), NODES - 2)
+    table = jnp.asarray(table)
+    low, high = table[node], table[node + 1]
+    return low + (high - low) * (place - node)
+
+
+def scores() -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The normal scores (NODES,) of a table's entries."""
+    return np.linspace(-SPAN, SPAN, NODES)
+
+
+def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Latencies (NODES,), in s, of a gamma distribution moved up by `shift`, with this mean and standard deviation (s).
+
+        k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
+
+    Q_k is the quantile function of the gamma distribution of shape k. Source: [1] table 5.1 for the moments; the
+    distribution is reconstructed, see docs Errata.
+    """
+    from scipy import special  # a fifth of a second to import, and only tables need it
+
+    if not (0 <= shift < mean and sd > 0 and math.isfinite(mean) and math.isfinite(sd)):
+        raise InputError(
+            "gamma_table",
+            f"mean {mean} s, standard deviation {sd} s, shift {shift} s make no distribution",
+            fix="give 0 <= shift < mean and sd > 0, in seconds",
+        )
+    k, scale = ((mean - shift) / sd) ** 2, sd**2 / (mean - shift)
+    z = scores()
+    tails = np.where(z < 0, special.gammaincinv(k, special.ndtr(z)), special.gammainccinv(k, special.ndtr(-z)))
+    return shift + scale * tails
+
+
+def mean_latency(table: Any) -> float:
+    """The mean (s) of a table's linear interpolation over a standard normal score: the sum over its nodes, exact."""
+    from scipy import special  # a fifth of a second to import, and only tables need it
+
+    values, z = np.asarray(table, np.float64), scores()
+    weight, density = special.ndtr(z), np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
+    slope = np.diff(values) / np.diff(z)
+    inside = (values[:-1] - slope * z[:-1]) * np.diff(weight) - slope * np.diff(density)
+    return float(inside.sum() + values[0] * weight[0] + values[-1] * special.ndtr(-z[-1]))

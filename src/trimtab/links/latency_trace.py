@@ -1,0 +1,159 @@
+"""A packet link that repeats the latencies of a recording."""
+
+import math
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Sample
+from trimtab.core.time import ms
+from trimtab.links.fifo import Fifo, check_ring, deliver, empty
+
+HEADER = "sent_s,latency_s"
+
+
+@record
+class LatencyTrace:
+    """Packets that take the latencies of a recording, one after the other, and arrive in order.
+
+        latency of the k-th packet sent = latency[k mod n];  arrival_k = max(arrival_(k-1), send_k + latency_k)
+
+    One packet at most leaves per `send_period`, and only if its sample is newer than the last one sent. The times at
+    which the recorded packets were sent play no part: the recording is a sequence of packets.
+
+    Frames:  those of the values carried.    Not modelled: change of latency with the load of the link.
+    Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
+    Source:  docs page.
+    """
+
+    latency: Scalar = quantity("s", "Latency of each recorded packet; 0 where it was lost.", low=0)
+    lost: Scalar = quantity("1", "Whether each recorded packet was lost.", kind="flag")
+    send_period: int = period("Time between packets.", default=ms(20))
+    period: int = period("How often the receiving end looks.", default=ms(1))
+    capacity: int = option("Slots of the ring, one per send period.", default=64)
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay", "jitter", "loss")
+
+    def check(self) -> None:
+        """Refuse an empty or uneven recording, and a ring too short for the longest latency."""
+        latency, lost = np.asarray(self.latency), np.asarray(self.lost)
+        if latency.ndim != 1 or not latency.size or lost.shape != latency.shape:
+            raise InputError(
+                "LatencyTrace.latency",
+                f"latencies of shape {latency.shape} and losses of shape {lost.shape} are not two lists of one length",
+                fix="make it with LatencyTrace.of(read_trace(path))",
+            )
+        if not np.isfinite(latency).all() or latency.min() < 0:
+            k = int(np.argmin(np.isfinite(latency) & (latency >= 0)))
+            raise InputError(
+                "LatencyTrace.latency",
+                f"packet {k} has the latency {latency[k]} s",
+                fix="give 0 or more; mark a lost packet in `lost`",
+            )
+        check_ring("LatencyTrace", self.capacity, float(latency.max()), self.send_period, self.period)
+
+    @classmethod
+    def of(cls, trace: "Trace", **settings: Any) -> "LatencyTrace":
+        """A link that repeats a recording; settings are the other fields, e.g. ``send_period=ms(6)``."""
+        return cls(latency=trace.latency_s, lost=trace.lost, **settings)
+
+    def without(self, name: str) -> "LatencyTrace":
+        """A copy with one fault off: "delay" (and jitter with it), "jitter" (the mean remains) or "loss"."""
+        latency, lost = np.asarray(self.latency, np.float64), np.asarray(self.lost, np.bool_)
+        mean = float(latency[~lost].mean()) if (~lost).any() else 0.0
+        if name == "delay":
+            return replace(self, latency=np.zeros_like(latency))
+        if name == "jitter":
+            return replace(self, latency=np.full_like(latency, mean))
+        if name == "loss":  # a packet that was lost has no latency on record: it takes the mean
+            return replace(self, latency=np.where(lost, mean, latency), lost=np.zeros_like(lost))
+        raise InputError("LatencyTrace", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+
+    def init(self, key: Key, like: Sample) -> Fifo:
+        """Nothing under way, for samples of the structure of `like`; the key is not needed."""
+        return empty(None, like, self.capacity)
+
+    def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
+        """What the receiving end holds at integer time t."""
+        latency, lost = jnp.asarray(self.latency), jnp.asarray(self.lost)
+        k = state.sent % latency.shape[0]
+        return deliver(
+            t,
+            state,
+            sample,
+            lambda: (latency[k], lost[k]),
+            send_period=self.send_period,
+            period=self.period,
+        )
+
+
+class Trace(NamedTuple):
+    """A recording of n packets: when each was sent (s, never falling), its latency (s; 0 where lost), whether lost."""
+
+    sent_s: np.ndarray[Any, np.dtype[np.float64]]
+    latency_s: np.ndarray[Any, np.dtype[np.float64]]
+    lost: np.ndarray[Any, np.dtype[np.bool_]]
+
+
+def write_trace(path: str | Path, trace: Trace) -> None:
+    """Write a recording as CSV, so that `read_trace` gives the same bits back; a lost packet has an empty latency."""
+    rows = zip(trace.sent_s, trace.latency_s, trace.lost, strict=True)
+    lines = [HEADER, *(f"{float(sent)!r},{'' if lost else repr(float(latency))}" for sent, latency, lost in rows)]
+    _parse(str(path), lines)
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_trace(path: str | Path) -> Trace:
+    """Read a recording: CSV text with the header ``sent_s,latency_s`` and one line per packet, in the order sent.
+
+    An empty latency marks a lost packet. Anything else that is not a time is refused, with file, line and fix.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}", "there is no such file", fix=f"record one: CSV text, first line {HEADER}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}", f"it cannot be read as text ({error})", fix="give a CSV text file") from None
+    return _parse(str(path), text.splitlines())
+
+
+def _parse(path: str, lines: list[str]) -> Trace:
+    if not any(line.strip() for line in lines):
+        raise InputError(path, "the file is empty", fix=f"write the header {HEADER} and two packets or more")
+    if lines[0].replace(" ", "").removeprefix("\ufeff") != HEADER:
+        raise InputError(f"{path}, line 1", f"the header is {lines[0]!r}", fix=f"write {HEADER}")
+    rows = [(n, line) for n, line in enumerate(lines[1:], start=2) if line.strip()]
+    packets: list[tuple[float, float, bool]] = []
+    for n, line in rows:
+        where, fields = f"{path}, line {n}", line.split(",")
+        if len(fields) != 2:
+            raise InputError(where, f"{line!r} has {len(fields)} fields, not 2", fix="write e.g. 0.02,0.041")
+        sent, lost = _number(where, "sent_s", fields[0]), not fields[1].strip()
+        latency = 0.0 if lost else _number(where, "latency_s", fields[1])
+        if latency < 0:
+            fix = "give 0 or more, or nothing after the comma for a lost packet"
+            raise InputError(where, f"the latency {latency} s is negative", fix=fix)
+        if packets and sent < packets[-1][0]:
+            problem = f"sent at {sent} s, before the packet above it ({packets[-1][0]} s)"
+            raise InputError(where, problem, fix="sort the lines by sent_s")
+        packets.append((sent, latency, lost))
+    if len(packets) < 2:
+        raise InputError(path, f"{len(packets)} packets are no recording", fix="record two packets or more")
+    sent_s, latency_s, losses = zip(*packets, strict=True)
+    return Trace(np.array(sent_s), np.array(latency_s), np.array(losses))
+
+
+def _number(where: str, column: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        fix = "write a number of seconds, e.g. 0.041" + ("; nothing for a lost packet" if column == "latency_s" else "")
+        raise InputError(where, f"{column} is {text.strip()!r}, not a finite number", fix=fix)
+    return value

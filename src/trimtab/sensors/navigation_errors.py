@@ -1,0 +1,102 @@
+"""A planar navigation system with the errors of an inertial one between two corrections."""
+
+import math
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.rng import Key, normal2
+from trimtab.core.rotation import wrap_positive
+from trimtab.core.signals import Motion, PlanarState, Sample, measured
+from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.sensors.planar_navigation import planar_state
+
+CM, DEG = 0.01, math.pi / 180
+READINGS: dict[str, tuple[float, float, float]] = {
+    "A": (2.5 * CM, 1.0 * DEG, 0.5 * DEG),
+    "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
+    "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
+}
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), by reading of the source."""
+
+
+@record
+class NavigationErrors:
+    """Truth plus the errors that a bias leaves after being integrated since the last reset.
+
+        tau = t mod redraw;   du = bX tau,  dv = bY tau,  dr = bg + w,  dpsi = bg tau
+
+    The biases bX, bY, bg are drawn anew each `redraw`, when the integrals start again from zero; w is drawn for every
+    sample. All draws are zero-mean, normal and independent, and depend on the time and the key alone.
+
+    Frames:  velocity errors are added in B.    Not modelled: position, and the filter that makes these errors.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.1 and fig. 6.2. Units of the printed numbers: reconstructed (reading C), see docs Errata.
+    """
+
+    accelerometer_bias: Scalar = quantity(
+        "m/s^2", "Standard deviation of each axis.", default=READINGS["C"][0], low=0, source="[1] section 6.1"
+    )
+    gyro_bias: Scalar = quantity(
+        "rad/s", "Standard deviation.", default=READINGS["C"][1], low=0, source="[1] section 6.1"
+    )
+    gyro_noise: Scalar = quantity(
+        "rad/s", "Standard deviation of each sample.", default=READINGS["C"][2], low=0, source="[1] section 6.1"
+    )
+    redraw: int = period("Time between resets of the integrals, with new biases.", default=seconds(1))
+    period: int = period("Time between samples.", default=ms(6))
+    heading_range: str = option(
+        'Heading reported as "unwrapped" (counts full turns) or "positive" (in [0, 2 pi)).',
+        default="unwrapped",
+        choices=("unwrapped", "positive"),
+    )
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("navigation-error",)
+
+    @classmethod
+    def reading(cls, name: str, **settings: Any) -> "NavigationErrors":
+        """The sensor under a reading of the source's units.
+
+        Args:
+            name: "A", the printed numbers are standard deviations; "B", they are variances in cm and degrees;
+                "C", they are variances in SI units, which is what the published figures show.
+            settings: the other fields, e.g. ``heading_range="positive"``.
+        """
+        if name not in READINGS:
+            raise InputError("NavigationErrors", f"no reading {name!r}", choices=READINGS)
+        accelerometer_bias, gyro_bias, gyro_noise = READINGS[name]
+        return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
+
+    def without(self, name: str) -> "NavigationErrors":
+        """A copy with "navigation-error" switched off: the true state, sampled as before."""
+        if name not in self.IMPERFECTIONS:
+            raise InputError("NavigationErrors", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, accelerometer_bias=0.0, gyro_bias=0.0, gyro_noise=0.0)
+
+    def init(self, key: Key) -> Key:
+        """The key of the draws is all there is to remember."""
+        return key
+
+    def measure(self, motion: Motion) -> PlanarState:
+        """The measurement h(x) of a motion, without error."""
+        return self._reported(planar_state(motion))
+
+    def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
+        """The sample at integer time t."""
+        truth, tau = planar_state(motion), to_seconds(t % self.redraw)
+        bX, bY = normal2(state, t // self.redraw, 0)
+        bg, _ = normal2(state, t // self.redraw, 1)
+        w, _ = normal2(state, t // self.period, 2)
+        bias = self.gyro_bias * bg
+        seen = PlanarState(
+            surge_velocity=truth.surge_velocity + self.accelerometer_bias * bX * tau,
+            sway_velocity=truth.sway_velocity + self.accelerometer_bias * bY * tau,
+            yaw_rate=truth.yaw_rate + bias + self.gyro_noise * w,
+            heading=truth.heading + bias * tau,
+        )
+        return state, measured(t, self._reported(seen))
+
+    def _reported(self, seen: PlanarState) -> PlanarState:
+        if self.heading_range == "positive":
+            return replace(seen, heading=wrap_positive(seen.heading))
+        return seen
