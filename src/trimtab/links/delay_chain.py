@@ -40,7 +40,7 @@ class DelayChain:
 
     def check(self) -> None:
         """Refuse a number of delays that is not a whole number from 0 on."""
-        if not isinstance(self.steps, int | np.integer) or self.steps < 0:
+        if not isinstance(self.steps, int | np.integer) or isinstance(self.steps, bool) or self.steps < 0:
             raise InputError(
                 "DelayChain.steps", f"{self.steps!r} is not a number of unit delays", fix="write 0, 1, 2, ..."
             )
