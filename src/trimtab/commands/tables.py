@@ -5,13 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import click
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
-
-from trimtab.core.record import Option, leaves
-from trimtab.core.time import show
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -48,6 +44,8 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
 
 def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, ...]], as_json: bool) -> None:
     """Every setting of a scenario: path, value, unit, meaning; and what can be switched off."""
+    from trimtab.core.record import leaves  # brings JAX along, which a list of names does not need
+
     faults = sorted(scenario.imperfections())
     rows = [(path, _value(value, d), _unit(d), d.doc) for path, value, d in leaves(scenario)]
     if as_json:
@@ -68,13 +66,18 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
 
 
 def _value(value: Any, declared: Any) -> str:
+    from trimtab.core.record import Option
+    from trimtab.core.time import show
+
     if isinstance(declared, Option):
         return show(value) if declared.kind == "period" else str(value)
-    array = np.asarray(value)
-    return f"{array:.6g}" if array.ndim == 0 else f"{array.shape} numbers"
+    shape = getattr(value, "shape", ())
+    return f"{float(value):.6g}" if not shape else f"{'x'.join(map(str, shape))} numbers"
 
 
 def _unit(declared: Any) -> str:
+    from trimtab.core.record import Option
+
     if isinstance(declared, Option):
         return "" if declared.kind == "period" else "|".join(map(str, declared.choices))
     return "" if declared.unit == "1" else declared.unit

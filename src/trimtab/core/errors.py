@@ -5,6 +5,8 @@ Inside the loop nothing raises; staleness, rejection and saturation are signals.
 
 import difflib
 from collections.abc import Iterable
+from functools import partial
+from typing import Any
 
 
 class InputError(ValueError):
@@ -25,6 +27,10 @@ class InputError(ValueError):
         if fix:
             text += f"\nFix: {fix}"
         super().__init__(text)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Rebuild from the parts, so that it passes from a worker process whole."""
+        return partial(InputError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import jax
+from trimtab.core.float64 import jax
 
 X = TypeVar("X")
 

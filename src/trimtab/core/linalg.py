@@ -5,7 +5,7 @@ A matrix that is not positive definite gives NaN: a signal, never an exception.
 
 from typing import Any
 
-import jax.numpy as jnp
+from trimtab.core.float64 import jnp
 
 
 def cholesky(A: Any) -> Any:

@@ -9,8 +9,7 @@ representations through encapsulation of manifolds", Information Fusion 14 (2013
 
 from typing import Any, TypeVar
 
-import jax.numpy as jnp
-
+from trimtab.core.float64 import jnp
 from trimtab.core.record import Quantity, leaves, with_leaf
 from trimtab.core.rotation import wrap
 

@@ -13,8 +13,9 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
-import jax
 import numpy as np
+
+from trimtab.core.float64 import jax
 
 T = TypeVar("T")
 Scalar = Any
@@ -152,8 +153,8 @@ def record(cls: type[T]) -> type[T]:
 
 def is_record(value: Any) -> bool:
     """Whether value is an instance of a record."""
-    fields = getattr(type(value), "__dataclass_fields__", None)
-    return fields is not None and all("declared" in f.metadata for f in fields.values())
+    kind = type(value)
+    return dataclasses.is_dataclass(kind) and all("declared" in f.metadata for f in dataclasses.fields(kind))
 
 
 def declarations(cls: Any) -> dict[str, Declaration]:

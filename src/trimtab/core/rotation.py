@@ -9,8 +9,9 @@ Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson,
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
+
+from trimtab.core.float64 import jnp
 
 
 def wrap(angle: Any) -> Any:

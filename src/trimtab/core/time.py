@@ -5,7 +5,7 @@ A run walks the ordered instants at which some block is due. Due predicates depe
 
 import re
 from collections.abc import Iterable
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ def seconds(value: float | str | Decimal) -> int:
     """A time in seconds as integer units of 100 ns; refused where it is not a whole number of them."""
     try:
         units = Decimal(str(value)) * UNITS_PER_SECOND
-    except InvalidOperation:
+    except ArithmeticError:
         raise InputError(
             "time", f"{value!r} is not a number of seconds", fix="write e.g. 0.02 or '6.5536 ms'"
         ) from None
@@ -35,7 +35,7 @@ def seconds(value: float | str | Decimal) -> int:
 
 def ms(value: float | str) -> int:
     """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``."""
-    return seconds(Decimal(str(value)).scaleb(-3))
+    return parse(f"{value} ms")
 
 
 def parse(text: str | float) -> int:
@@ -44,10 +44,10 @@ def parse(text: str | float) -> int:
     if not found:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
     try:
-        number = Decimal(found[1])
-    except InvalidOperation:
+        value = Decimal(found[1]) * Decimal(NAMES[found[2] or "s"])
+    except ArithmeticError:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02") from None
-    return seconds(number * Decimal(NAMES[found[2] or "s"]))
+    return seconds(value)
 
 
 def show(units: int) -> str:

@@ -5,7 +5,6 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from scipy import special
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, period, quantity, record, replace
@@ -110,6 +109,8 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
     Q_k is the quantile function of the gamma distribution of shape k. Source: [1] table 5.1 for the moments; the
     distribution is reconstructed, see docs Errata.
     """
+    from scipy import special  # a fifth of a second to import, and only tables need it
+
     if not (0 <= shift < mean and sd > 0 and math.isfinite(mean) and math.isfinite(sd)):
         raise InputError(
             "gamma_table",
@@ -124,6 +125,8 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
 def mean_latency(table: Any) -> float:
     """The mean (s) of a table's linear interpolation over a standard normal score: the sum over its nodes, exact."""
+    from scipy import special  # a fifth of a second to import, and only tables need it
+
     values, z = np.asarray(table, np.float64), scores()
     weight, density = special.ndtr(z), np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
     slope = np.diff(values) / np.diff(z)

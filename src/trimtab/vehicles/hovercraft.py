@@ -46,9 +46,10 @@ class Friction:
     def wrench(self, surge_velocity: Any, sway_velocity: Any, yaw_rate: Any) -> tuple[Any, Any, Any]:
         """Force along x and y (N) and torque about z (N m), all in B."""
         speed2 = surge_velocity**2 + sway_velocity**2
-        speed = jnp.sqrt(jnp.where(speed2 > 0, speed2, 1.0)) * (speed2 > 0)
-        dry = jnp.where(speed > 0, self.force_coulomb * jnp.tanh(speed / self.slip_speed) / (speed + (speed == 0)), 0.0)
-        per_velocity = dry + self.force_viscous + self.force_quadratic * speed
+        moving = speed2 > 0
+        speed = jnp.sqrt(jnp.where(moving, speed2, 1.0))
+        dry = self.force_coulomb * jnp.where(moving, jnp.tanh(speed / self.slip_speed) / speed, 1 / self.slip_speed)
+        per_velocity = dry + self.force_viscous + self.force_quadratic * jnp.where(moving, speed, 0.0)
         torque = self.torque_coulomb * jnp.tanh(yaw_rate / self.slip_rate)
         torque = torque + (self.torque_viscous + self.torque_quadratic * jnp.abs(yaw_rate)) * yaw_rate
         return -per_velocity * surge_velocity, -per_velocity * sway_velocity, -torque

@@ -30,6 +30,7 @@ def flight(
     duration_s: float,
     targets: tuple[Target, ...],
     links: Links = "chain",
+    navigation: NavigationErrors | None = None,
 ) -> Scenario:
     """A scenario around a law, on the source's vehicle, actuators, radio and navigation errors.
 
@@ -41,6 +42,7 @@ def flight(
         targets: where signals should go, for the metrics.
         links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with
             the statistics of [1, table 5.1].
+        navigation: what the vehicle's navigation gives, with its errors; the source's when None.
     """
     if links == "chain":
         downlink, uplink = DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2)
@@ -48,7 +50,7 @@ def flight(
         downlink, uplink = bluetooth(PAIRING, "down"), bluetooth(PAIRING, "up")
     world = World(
         vehicle=Hovercraft(),
-        sensors={"navigation": NavigationErrors()},
+        sensors={"navigation": navigation or NavigationErrors()},
         downlink=downlink,
         uplink=uplink,
         actuators=FanDrive(),

@@ -1,0 +1,92 @@
+"""Allocation of a planar force to a vectored fan: which rudder pulse and which speed give the demand.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from trimtab.actuators.drive import DriveCommand
+from trimtab.actuators.lookup import BilinearTable, check_speed_table, full_speed_table
+from trimtab.actuators.rudder import RudderGeometry, RudderServo
+from trimtab.actuators.thruster import Thruster
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import PlanarForce
+
+
+@record
+class ThrustVectorAllocation:
+    """Demand to polar form, to rudder angle and speed.
+
+        f = sign(FX) |F|    psi = -atan(FY/FX)
+        theta = offset - ratio psi, kept between the stops    n = table(theta, f)
+
+    The size of the force is kept where its direction is not possible: a demand across the vehicle comes out along it,
+    at the rudder's stop, and its sign jumps with the sign of FX. With FX = 0 the fan turns forward. Up to the dead zone
+    the speed is 0 while the rudder still follows. Demands the fan cannot reach end at its top speed.
+
+    Without "lookup-table", and without "saturation" (where no table reaches), n comes from the thruster's formula; the
+    drive does the same.
+
+    Frames:  demand in B at the rudder pivot.
+    Source:  [1] section 6.1, eqs. 4.3 and 4.4. Sign, dead zone on |F| and clipping before the table are reconstructed:
+             docs page, Errata.
+    """
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("saturation", "dead-zone", "lookup-table")
+
+    rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
+    geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
+    thruster: Thruster = part("The fan's formula.", default=Thruster())
+    table: BilinearTable | None = part(
+        "Speed by rudder angle and force, or None for the formula.", default=full_speed_table(Thruster())
+    )
+    dead_zone: Scalar = quantity("N", "Demands up to this size give no thrust.", default=0.05, low=0, source="[1] 6.1")
+    saturation: bool = option("Whether rudder and fan have limits.", default=True, choices=(True, False))
+
+    def check(self) -> None:
+        """Refuse a table that is not the thruster's."""
+        if self.table is not None:
+            check_speed_table(self.table, self.thruster)
+
+    def without(self, name: str) -> "ThrustVectorAllocation":
+        """The same allocation with one fault switched off."""
+        if name == "saturation":
+            return replace(self, saturation=False)
+        if name == "dead-zone":
+            return replace(self, dead_zone=0.0)
+        if name == "lookup-table":
+            return replace(self, table=None)
+        raise InputError("allocation", f"no imperfection {name!r}", choices=self.IMPERFECTIONS, fix="name one of them")
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
+        """Pulse and speed for a demand (N, in B)."""
+        force, psi = polar(demand)
+        theta = self.geometry.rudder_angle(psi)
+        if self.saturation:
+            theta = self.rudder.limited(theta)
+        speed = jnp.where(abs(force) > self.dead_zone, self._speed(force, theta), 0.0)
+        return state, DriveCommand(rudder_pulse=self.rudder.pulse(theta), speed_rpm=speed)
+
+    def _speed(self, force: Any, rudder_angle: Any) -> Any:
+        if self.table is not None and self.saturation:
+            return self.table.at(rudder_angle, force)
+        speed = self.thruster.speed_rpm(force, rudder_angle)
+        limit = self.thruster.speed_max_rpm
+        return jnp.clip(speed, -limit, limit) if self.saturation else speed
+
+
+def polar(force: PlanarForce) -> tuple[Any, Any]:
+    """Signed size (N), negative where FX is, and force angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no force."""
+    sign = jnp.where(force.FX < 0, -1.0, 1.0)
+    square = force.FX**2 + force.FY**2
+    some = square > 0
+    size = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
+    return sign * size, jnp.arctan2(-sign * force.FY, jnp.where(some, abs(force.FX), 1.0))

@@ -1,0 +1,164 @@
+"""The vectored fan: command in, force out, with servo frames, brake, tables and stops.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.lookup import BilinearTable, check_thrust_table, thrust_table
+from trimtab.actuators.rudder import RudderGeometry, RudderServo
+from trimtab.actuators.speed_controller import MODES, SpeedController, SpeedControllerState
+from trimtab.actuators.thruster import Thruster
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import PlanarForce, Sample
+from trimtab.core.time import ms, show, to_seconds
+
+
+@record
+class DriveCommand:
+    """What is sent to the vectored fan. Frames: positive speed pushes forward. Source: [1] chapter 5."""
+
+    rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
+
+
+@record
+class FanDriveState:
+    """What the drive remembers. Frames: none. Source: this module."""
+
+    rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
+    commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
+    controller: SpeedControllerState = part("State of the speed controller.")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the fan.")
+
+
+@record
+class DriveOutput:
+    """What the vectored fan does. Frames: angles from the body's x axis, force in B. Source: this module."""
+
+    u: PlanarForce = part("Force at the rudder pivot.")
+    thrust: Scalar = quantity("N", "Signed thrust, along the force angle.")
+    rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
+    mode: Scalar = quantity("1", "What the speed controller does.", kind="mode", modes=MODES)
+    brakings: Scalar = quantity("1", "Brakes so far.", kind="count")
+    rudder_saturated: Scalar = quantity("1", "The rudder stands at a stop.", kind="flag")
+    speed_saturated: Scalar = quantity("1", "The fan turns as fast as it can.", kind="flag")
+
+
+@record
+class FanDrive:
+    """Servo, speed controller and reversible fan behind which a rudder stands.
+
+        every servo frame: latch the command
+        pulse -> theta (servo table, stops)    commanded speed -> brake -> n (lag, if any)
+        f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
+
+    Without "lookup-table", and without "saturation" (where no table reaches), f comes from the thruster's formula. The
+    allocation does the same, so that the two stay inverse to each other.
+
+    Frames:  force in B at the rudder pivot; positive speed pushes forward.
+    Valid:   at rest: no inflow.    Not modelled: slew rate of the servo; motor lag unless a time constant is set.
+    Source:  [1] section 6.1 (brake, reverse table, components of the force), chapter 5 (20 ms frame).
+    """
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("saturation", "braking", "lookup-table")
+
+    rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
+    geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
+    controller: SpeedController = part("Speed controller.", default=SpeedController())
+    thruster: Thruster = part("The fan's formula.", default=Thruster())
+    table: BilinearTable | None = part(
+        "Thrust by rudder angle and speed, or None for the formula.", default=thrust_table(Thruster())
+    )
+    effectiveness: Scalar = quantity("1", "Thrust given over thrust mapped, e.g. of a weak fan.", default=1.0, low=0)
+    frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
+    period: int = period("How often the drive acts.", default=ms(1))
+    saturation: bool = option("Whether rudder and fan have limits.", default=True, choices=(True, False))
+
+    def check(self) -> None:
+        """Refuse frames that fall between steps, and a table that is not the thruster's."""
+        if self.frame % self.period:
+            problem = f"the frame of {show(self.frame)} is no multiple of the period of {show(self.period)}"
+            raise InputError("frame", problem, fix="make it one, or frames are missed")
+        if self.table is not None:
+            check_thrust_table(self.table, self.thruster)
+
+    def without(self, name: str) -> "FanDrive":
+        """The same drive with one fault switched off."""
+        if name == "saturation":
+            return replace(self, saturation=False)
+        if name == "braking":
+            return replace(self, controller=replace(self.controller, brake=0))
+        if name == "lookup-table":
+            return replace(self, table=None)
+        raise InputError("drive", f"no imperfection {name!r}", choices=self.IMPERFECTIONS, fix="name one of them")
+
+    def neutral(self) -> DriveOutput:
+        """Fan at rest, rudder at the servo's neutral pulse."""
+        return DriveOutput(
+            u=PlanarForce(0.0, 0.0),
+            thrust=0.0,
+            rudder=_neutral_angle(self),
+            speed_rpm=0.0,
+            mode=np.int32(0),
+            brakings=np.int32(0),
+            rudder_saturated=np.bool_(False),
+            speed_saturated=np.bool_(False),
+        )
+
+    def init(self, key: Key) -> FanDriveState:
+        """Neutral command latched, fan at rest."""
+        zero = np.float64(0.0)
+        return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero)
+
+    def step(self, t: Any, state: FanDriveState, command: Sample) -> tuple[FanDriveState, DriveOutput]:
+        """The force from integer time t on; a command that is not valid counts as neutral."""
+        pulse, commanded = self._latch(t, state, command)
+        controller, wanted = self.controller.step(t, state.controller, commanded)
+        speed = self.thruster.follow(state.speed_rpm, wanted, to_seconds(self.period))
+        rudder = self._rudder_angle(pulse)
+        thrust = self.effectiveness * self._thrust(speed, rudder)
+        psi = self.geometry.force_angle(rudder)
+        output = DriveOutput(
+            u=PlanarForce(FX=thrust * jnp.cos(psi), FY=-thrust * jnp.sin(psi)),
+            thrust=thrust,
+            rudder=rudder,
+            speed_rpm=speed,
+            mode=controller.mode,
+            brakings=controller.brakings,
+            rudder_saturated=self.rudder.at_stop(rudder) & self.saturation,
+            speed_saturated=(abs(speed) >= self.thruster.speed_max_rpm * (1 - 1e-9)) & self.saturation,
+        )
+        return FanDriveState(pulse, commanded, controller, speed), output
+
+    def _latch(self, t: Any, state: FanDriveState, command: Sample) -> tuple[Any, Any]:
+        value = command.value
+        speed = value.speed_rpm
+        if self.saturation:
+            speed = jnp.clip(speed, -self.thruster.speed_max_rpm, self.thruster.speed_max_rpm)
+        due = t % self.frame == 0
+        pulse = jnp.where(command.valid, value.rudder_pulse, self.rudder.neutral_pulse)
+        speed = jnp.where(command.valid, speed, 0.0)
+        return jnp.where(due, pulse, state.rudder_pulse), jnp.where(due, speed, state.commanded_rpm)
+
+    def _rudder_angle(self, pulse: Any) -> Any:
+        angle = self.rudder.angle(pulse)
+        return self.rudder.limited(angle) if self.saturation else angle
+
+    def _thrust(self, speed_rpm: Any, rudder_angle: Any) -> Any:
+        if self.table is None or not self.saturation:
+            return self.thruster.force(speed_rpm, rudder_angle)
+        return self.table.at(rudder_angle, speed_rpm)
+
+
+@jax.jit
+def _neutral_angle(drive: FanDrive) -> Any:
+    """Compiled, for outside a run every operation by itself would be compiled anew."""
+    return drive._rudder_angle(drive.rudder.neutral_pulse)

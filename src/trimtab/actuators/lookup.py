@@ -1,0 +1,131 @@
+"""Lookup tables on uniform axes, and the tables that turn force into fan speed and fan speed into force.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.actuators.thruster import Thruster
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, quantity, record
+
+DEG = np.pi / 180
+RUDDER_START, RUDDER_STEP, RUDDER_ROWS = -35 * DEG, 5 * DEG, 14
+FORCE_MAX, FORCE_STEP = 2.0, 0.025
+
+
+@record
+class BilinearTable:
+    """A function of two numbers, tabulated on uniform axes; bilinear inside, held at the edges.
+
+    Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
+             (Press et al., "Numerical recipes", 3rd ed., section 3.6).
+    """
+
+    row_start: Scalar = quantity("row", "First coordinate of the first row.")
+    row_step: Scalar = quantity("row", "First coordinate between rows.", above=0)
+    column_start: Scalar = quantity("column", "Second coordinate of the first column.")
+    column_step: Scalar = quantity("column", "Second coordinate between columns.", above=0)
+    values: Any = quantity("value", "The table (rows, columns), any size from (2, 2).")
+    origin: str = option(
+        "Formula: whoever holds the table also holds its formula, and a run is refused where they differ.",
+        default="measured",
+        choices=("measured", "formula"),
+    )
+
+    def check(self) -> None:
+        """Refuse what is not a table."""
+        shape = np.shape(self.values)
+        if len(shape) != 2 or min(shape) < 2:
+            problem = f"has shape {shape}, wanted are at least 2 rows and 2 columns"
+            raise InputError("values", problem, fix="give a two-dimensional array")
+
+    def rows(self) -> Any:
+        """First coordinate of every row, as a column (rows, 1)."""
+        return self.row_start + self.row_step * np.arange(np.shape(self.values)[0])[:, None]
+
+    def columns(self) -> Any:
+        """Second coordinate of every column, as a row (1, columns)."""
+        return self.column_start + self.column_step * np.arange(np.shape(self.values)[1])[None, :]
+
+    def at(self, row: Any, column: Any) -> Any:
+        """The value at two coordinates in the units of the axes; scalars, vmap for more."""
+        i, a = _cell((row - self.row_start) / self.row_step, np.shape(self.values)[0])
+        j, b = _cell((column - self.column_start) / self.column_step, np.shape(self.values)[1])
+        v = lax.dynamic_slice(self.values, (i, j), (2, 2))
+        first = v[0, 0] + b * (v[0, 1] - v[0, 0])
+        second = v[1, 0] + b * (v[1, 1] - v[1, 0])
+        return first + a * (second - first)
+
+
+def forward_speed_table(thruster: Thruster) -> BilinearTable:
+    """(rudder angle in rad, force in N, 0 to 2) -> speed in rpm, 14 x 81. Source: [1] chapter 4."""
+    return _speed_table(thruster, 0.0)
+
+
+def full_speed_table(thruster: Thruster) -> BilinearTable:
+    """(rudder angle in rad, force in N, -2 to 2) -> signed speed in rpm, 14 x 161. Source: [1] chapter 4."""
+    return _speed_table(thruster, -FORCE_MAX)
+
+
+def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
+    """(rudder angle in rad, signed speed in rpm) -> signed force in N: the reverse table of [1] section 6.1.
+
+    The source gives no step in speed. Thrust is quadratic, so that the interpolation error at the nodes of the speed
+    table is about c step^2/4: 3e-5 N at 100 rpm, 2e-8 N at 2.5 rpm.
+    """
+    last = float(thruster.speed_max_rpm)
+    n = round(2 * last / step_rpm) + 1
+    blank = _table(-last, 2 * last / (n - 1), n)
+    return _filled(blank, thruster.force(blank.columns(), blank.rows()))
+
+
+def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
+    """Refuse a table of origin 'formula' that is not the one of this thruster."""
+    if table.origin == "formula":
+        _check_same(table, _limited(thruster, thruster.speed_rpm(table.columns(), table.rows())))
+
+
+def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
+    """Refuse a table of origin 'formula' that is not the one of this thruster."""
+    if table.origin == "formula":
+        _check_same(table, thruster.force(table.columns(), table.rows()))
+
+
+def _cell(position: Any, size: int) -> tuple[Any, Any]:
+    """Index of the cell, unsigned so that JAX adds no wrapping, and the passed fraction of the cell."""
+    inside = jnp.clip(position, 0.0, size - 1.0)
+    index = jnp.minimum(jnp.floor(inside), size - 2.0)
+    return index.astype(np.uint32), inside - index
+
+
+def _table(column_start: float, column_step: float, columns: int) -> BilinearTable:
+    blank = np.zeros((RUDDER_ROWS, columns))
+    return BilinearTable(RUDDER_START, RUDDER_STEP, column_start, column_step, blank, "formula")
+
+
+def _filled(table: BilinearTable, values: Any) -> BilinearTable:
+    return BilinearTable(
+        table.row_start, table.row_step, table.column_start, table.column_step, np.asarray(values), table.origin
+    )
+
+
+def _speed_table(thruster: Thruster, start: float) -> BilinearTable:
+    blank = _table(start, FORCE_STEP, round((FORCE_MAX - start) / FORCE_STEP) + 1)
+    return _filled(blank, _limited(thruster, thruster.speed_rpm(blank.columns(), blank.rows())))
+
+
+def _limited(thruster: Thruster, speed_rpm: Any) -> Any:
+    return np.clip(speed_rpm, -thruster.speed_max_rpm, thruster.speed_max_rpm)
+
+
+def _check_same(table: BilinearTable, wanted: Any) -> None:
+    worst = float(np.max(np.abs(np.asarray(table.values) - wanted)))
+    if worst > 1e-9 * float(np.max(np.abs(wanted))):
+        problem = f"the table was made from another thruster: values differ by up to {worst:.6g}"
+        fix = "make it again from this thruster, or leave it out (None) to use the formula, or use origin='measured'"
+        raise InputError("table", problem, fix=fix)

@@ -1,0 +1,103 @@
+"""Rudder: the servo's pulse width, the angle it stands at, and the direction of the force that follows.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, quantity, record
+
+DEG = np.pi / 180
+_HORN = 72 * DEG
+_ANGLES = 35 * DEG * np.sin(_HORN * np.linspace(-1.0, 1.0, 21)) / np.sin(_HORN)
+
+
+@record
+class RudderGeometry:
+    """Angle of the rudder against angle of the force.
+
+        theta = -ratio psi + offset        [1, eq. 4.3]
+        FX = f cos psi    FY = -f sin psi  [1, chapter 4]
+
+    Frames:  theta (rudder) and psi (force) are measured from the body's x axis; f is signed, negative in reverse.
+    Source:  [1] eq. 4.3.
+    """
+
+    ratio: Scalar = quantity("1", "Rudder angle per force angle.", default=1.40, above=0, source="[1] eq. 4.3")
+    offset: Scalar = quantity(
+        "rad", "Rudder angle at which the force points straight.", default=0.566 * DEG, source="[1] eq. 4.3"
+    )
+
+    def rudder_angle(self, force_angle: Any) -> Any:
+        """Rudder angle theta (rad) that turns the force by psi (rad)."""
+        return self.offset - self.ratio * force_angle
+
+    def force_angle(self, rudder_angle: Any) -> Any:
+        """Force angle psi (rad) of a rudder at theta (rad)."""
+        return (self.offset - rudder_angle) / self.ratio
+
+
+@record
+class RudderServo:
+    """Pulse width to rudder angle by a measured table of 21 points, linear in between, and back.
+
+    Beyond the table's ends both directions continue its last segment, so that they stay inverse to each other; the
+    stops are applied separately, by `limited`.
+
+    Frames:  angle theta from the body's x axis.    Not modelled: slew rate, backlash, load.
+    Source:  [1] figure 4.2 (21 points, 1.00 to 2.00 ms, linear interpolation). The values are a plot only and are
+             reconstructed as 35 deg sin(72 deg x)/sin(72 deg), x = (pulse - 1.5 ms)/0.5 ms: docs page, Errata.
+    """
+
+    angles: Any = quantity(
+        "rad", "Rudder angle at each pulse width.", default=_ANGLES, kind="angle", shape=(21,), source="[1] fig. 4.2"
+    )
+    pulse_start: Scalar = quantity("s", "Pulse width of the first point.", default=1.0e-3, above=0)
+    pulse_step: Scalar = quantity("s", "Pulse width between points.", default=50e-6, above=0)
+    neutral_pulse: Scalar = quantity("s", "Pulse width without a command.", default=1.5e-3, above=0)
+    angle_min: Scalar = quantity("rad", "Stop on one side; reconstructed.", default=-35 * DEG)
+    angle_max: Scalar = quantity("rad", "Stop on the other side; reconstructed.", default=30 * DEG)
+
+    def check(self) -> None:
+        """Refuse a table that cannot be inverted, and stops that it does not reach."""
+        angles = np.asarray(self.angles)
+        if not (np.diff(angles) > 0).all():
+            k = int(np.argmin(np.diff(angles)))
+            problem = f"they must rise with the pulse; angles[{k}]={angles[k]:.6g}, angles[{k + 1}]={angles[k + 1]:.6g}"
+            raise InputError("angles", problem, fix="sort the points, drop repeated ones")
+        low, high = float(self.angle_min), float(self.angle_max)
+        if not angles[0] - 1e-9 <= low < high <= angles[-1] + 1e-9:
+            problem = f"stops {low:.6g} and {high:.6g} rad must rise and lie in the table, "
+            problem += f"{angles[0]:.6g} to {angles[-1]:.6g} rad"
+            raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
+
+    def angle(self, pulse: Any) -> Any:
+        """Rudder angle (rad) at a pulse width (s); scalars, vmap for more."""
+        position = (pulse - self.pulse_start) / self.pulse_step
+        index = jnp.clip(jnp.floor(position), 0, len(self.angles) - 2)
+        a, b = _pair(self.angles, index)
+        return a + (position - index) * (b - a)
+
+    def pulse(self, angle: Any) -> Any:
+        """Pulse width (s) at a rudder angle (rad), the inverse of `angle`; scalars, vmap for more."""
+        index = jnp.sum(angle >= jnp.asarray(self.angles)[1:-1])
+        a, b = _pair(self.angles, index)
+        return self.pulse_start + self.pulse_step * (index + (angle - a) / (b - a))
+
+    def limited(self, angle: Any) -> Any:
+        """The angle (rad) kept between the stops."""
+        return jnp.clip(angle, self.angle_min, self.angle_max)
+
+    def at_stop(self, angle: Any) -> Any:
+        """Whether a rudder at this angle (rad) stands at a stop, to 1e-6 rad."""
+        return (angle <= self.angle_min + 1e-6) | (angle >= self.angle_max - 1e-6)
+
+
+def _pair(table: Any, index: Any) -> tuple[Any, Any]:
+    two = lax.dynamic_slice(table, (index.astype(np.uint32),), (2,))
+    return two[0], two[1]

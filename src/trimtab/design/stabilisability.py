@@ -1,0 +1,192 @@
+"""Can any smooth feedback of the state hold this equilibrium? Two necessary conditions, checked numerically.
+
+Both can only say no: a system that passes may still resist. Offline code: automatic derivatives, LAPACK and scipy.
+
+Source: [2] C. I. Byrnes, A. Isidori, "On the attitude stabilization of rigid spacecraft", Automatica 27 (1991);
+[3] R. W. Brockett, "Asymptotic stability and feedback stabilization", in Differential Geometric Control Theory,
+Birkhäuser 1983; as used in [1] Z. Kulis, University of Maryland, 2006, section 2.3.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this part of the largest count as zero."""
+
+
+class ByrnesIsidori(NamedTuple):
+    """What byrnes_isidori found.
+
+    h1: f2 = 0 only at x1 = 0 near the origin.  h2: df2/dx1 has full column rank n1 at the origin.
+    rank_f2: that rank.  rank_inputs: number of independent inputs m'.  n1: size of x1.
+    excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    """
+
+    h1: bool
+    h2: bool
+    rank_f2: int
+    rank_inputs: int
+    n1: int
+    excluded: bool
+
+
+class Brockett(NamedTuple):
+    """What brockett found.
+
+    unstable: eigenvalues with positive real part that no input reaches (condition i fails where there are any).
+    controllability_rank: of the linearisation, n where it is controllable.
+    onto: whether each tried right-hand side is reached (condition iii).
+    missed: (k, n) right-hand sides that are not.
+    excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    """
+
+    unstable: tuple[complex, ...]
+    controllability_rank: int
+    onto: bool
+    missed: Any
+    excluded: bool
+
+
+def rank(A: Any) -> int:
+    """Rank of a matrix (n, m), with RANK_TOLERANCE."""
+    s = np.linalg.svd(np.asarray(A), compute_uv=False)
+    return int((s > RANK_TOLERANCE * max(s.max(initial=0.0), np.finfo(float).tiny)).sum())
+
+
+def byrnes_isidori(
+    f1: Callable[[Any, Any], Any],
+    f2: Callable[[Any, Any], Any],
+    n1: int,
+    n2: int,
+    m: int,
+    *,
+    radius: float = 0.5,
+    samples: int = 50,
+) -> ByrnesIsidori:
+    """Check x1' = f1(x1, u) = a(x1) + B u, x2' = f2(x1, x2) at the origin, where f1(0, 0) = 0 and f2(0, x2) = 0.
+
+    With H1 (f2 = 0 only at x1 = 0) and H2 (df2/dx1 of rank n1), fewer than n1 independent inputs exclude a C1
+    stabiliser: a closed loop with an asymptotically stable origin would have to reach (b, 0) for every small b, and
+    f2 = 0 leaves only B u = b.
+
+    Args:
+        f1: (x1 (n1,), u (m,)) -> (n1,), traceable by jax.
+        f2: (x1 (n1,), x2 (n2,)) -> (n2,), traceable by jax.
+        n1: size of x1.
+        n2: size of x2.
+        m: size of u.
+        radius: how far from the origin H1 is sampled.
+        samples: how many points x2; at each f2(0, x2) = 0 and the rank of df2/dx1 are tested, which makes H1 hold near
+            them by the implicit function theorem.
+
+    Source: [2], as stated in [1] section 2.3.
+    """
+    x1, x2, u = jnp.zeros(n1), jnp.zeros(n2), jnp.zeros(m)
+    slope = jax.jit(jax.jacfwd(f2))
+    rank_f2 = rank(slope(x1, x2))
+    rank_inputs = rank(jax.jacfwd(f1, argnums=1)(x1, u))
+    points = np.random.default_rng(0).uniform(-radius, radius, (samples, n2))
+    rests = not np.any(np.abs(f1(x1, u)) > RANK_TOLERANCE)
+    h1 = all(np.abs(f2(x1, p)).max() <= RANK_TOLERANCE and rank(slope(x1, p)) == n1 for p in points)
+    h2 = rank_f2 == n1
+    return ByrnesIsidori(h1, h2, rank_f2, rank_inputs, n1, bool(rests and h1 and h2 and rank_inputs < n1))
+
+
+@lru_cache(maxsize=8)
+def _compiled(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """f of the stacked (x, u), and its derivative."""
+
+    def stacked(z: Any) -> Any:
+        return f(z[:n], z[n:])
+
+    return jax.jit(stacked), jax.jit(jax.jacfwd(stacked))
+
+
+def reaches(
+    f: Callable[[Any, Any], Any], b: Any, m: int, *, radius: float = 1.0, starts: int = 8, tolerance: float = 1e-9
+) -> bool:
+    """Whether f(x, u) = b has a solution with every |x_i|, |u_i| < radius.
+
+    Least squares from several starts; b counts as reached where the residual is below tolerance * |b|.
+
+    Args:
+        f: (x (n,), u (m,)) -> (n,), traceable by jax.
+        b: right-hand side (n,), not zero.
+        m: size of u.
+        radius: half the side of the box; the box matters, as far away a nearly singular system reaches almost all.
+        starts: how many starts, the first near the origin.
+        tolerance: residual that counts as none.
+    """
+    b = np.asarray(b, float)
+    n = b.size
+    value, slope = _compiled(f, n)
+    draws = np.random.default_rng(1)
+    for i in range(starts):
+        z = draws.uniform(-0.9, 0.9, n + m) * radius * (0.01 if i == 0 else 1.0)
+        found = least_squares(
+            lambda z: np.asarray(value(z)) - b,
+            z,
+            jac=lambda z: np.asarray(slope(z)),  # pyright: ignore[reportArgumentType]
+            bounds=(-radius, radius),
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+        )
+        if np.linalg.norm(found.fun) <= tolerance * np.linalg.norm(b):
+            return True
+    return False
+
+
+def controllability_rank(A: Any, B: Any) -> int:
+    """Rank of [B, A B, ..., A^(n-1) B] for A (n, n) and B (n, m). Source: Kalman's rank condition."""
+    A, block = np.asarray(A), np.asarray(B)
+    blocks = [block]
+    for _ in range(len(A) - 1):
+        blocks.append(A @ blocks[-1])
+    return rank(np.hstack(blocks))
+
+
+def uncontrollable(A: Any, B: Any) -> tuple[complex, ...]:
+    """Eigenvalues of A (n, n) that B (n, m) does not move. Source: Popov, Belevitch, Hautus: rank [s I - A, B] < n."""
+    A, B = np.asarray(A), np.asarray(B)
+    n = len(A)
+    return tuple(complex(s) for s in np.linalg.eigvals(A) if rank(np.hstack([s * np.eye(n) - A, B])) < n)
+
+
+def brockett(
+    f: Callable[[Any, Any], Any], n: int, m: int, *, size: float = 1e-3, radius: float = 1.0, samples: int = 8
+) -> Brockett:
+    """Check Brockett's conditions (i) and (iii) for x' = f(x, u) at the origin, an equilibrium.
+
+    (i) the linearisation has no uncontrollable eigenvalue with positive real part; (iii) (x, u) -> f(x, u) reaches
+    every small right-hand side. (iii) holds if df/d(x, u) has rank n; otherwise the directions outside its range,
+    where it can fail, and some random ones are tried. Condition (ii), that some input drives every near state to the
+    origin, is not checked.
+
+    Args:
+        f: (x (n,), u (m,)) -> (n,), traceable by jax.
+        n: size of x.
+        m: size of u.
+        size: length of the right-hand sides that are tried.
+        radius: half the side of the box in which solutions are looked for.
+        samples: number of random right-hand sides.
+
+    Source: [3] theorem 1.
+    """
+    A, B = (np.asarray(d) for d in jax.jacfwd(f, argnums=(0, 1))(jnp.zeros(n), jnp.zeros(m)))
+    unstable = tuple(s for s in uncontrollable(A, B) if s.real > RANK_TOLERANCE)
+    slope = np.hstack([A, B])
+    left = np.linalg.svd(slope)[0][:, rank(slope) :]
+    missed = np.zeros((0, n))
+    if left.size:
+        random = np.random.default_rng(2).standard_normal((samples, n))
+        tried = np.vstack([left.T, -left.T, random / np.linalg.norm(random, axis=1, keepdims=True)]) * size
+        missed = np.array([b for b in tried if not reaches(f, b, m, radius=radius)]).reshape(-1, n)
+    onto = not len(missed)
+    return Brockett(unstable, controllability_rank(A, B), onto, missed, bool(unstable) or not onto)

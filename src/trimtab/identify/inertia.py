@@ -1,0 +1,96 @@
+"""Moment of inertia about the vertical axis, from how fast a held vehicle spins up when it is let go.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, quantity, record
+
+
+@record
+class SpinUpTrial:
+    """One trial: fan and rudder held, vehicle let go.
+
+    Frames:  rudder angle from the body's x axis, slope positive clockwise.    Source: [1] section 4.3.3, table 4.2.
+    """
+
+    rudder_angle: Scalar = quantity("rad", "Rudder angle theta.", kind="angle")
+    force: Scalar = quantity("N", "Signed thrust.")
+    slope: Scalar = quantity("rad/s^2", "Initial slope of the yaw rate.")
+
+
+@record
+class SlopeFit:
+    """A straight line through the start of a spin-up. Source: Press et al., "Numerical recipes", 3rd ed., sec. 15.2."""
+
+    slope: Scalar = quantity("rad/s^2", "Slope of the yaw rate.")
+    standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
+    offset: Scalar = quantity("rad/s", "Yaw rate of the line at the start of the window.")
+    residual: Scalar = quantity("rad/s", "Standard deviation of the residuals.")
+    samples: Scalar = quantity("1", "Samples used.", kind="count")
+
+
+def lateral_force(force: Any, force_angle: Any) -> Any:
+    """FY = -f sin psi (N, in B) of a thrust f (N) at force angle psi (rad). Source: [1] chapter 4."""
+    return -force * np.sin(force_angle)
+
+
+def inertia(arm: Any, FY: Any, slope: Any) -> Any:
+    """J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force (N) and slope (rad/s^2). Source: [1] eq. 2.10."""
+    return -arm * FY / slope
+
+
+def trial_inertia(
+    trial: SpinUpTrial, arm: Any, force_angle: Callable[[Any], Any], decimals: int | None = None
+) -> tuple[Any, Any]:
+    """Lateral force (N) and moment of inertia (kg m^2) of one trial.
+
+    Args:
+        trial: what was measured.
+        arm: centre of mass to rudder pivot (m).
+        force_angle: rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
+        decimals: round FY to this many decimals first; the source's table follows only with 2. None: no rounding.
+    """
+    FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
+    FY = FY if decimals is None else np.round(FY, decimals)
+    return FY, inertia(arm, FY, trial.slope)
+
+
+def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
+    """Least-squares line through the yaw rate of the first `window` seconds.
+
+    Under a constant force the model's yaw rate is a straight line; friction and a moving servo bend it, so keep the
+    window short enough for the residuals to look like noise. The standard error takes them to be independent.
+
+    Args:
+        t: times (s), shape (n,), at least 3 in the window.
+        yaw_rate: yaw rates (rad/s), shape (n,).
+        window: length (s) from t[0].
+    """
+    t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
+    if t.ndim != 1 or t.shape != r.shape:
+        raise InputError("fit_slope", f"t has shape {t.shape}, yaw_rate {r.shape}", fix="give two lists of one length")
+    if not (np.isfinite(t).all() and np.isfinite(r).all()):
+        raise InputError("fit_slope", "t or yaw_rate holds a value that is not finite", fix="leave those samples out")
+    inside = t - t[:1] <= window
+    t, r = t[inside], r[inside]
+    if len(t) < 3 or np.ptp(t) == 0:
+        problem = f"{len(t)} samples in the window of {window:g} s give no slope with an error"
+        raise InputError("fit_slope", problem, fix="use at least 3 at different times")
+    centred = t - t.mean()
+    spread = float(centred @ centred)
+    slope = float(centred @ r) / spread
+    rest = r - r.mean() - slope * centred
+    residual = float(np.sqrt(rest @ rest / (len(t) - 2)))
+    offset = float(r.mean() - slope * (t.mean() - t[0]))
+    return SlopeFit(slope, residual / np.sqrt(spread), offset, residual, len(t))
+
+
+def inertia_error(J: Any, fit: SlopeFit, force_error: Any = 0.0) -> Any:
+    """Standard error (kg m^2) of J from the slope's standard error and a relative error of the lateral force."""
+    return abs(J) * np.sqrt((fit.standard_error / fit.slope) ** 2 + force_error**2)

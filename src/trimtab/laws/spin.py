@@ -1,0 +1,187 @@
+"""Spinning on the spot at a constant yaw rate, and when it is safe to start.
+
+Throughout, a reference is a yaw rate (rad/s), Pir = J reference; J is the inertia and D = d^2 m.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
+2.2.6 and 2.3. Equations 2.40 to 2.48 and 2.62 to 2.69 are reconstructed from their results, see docs Errata.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, leaves, option, part, quantity, record
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.laws.velocity import VelocityOutput, ZeroVelocity
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+BRAKE, SPIN = 0, 1
+"""Modes of SupervisedSpin."""
+
+
+@record
+class ConstantSpin:
+    """Spins at a constant yaw rate (the source's PI law; it contains no integrator).
+
+        FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
+
+    Stable:  W = m (u^2 + v^2)/2 + J (r - r_ref)^2/2 never grows, for all k1, k2 > 0, but there are two limit points:
+             the good one spins at r_ref on the spot, the bad one slides sideways at v = -d r_ref without turning.
+             From W < limit_point_value the good one is reached; the bad one attracts an open set of other starts.
+    Slow:    once the pivot's slip has settled, r' = -c r^2 (r - r_ref), c = slow_manifold_rate of the same k1.
+    Source:  [1] eq. 2.39; default gains and reference [1] table 6.4.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=0.5, above=0, source="[1] table 6.4")
+    k2: Scalar = quantity("kg/s", "Gain on sway and yaw-rate error.", default=3.5, above=0, source="[1] table 6.4")
+    reference: Scalar = quantity("rad/s", "Wanted yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
+        """The demand at integer time t."""
+        s = estimate.state
+        FY = -self.k2 * (s.sway_velocity - self.model.arm * (s.yaw_rate - self.reference))
+        return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
+
+    def lyapunov(self, s: Any) -> Any:
+        """W (J); s: any record with the fields in `reads`."""
+        return lyapunov(self.model, s, self.reference)
+
+    def good_limit_point(self) -> HovercraftState:
+        """Spinning on the spot at the reference."""
+        return HovercraftState(yaw_rate=self.reference)
+
+    def bad_limit_point(self) -> HovercraftState:
+        """Sliding sideways at -d reference without turning."""
+        return HovercraftState(sway_velocity=-self.model.arm * self.reference)
+
+
+def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
+    """W (J) about a reference yaw rate (rad/s): m (u^2 + v^2)/2 + J (r - reference)^2/2. Source: [1] eq. 2.37."""
+    energy = model.mass * (s.surge_velocity**2 + s.sway_velocity**2) / 2
+    return energy + model.inertia * (s.yaw_rate - reference) ** 2 / 2
+
+
+def limit_point_value(model: Hovercraft, reference: Any) -> Any:
+    """W (J) at the bad limit point, (J + D) reference^2/2: below it ConstantSpin reaches the good one.
+
+    Source: [1] section 2.2.6.
+    """
+    return (model.inertia + model.arm**2 * model.mass) * reference**2 / 2
+
+
+def switching_energy(model: Hovercraft, reference: Any) -> Any:
+    """eps (J): kinetic energy below which ConstantSpin may take over, D^2 reference^2 / (8 (J + D)).
+
+    It implies W < limit_point_value, with 43 % to spare in energy for the default model. Source: [1] eq. 2.48.
+    """
+    D = model.arm**2 * model.mass
+    return D**2 * reference**2 / (8 * (model.inertia + D))
+
+
+def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
+    """The largest eps (J) with the property of switching_energy: D^2 reference^2 / (2 (sqrt J + sqrt(J + D))^2).
+
+    A pure yaw rate against the reference, with this energy, has W = limit_point_value exactly.
+    Source: derived here, from the root that [1, eq. 2.47] replaces by a larger one.
+    """
+    D = model.arm**2 * model.mass
+    return D**2 * reference**2 / (2 * (jnp.sqrt(model.inertia) + jnp.sqrt(model.inertia + D)) ** 2)
+
+
+def provision(model: Hovercraft, W: Any, reference: Any) -> Any:
+    """The yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
+
+    (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. Below
+    |reference|, that is exactly while W < limit_point_value, the bound is tight, and any larger reference is safe too.
+    Above it, where only a disturbance leads, the bound is not enough. A change of sign is never covered: brake first.
+
+    Source: [1] eq. 2.69, reconstructed (docs Errata); the middle sign of [1, eq. 2.66] is +.
+    """
+    swing = jnp.where(W > 0, jnp.sqrt(jnp.where(W > 0, 2 * W / model.inertia, 1.0)), 0.0)
+    return (swing + jnp.abs(reference)) / (1 + jnp.sqrt(1 + model.arm**2 * model.mass / model.inertia))
+
+
+def check_same_model(name: str, laws: Mapping[str, Any]) -> None:
+    """Refuse laws of one state machine that believe in different vehicles; laws: field name -> law."""
+    (first, a), *others = [(n, {p: v for p, v, _ in leaves(law.model, "model")}) for n, law in laws.items()]
+    for other, b in others:
+        differ = [p for p in {**a, **b} if p not in a or p not in b or not np.array_equal(a[p], b[p])]
+        if differ:
+            problem = f"{first}.{differ[0]} and {other}.{differ[0]} differ"
+            raise InputError(name, problem, fix="both laws drive the same vehicle: set both to the same value")
+
+
+@record
+class SupervisorState:
+    """Where the supervisor is. Source: [1] section 2.2.6."""
+
+    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
+
+
+@record
+class SupervisedSpinOutput:
+    """What SupervisedSpin asks for. Source: [1] section 2.2.6."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
+    lyapunov: Scalar = quantity("J", "V while braking, W while spinning.")
+
+
+@record
+class SupervisedSpin:
+    """Brakes until it is safe to spin, then spins: from any start to the good limit point of ConstantSpin.
+
+    Modes:   brake (ZeroVelocity) -> spin (ConstantSpin) once V < eps(reference); latched, it never brakes again.
+             Nothing switches while the estimate is not valid.
+    Stable:  globally, on an ideal vehicle: V falls below any eps > 0 in finite time, and V < eps implies
+             W < limit_point_value. A reference of 0 keeps braking.
+    Source:  [1] section 2.2.6 and eq. 2.48.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    braking: ZeroVelocity = part("The law before the switch.", default=ZeroVelocity())
+    spinning: ConstantSpin = part("The law after it; its reference is what is wanted.", default=ConstantSpin())
+    threshold: str = option(
+        "Energy at which to switch: as published, or the sharp one, 1.74 times as much for the default model.",
+        default="published",
+        choices=("published", "sharp"),
+    )
+
+    def check(self) -> None:
+        """Refuse two laws that believe in different vehicles."""
+        check_same_model("SupervisedSpin", {"braking": self.braking, "spinning": self.spinning})
+
+    def init(self, key: Any) -> SupervisorState:
+        """Braking."""
+        return SupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
+
+    def step(self, t: Any, state: SupervisorState, estimate: Estimate) -> tuple[SupervisorState, SupervisedSpinOutput]:
+        """The demand at integer time t; the mode changes before it is computed."""
+        _, brake = self.braking.step(t, (), estimate)
+        _, spin = self.spinning.step(t, (), estimate)
+        limit = switching_energy if self.threshold == "published" else switching_energy_sharp
+        calm = brake.lyapunov < limit(self.spinning.model, self.spinning.reference)
+        switch = (state.mode == BRAKE) & calm & estimate.valid
+        spins = (state.mode == SPIN) | switch
+        now = SupervisorState(
+            mode=jnp.where(spins, SPIN, BRAKE).astype(np.int32),
+            switches=state.switches + jnp.where(switch, 1, 0).astype(np.int32),
+        )
+        demand = PlanarForce(
+            FX=jnp.where(spins, spin.demand.FX, brake.demand.FX), FY=jnp.where(spins, spin.demand.FY, brake.demand.FY)
+        )
+        value = jnp.where(spins, spin.lyapunov, brake.lyapunov)
+        return now, SupervisedSpinOutput(demand=demand, mode=now.mode, switches=now.switches, lyapunov=value)

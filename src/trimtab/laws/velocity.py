@@ -1,0 +1,229 @@
+"""Laws that drive the hovercraft's velocity to a constant: at rest, forward, backward.
+
+Sway has no actuator of its own, so heading is free: each law fixes the velocity in the body, none holds a heading.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+section 2.2.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+
+@record
+class VelocityOutput:
+    """What a velocity law asks for. Source: [1] section 2.2."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    lyapunov: Scalar = quantity("J", "The law's Lyapunov function, or the distance that stands in for it.")
+
+
+def _distance(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
+    """Kinetic energy (J) of the velocity error, its yaw part times stretch."""
+    error = s.surge_velocity - surge_velocity
+    return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
+
+
+@record
+class ZeroVelocity:
+    """Brings the hovercraft to rest.
+
+        FX = -k1 u        FY = -k2 (v - d r)                                              [1, eq. 2.16]
+
+    Stable:  globally asymptotically for all k1, k2 > 0, with V the kinetic energy,
+             V' = -k1 u^2 - k2 (v - d r)^2 [1, eq. 2.17]. V' = 0 on a line, not only at rest; rest is the largest
+             invariant set in it (the source's proof corrected, see docs Errata).
+    Slow:    one eigenvalue at rest is zero. Once the rudder pivot no longer slips, r' = -c r^3 with
+             c = slow_manifold_rate(law): the turn dies out like 1/sqrt(2 c t) and the heading drifts without bound.
+    Source:  [1] eq. 2.16; default gains [1] table 6.1.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.1")
+    k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=2.5, above=0, source="[1] table 6.1")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
+        """The demand at integer time t."""
+        s = estimate.state
+        demand = PlanarForce(-self.k1 * s.surge_velocity, -self.k2 * (s.sway_velocity - self.model.arm * s.yaw_rate))
+        return state, VelocityOutput(demand, self.lyapunov(s))
+
+    def lyapunov(self, s: Any) -> Any:
+        """V (J), the kinetic energy [1, eq. 2.17]; s: any record with the fields in `reads`."""
+        return _distance(self.model, s, 0.0)
+
+    def equilibrium(self) -> HovercraftState:
+        """The velocities at which the closed loop rests."""
+        return HovercraftState()
+
+
+def slow_manifold_rate(law: ZeroVelocity) -> Any:
+    """c (s) in r' = -c r^3, where ZeroVelocity ends up: v = d r, u = d m r^2/k1 to leading order.
+
+    c = m^2 d^2 / (k1 (J + d^2 m)). Source: derived here, not in [1] (docs page).
+    """
+    m, d = law.model.mass, law.model.arm
+    return m**2 * d**2 / (law.k1 * (law.model.inertia + d**2 * m))
+
+
+@record
+class ForwardMomentum:
+    """Drives forward at a constant momentum PXr > 0.
+
+        FX = -k1 (u - PXr/m)        FY = -k2 (v - d r)                                    [1, eq. 2.24]
+
+    Stable:  globally asymptotically for ALL k1, k2, PXr > 0. With kappa = PXr/(k2 d) the function
+             W = m ((u - PXr/m)^2 + v^2)/2 + lambda J r^2/2, lambda = 1 + kappa, decreases along every motion: W' is a
+             negative definite form whose (v, r) block, k2 [[1, -d], [-d, (1 + kappa) d^2]], has determinant
+             k2^2 kappa d^2 > 0. The source takes lambda = 1 - kappa, which needs k2 > PXr/d, and its own gains
+             (table 6.2: kappa = 2.19) violate that; they are covered here (see docs Errata).
+    Source:  [1] eq. 2.24; lambda derived here; default gains [1] table 6.2.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
+    k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=4.0, above=0, source="[1] table 6.2")
+    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def check(self) -> None:
+        """Refuse a reference that is not forward."""
+        _check_forward("ForwardMomentum", self.reference)
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
+        """The demand at integer time t."""
+        s, model = estimate.state, self.model
+        FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
+        FY = -self.k2 * (s.sway_velocity - model.arm * s.yaw_rate)
+        return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
+
+    def lyapunov(self, s: Any) -> Any:
+        """W (J) with lambda = 1 + kappa; s: any record with the fields in `reads`."""
+        kappa = self.reference / (self.k2 * self.model.arm)
+        return _distance(self.model, s, self.reference / self.model.mass, 1 + kappa)
+
+    def equilibrium(self) -> HovercraftState:
+        """The velocities at which the closed loop rests."""
+        return HovercraftState(surge_velocity=self.reference / self.model.mass)
+
+
+@record
+class ForwardMomentumMatched:
+    """ForwardMomentum with k2 tied to the reference, so that the cross terms in W' vanish.
+
+        FX = -k1 (u - PXr/m)        FY = -k2 (v - d r),    k2 = PXr/(2 d)                 [1, eq. 2.29]
+
+    Stable:  globally asymptotically for all k1, PXr > 0, with W = m ((u - PXr/m)^2 + v^2)/2 + J r^2/2 (kappa = 2,
+             lambda = 1): W' = -k1 (u - PXr/m)^2 - k2 (v^2 + d^2 r^2).
+    Source:  [1] eq. 2.29; defaults [1] table 6.2.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
+    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def check(self) -> None:
+        """Refuse a reference that is not forward."""
+        _check_forward("ForwardMomentumMatched", self.reference)
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
+        """The demand at integer time t."""
+        s, model = estimate.state, self.model
+        k2 = self.reference / (2 * model.arm)
+        FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
+        FY = -k2 * (s.sway_velocity - model.arm * s.yaw_rate)
+        return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
+
+    def lyapunov(self, s: Any) -> Any:
+        """W (J) with lambda = 1; s: any record with the fields in `reads`."""
+        return _distance(self.model, s, self.reference / self.model.mass)
+
+    def equilibrium(self) -> HovercraftState:
+        """The velocities at which the closed loop rests."""
+        return HovercraftState(surge_velocity=self.reference / self.model.mass)
+
+
+@record
+class ReverseMomentum:
+    """Drives backward at a constant momentum PXr < 0.
+
+        FX = -k1 (u - PXr/m)        FY = +k2 (v + theta d r)                              [1, eq. 2.30]
+
+    Stable:  locally, for k1, k2 > 0 and theta > J/(d^2 m): the eigenvalues of [1, eq. 2.33] are then in the left half
+             plane. The equilibrium is unique. No proof of global convergence is known; random starts all converged,
+             which is evidence and not a proof.
+    Source:  [1] eq. 2.30; default gains [1] table 6.3 (theta = 4 J/(d^2 m)).
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+    k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.5, above=0, source="[1] table 6.3")
+    k2: Scalar = quantity("kg/s", "Gain on sway and yaw.", default=1.0, above=0, source="[1] table 6.3")
+    theta: Scalar = quantity("1", "Weight of yaw; more than J/(d^2 m).", default=1.44, source="[1] table 6.3")
+    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def check(self) -> None:
+        """Refuse a reference that is not backward, and a theta that leaves the equilibrium unstable."""
+        if not np.all(np.asarray(self.reference) < 0):
+            problem = f"the reference momentum must be negative, it is {self.reference} kg m/s"
+            raise InputError(
+                "ReverseMomentum.reference", problem, fix="write e.g. -1.98; ForwardMomentum drives forward"
+            )
+        least = self.model.inertia / (self.model.arm**2 * self.model.mass)
+        if not np.all(np.asarray(self.theta) > least):
+            problem = f"theta must be above J/(d^2 m) = {least:.4g}, it is {self.theta}"
+            raise InputError("ReverseMomentum.theta", problem, fix=f"the source takes four times that, {4 * least:.4g}")
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
+        """The demand at integer time t."""
+        s, model = estimate.state, self.model
+        FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
+        FY = self.k2 * (s.sway_velocity + self.theta * model.arm * s.yaw_rate)
+        return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
+
+    def lyapunov(self, s: Any) -> Any:
+        """(PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function: it can grow for a while.
+
+        s: any record with the fields in `reads`. No Lyapunov function is known for this law.
+        """
+        return _distance(self.model, s, self.reference / self.model.mass)
+
+    def equilibrium(self) -> HovercraftState:
+        """The velocities at which the closed loop rests."""
+        return HovercraftState(surge_velocity=self.reference / self.model.mass)
+
+
+def _check_forward(name: str, reference: Any) -> None:
+    if not np.all(np.asarray(reference) > 0):
+        problem = f"the reference momentum must be positive, it is {reference} kg m/s"
+        raise InputError(
+            f"{name}.reference", problem, fix="drive backward with ReverseMomentum, stop with ZeroVelocity"
+        )

@@ -1,0 +1,208 @@
+"""A run as arrays over time: every signal under its dotted path, with its unit and meaning."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import Quantity
+from trimtab.core.time import UNITS_PER_SECOND, to_seconds
+
+HALF_TICK = 0.5 / UNITS_PER_SECOND
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Log:
+    """A run as arrays over time; immutable: it holds its own copies, and they are read-only.
+
+    A path names the block and then the field, e.g. ``truth.heading`` or ``sensors.navigation.value.yaw_rate``.
+
+    Args:
+        t: instants in seconds, shape (n,).
+        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They are what
+            counts: t is kept as exactly ``core.time.to_seconds(ticks)``.
+        signals: path -> array (n,) or (n, k), boolean, integer or float, kept in its own type.
+        declared: path -> what the quantity is: unit, meaning, frame, kind, names of the modes.
+        metadata: what can be written as JSON: version, scenario, seed, run, backend, duration_s, parameters, ...
+        final: path -> value at the end of the run, after the last step, where signals end one step earlier.
+    """
+
+    t: np.ndarray
+    ticks: np.ndarray
+    signals: Mapping[str, np.ndarray]
+    declared: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    final: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        ticks = _ticks(self.ticks)
+        t = np.asarray(self.t, np.float64)
+        if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
+            raise InputError("log", "t and ticks are not the same instants", fix="pass t=to_seconds(ticks)")
+        held = {str(path): _signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
+        _check_paths(held)
+        for name, value in (
+            ("ticks", ticks),
+            ("t", _frozen(to_seconds(ticks))),
+            ("signals", MappingProxyType(held)),
+            ("declared", MappingProxyType(dict(self.declared))),
+            ("metadata", MappingProxyType(plain("log.metadata", dict(self.metadata)))),
+            ("final", MappingProxyType({p: _value(p, v) for p, v in self.final.items()})),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Every signal's path, in the order of the loop as recorded."""
+        return tuple(self.signals)
+
+    def __reduce__(self) -> Any:
+        held = (self.signals, self.declared, self.metadata, self.final)
+        return Log, (self.t, self.ticks, *map(dict, held))
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    def __contains__(self, path: object) -> bool:
+        return path in self.signals
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        """The signal at a path: a read-only array (n,) or (n, k)."""
+        if path not in self.signals:
+            below = [p for p in self.signals if p.startswith(f"{path}.")]
+            problem = "is a group of signals" if below else "is not in this log"
+            choices = below or closest(path, self.signals) or list(self.signals)
+            fix = f"write log[{choices[0]!r}], or print(log.paths) for all {len(self.signals)}"
+            raise InputError("log", f"signal {path!r} {problem}", choices=choices[:8], fix=fix)
+        return self.signals[path]
+
+    def unit(self, path: str) -> str:
+        """The declared unit of a signal: "1" where it has none, "" where nothing was declared."""
+        self[path]
+        return self.declared[path].unit if path in self.declared else ""
+
+    def between(self, t0: float, t1: float) -> "Log":
+        """The instants t0 <= t < t1 (seconds, rounded to whole ticks); metadata and final stay those of the run."""
+        low, high = (float(np.clip(t, -1e11, 1e11)) for t in (t0, t1))
+        first, last = (int(np.searchsorted(self.ticks, round(t * UNITS_PER_SECOND))) for t in (low, high))
+        window = slice(first, max(first, last))
+        signals = {path: values[window] for path, values in self.signals.items()}
+        return dataclasses.replace(self, t=self.t[window], ticks=self.ticks[window], signals=signals)
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset`` over the coordinate ``time`` (s): units, long_name, flag meanings as in CF."""
+        try:
+            import xarray
+        except ImportError:
+            fix = 'pip install "trimtab[xarray]"'
+            raise InputError("log.to_xarray", "the package xarray is not installed", fix=fix) from None
+        variables = {
+            path: (("time", *(f"component_{k}" for k in values.shape[1:])), values, self._attributes(path))
+            for path, values in self.signals.items()
+        }
+        attributes = {k: v if type(v) in (str, int, float) else json.dumps(v) for k, v in self.metadata.items()}
+        time = ("time", self.t, {"units": "s", "long_name": "Time since the start of the run."})
+        return xarray.Dataset(variables, coords={"time": time}, attrs=attributes)
+
+    def _attributes(self, path: str) -> dict[str, Any]:
+        if path not in self.declared:
+            return {}
+        declared = self.declared[path]
+        found: dict[str, Any] = {"units": declared.unit, "long_name": declared.doc}
+        if declared.frame:
+            found["frame"] = declared.frame
+        if declared.modes:
+            found["flag_values"] = np.arange(len(declared.modes), dtype=self.signals[path].dtype)
+            found["flag_meanings"] = " ".join(mode.replace(" ", "_") for mode in declared.modes)
+        return found
+
+    def __repr__(self) -> str:
+        n, count = len(self), len(self.signals)
+        span = f", {self.t[0]:g} to {self.t[-1]:g} s" if n else ""
+        name = f" of {self.metadata['scenario']}" if "scenario" in self.metadata else ""
+        lines = [f"Log{name}: {n} samples{span}, {count} signals"]
+        lines += [f"  {p}" + (f" [{self.unit(p)}]" if self.unit(p) not in ("", "1") else "") for p in self.paths[:6]]
+        if count > 6:
+            lines.append(f"  ... {count - 6} more in log.paths")
+        lines.append(f'Read one: log["{self.paths[0]}"]; in seconds: log.t; a part: log.between(t0, t1)')
+        return "\n".join(lines)
+
+
+def plain(part: str, value: Any) -> Any:
+    """The same value in plain Python (dict, list, str, float, int, bool, None); refused where JSON has none."""
+    if isinstance(value, Mapping):
+        return {_key(part, k): plain(f"{part}.{k}", v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
+    if value is None or (isinstance(value, str | bool | int | float) and not isinstance(value, np.generic)):
+        return value
+    if isinstance(value, np.generic | np.ndarray) or hasattr(value, "__array__"):
+        array = np.asarray(value)
+        if array.dtype.kind in "biufU":
+            return array.tolist()
+    choices = ("str", "float", "int", "bool", "None", "list", "dict", "array of numbers")
+    problem = f"{value!r} of type {type(value).__name__} cannot be written as JSON"
+    raise InputError(part, problem, choices=choices, fix="pass its numbers or its name instead")
+
+
+def _key(part: str, key: Any) -> str:
+    if not isinstance(key, str):
+        raise InputError(part, f"the key {key!r} is not text", fix=f"write {str(key)!r}")
+    return key
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    held = np.array(array)
+    held.setflags(write=False)
+    return held
+
+
+def _ticks(ticks: Any) -> np.ndarray:
+    array = np.asarray(ticks)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        found = f"ticks is an array {array.shape} of {array.dtype}"
+        raise InputError("log", found, fix="pass whole numbers of 100 ns, int64, shape (n,)")
+    held = _frozen(array.astype(np.int64))
+    if len(held) and (held[0] < 0 or (np.diff(held) <= 0).any()):
+        raise InputError("log", "ticks do not rise strictly from 0 on", fix="pass each instant once, in order of time")
+    return held
+
+
+def _numbers(part: str, values: Any) -> np.ndarray:
+    held = _frozen(np.asarray(values))
+    if held.dtype.kind not in "biuf" or held.dtype.itemsize > 8:
+        choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
+        raise InputError(part, f"holds values of type {held.dtype}", choices=choices, fix="convert it to one of these")
+    return held
+
+
+def _signal(path: str, values: Any, n: int) -> np.ndarray:
+    held = _numbers(f"log signal {path!r}", values)
+    if held.ndim not in (1, 2) or len(held) != n:
+        problem = f"has shape {held.shape}, the log has {n} instants"
+        raise InputError(f"log signal {path!r}", problem, fix=f"give it shape ({n},) or ({n}, k)")
+    return held
+
+
+def _value(path: str, value: Any) -> Any:
+    held = _numbers(f"log final value {path!r}", value)
+    return held[()] if held.ndim == 0 else held
+
+
+def _check_paths(signals: Mapping[str, Any]) -> None:
+    if not signals:
+        raise InputError("log", "there is no signal in it", fix="pass at least one, e.g. {'truth.heading': heading}")
+    for path in signals:
+        names = path.split(".")
+        if len(names) < 2 or not all(names):
+            fix = "write block and field, e.g. 'truth.heading'"
+            raise InputError("log", f"the path {path!r} does not name a block and a field", fix=fix)
+        above = [".".join(names[:i]) for i in range(1, len(names))]
+        clash = next((p for p in above if p in signals), None)
+        if clash:
+            problem = f"{clash!r} is a signal and also the group of {path!r}"
+            raise InputError("log", problem, fix=f"rename one of them, e.g. '{clash}.value'")

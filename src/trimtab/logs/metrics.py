@@ -1,0 +1,118 @@
+"""How well a run met its targets: settling, first reach, overshoot and tail, as docs/logs/metrics.md defines them."""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.logs.log import Log
+
+SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
+"""Short names of the signals asked for most."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """Where a signal should go. `band` is absolute, in the signal's unit: |signal - value| <= band is inside."""
+
+    path: str
+    value: float
+    band: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.value) and np.isfinite(self.band) and self.band > 0):
+            problem = f"value {self.value!r} and band {self.band!r} are not a finite number and one above 0"
+            raise InputError(f"target of {self.path!r}", problem, fix="write e.g. Target('yaw_rate', 3.0, band=0.15)")
+
+
+def full_path(name: str) -> str:
+    """The path of a signal by its short name, e.g. "heading" for "truth.heading"; other names are paths already."""
+    return SHORT.get(name, name)
+
+
+def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
+    """Numbers of merit by signal: settling_s, first_reach_s, overshoot, tail_mean, tail_rms; None where there is none.
+
+    Args:
+        log: the run.
+        targets: at most one for each signal; for signals left out the first three are None.
+        signals: paths or short names; they are the keys of what comes back.
+    """
+    wanted: dict[str, Target] = {}
+    for target in targets:
+        path = full_path(target.path)
+        log[path]
+        if path in wanted:
+            raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one of them")
+        wanted[path] = target
+    with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away gives None, not a warning
+        return {name: _merits(log, full_path(name), wanted.get(full_path(name))) for name in signals}
+
+
+def mode_switches(log: Log) -> int:
+    """How often the law switched its mode: the last ``law.switches``, or 0 for a law that does not count."""
+    if "law.switches" in log and len(log):
+        return int(log["law.switches"][-1])
+    return 0
+
+
+def turned(log: Log, target: Target) -> float:
+    """The target's value; for an angle, that equal of it which is nearest to where the signal ends."""
+    path = full_path(target.path)
+    x = log[path]
+    ends = x[np.isfinite(x)]
+    if path in log.declared and log.declared[path].kind == "angle" and len(ends):
+        return float(target.value + 2 * np.pi * np.round((ends[-1] - target.value) / (2 * np.pi)))
+    return float(target.value)
+
+
+def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | None]:
+    if log[path].ndim != 1:
+        problem = f"signal {path!r} has {log[path].shape[1]} components at each instant"
+        raise InputError("metrics", problem, choices=SHORT, fix="ask for a signal of one number")
+    t, x = log.t, log[path].astype(np.float64)
+    found: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
+    if target is not None and len(t):
+        error = x - turned(log, target)
+        found |= {
+            "settling_s": _settling(t, error, target.band),
+            "first_reach_s": _first_reach(t, error, target.band),
+            "overshoot": _overshoot(error),
+        }
+    tail = x[t >= t[0] + (t[-1] - t[0]) * 2 / 3] if len(t) else x
+    mean = _finite(tail.mean()) if np.isfinite(tail).all() and len(tail) else None
+    rms = None if mean is None else _finite(np.sqrt(np.mean((tail - mean) ** 2)))
+    return found | {"tail_mean": mean, "tail_rms": rms}
+
+
+def _settling(t: Any, error: Any, band: float) -> float | None:
+    outside = np.flatnonzero(~(np.abs(error) <= band))  # NaN is outside every band
+    first = outside[-1] + 1 if len(outside) else 0
+    return float(t[first] - t[0]) if first < len(t) else None
+
+
+def _first_reach(t: Any, error: Any, band: float) -> float | None:
+    """First sample in the band, or the point between two samples at which their straight line meets the target."""
+    inside = np.flatnonzero(np.abs(error) <= band)
+    finite = np.isfinite(error)
+    across = np.flatnonzero((np.sign(error[:-1]) * np.sign(error[1:]) < 0) & finite[:-1] & finite[1:])
+    if len(across) and (not len(inside) or across[0] + 1 < inside[0]):
+        i = across[0]
+        fraction = error[i] / (error[i] - error[i + 1])
+        return float(t[i] + fraction * (t[i + 1] - t[i]) - t[0])
+    return float(t[inside[0]] - t[0]) if len(inside) else None
+
+
+def _overshoot(error: Any) -> float | None:
+    if not np.isfinite(error).all():
+        return None
+    if error[0] == 0:
+        return float(np.abs(error).max())
+    beyond = error if error[0] < 0 else -error
+    return float(max(0.0, beyond.max()))
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

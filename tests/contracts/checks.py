@@ -1,0 +1,75 @@
+"""What the contract tests hold every part to."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from contracts.parts import example, first_state, period
+from trimtab.core.record import Quantity, declarations
+from trimtab.loop.structure import strong
+
+
+def is_same(a: Any, b: Any) -> bool:
+    """Whether two trees are equal, bit by bit."""
+    if jax.tree.structure(a) != jax.tree.structure(b):
+        return False
+    return all(
+        np.array_equal(x, y, equal_nan=True) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    )
+
+
+def assert_near(a: Any, b: Any, rtol: float = 1e-9) -> None:
+    """Two trees of equal structure agree to rounding."""
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+        where = jax.tree_util.keystr(path)
+        np.testing.assert_allclose(np.asarray(x), np.asarray(y), rtol=rtol, atol=1e-12, err_msg=where)
+
+
+def assert_finite(tree: Any) -> None:
+    """No NaN and no infinity."""
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        assert np.isfinite(np.asarray(leaf)).all(), jax.tree_util.keystr(path)
+
+
+def assert_stable(folder: str, one: Any) -> None:
+    """A step gives back a state of the structure, the shapes and the kinds of number that it took."""
+    given = example(folder, one)
+    state = first_state(folder, one, given, 0)
+    now = np.int64(0)
+    new, _ = jax.eval_shape(lambda t: one.step(t, state, strong(given(t))), now)
+    assert jax.tree.structure(new) == jax.tree.structure(state)
+    for (path, a), b in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(new), strict=True):
+        where = jax.tree_util.keystr(path)
+        assert a.shape == b.shape, where
+        assert np.dtype(a.dtype).kind == np.dtype(b.dtype).kind, f"{where}: {a.dtype} became {b.dtype}"
+
+
+def assert_pure(folder: str, one: Any, steps: int = 3) -> None:
+    """The same input twice gives the same output twice, and no input is changed on the way."""
+    given = example(folder, one)
+    state = first_state(folder, one, given, 0)
+    for k in range(steps):
+        t = np.int64(k * period(one))
+        x = strong(given(t))
+        before = jax.tree.map(np.array, (one, state, x))
+        first = one.step(t, state, x)
+        assert is_same(first, one.step(t, state, x)), "two calls differ"
+        assert is_same(before, jax.tree.map(np.array, (one, state, x))), "an input was changed"
+        state = strong(first[0])
+
+
+def assert_declared(cls: type) -> None:
+    """A record says where it comes from, and every field its meaning and unit."""
+    doc = cls.__doc__ or ""
+    assert "Source:" in doc, f"{cls.__name__}: no 'Source:' in the docstring"
+    for name, declared in declarations(cls).items():
+        assert declared.doc.strip(), f"{cls.__name__}.{name} has no doc"
+        if isinstance(declared, Quantity):
+            assert declared.unit.strip(), f"{cls.__name__}.{name} has no unit"
+            assert declared.kind != "angle" or declared.unit in ("rad", "deg"), (
+                f"{cls.__name__}.{name}: {declared.unit}"
+            )
+            assert declared.kind != "time" or declared.unit == "100 ns", f"{cls.__name__}.{name}: {declared.unit}"
+            assert declared.kind != "mode" or declared.modes, f"{cls.__name__}.{name} names no modes"

@@ -1,0 +1,217 @@
+"""Finds every public record of a folder, makes one of each, and gives it inputs: what the contract tests stand on.
+
+Nothing is registered. A module that lies in the folder is found; a part is made from its defaults, and where a field
+has none, from what the field declares; an input is made from the interface that the folder speaks.
+"""
+
+import functools
+import importlib
+import inspect
+import itertools
+import pkgutil
+import typing
+from dataclasses import MISSING, fields
+from types import ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Option, Part, Quantity, declarations, numeric
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate, Frame, Motion, PlanarForce, PlanarState, measured
+from trimtab.core.time import ms
+from trimtab.loop.structure import strong
+
+FOLDERS = ("vehicles", "sensors", "links", "estimators", "laws", "actuators")
+UNFIT = (AttributeError, KeyError, TypeError, IndexError, ValueError, InputError)
+
+
+def modules(folder: str) -> list[ModuleType]:
+    """Every public module of trimtab.<folder>."""
+    package = importlib.import_module(f"trimtab.{folder}")
+    found = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
+    return [importlib.import_module(f"trimtab.{folder}.{name}") for name in found]
+
+
+def records(folder: str) -> list[type]:
+    """Every public record class defined in the folder."""
+    return [
+        cls
+        for module in modules(folder)
+        for name, cls in vars(module).items()
+        if isinstance(cls, type)
+        and cls.__module__ == module.__name__
+        and not name.startswith("_")
+        and getattr(cls, "__dataclass_fields__", None) is not None
+        and all("declared" in f.metadata for f in fields(cls))
+    ]
+
+
+def blocks(folder: str) -> list[type]:
+    """The records that the loop steps: with a step(), and an init() that takes a key."""
+    return [cls for cls in records(folder) if hasattr(cls, "step") and "key" in _parameters(getattr(cls, "init", None))]
+
+
+def _parameters(function: Any) -> list[str]:
+    return list(inspect.signature(function).parameters) if function else []
+
+
+def every(find: Any, folders: tuple[str, ...] = FOLDERS) -> list[Any]:
+    """What find gives for each folder, as pytest parameters named folder.name."""
+    import pytest
+
+    def name(found: Any) -> str:
+        return found.__name__.rsplit(".", 1)[-1]
+
+    return [pytest.param(folder, found, id=f"{folder}.{name(found)}") for folder in folders for found in find(folder)]
+
+
+def made(cls: type) -> Any:
+    """One of a class, out of defaults and, where there are none, of declared ranges; numeric as in a run."""
+    hints = typing.get_type_hints(cls)
+    missing = [f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]
+    choices = [_values(cls, name, declarations(cls)[name], hints[name]) for name in missing]
+    errors = []
+    for values in itertools.product(*choices):
+        one = cls(**dict(zip(missing, values, strict=True)))
+        try:
+            getattr(one, "check", lambda: None)()
+        except UNFIT as error:
+            errors.append(str(error))
+            continue
+        return numeric(one)
+    raise AssertionError(f"{cls.__name__} can't be made from what its fields declare; give them defaults: {errors}")
+
+
+def _values(cls: type, name: str, declared: Quantity | Part | Option, hint: Any) -> list[Any]:
+    if isinstance(declared, Quantity):
+        low = declared.low if declared.low is not None else declared.above
+        value = 0.04 if low is None or low < 0.04 else low + 1.0
+        value = value if declared.high is None else min(value, declared.high)
+        value = value if declared.kind in ("real", "angle") else 0
+        exact = np.asarray(value, declared.dtype())
+        return [np.full(declared.shape, exact)] if declared.shape else [exact, np.full(3, exact)]
+    if isinstance(declared, Option):
+        if declared.kind == "period":
+            return [max(declared.low or 1, ms(20))]
+        return [*declared.choices] or [{int: 2, bool: False}[hint]]
+    if isinstance(hint, type) and hasattr(hint, "__dataclass_fields__"):
+        return [made(hint)]
+    assert hint is Any, f"{cls.__name__}.{name} has no default and no record as its type"
+    return [PlanarForce(0.0, 0.0), PlanarState(0.0, 0.0, 0.0, 0.0)]
+
+
+def key(run: Any) -> Key:
+    """The key of a run."""
+    return Key(np.uint32(7), jnp.asarray(run, np.uint32), 12345)
+
+
+def planar_state(t: Any) -> PlanarState:
+    """A planar state that differs at each instant, near which nothing is singular."""
+    s = t * 1e-7
+    return PlanarState(0.4 + 0.3 * jnp.sin(s), 0.2 * jnp.cos(3 * s), 0.7 * jnp.sin(2 * s + 1), 0.5 + jnp.sin(s))
+
+
+def planar_force(t: Any) -> PlanarForce:
+    """A force that turns round and changes sign."""
+    s = t * 1e-7
+    return PlanarForce(0.9 * jnp.cos(7 * s), 0.5 * jnp.sin(5 * s))
+
+
+def motion(t: Any) -> Motion:
+    """A motion in space that differs at each instant."""
+    s = t * 1e-7
+    vectors = [jnp.array([0.3, -0.2, 0.1]) * jnp.sin(s + k) + 0.05 * k for k in range(6)]
+    return Motion(t, *vectors)
+
+
+def _of(cls: type) -> Any:
+    """A function of time that gives records of a vehicle's state class."""
+    return lambda t: numeric(cls(**{n: 0.1 * jnp.cos(t * 1e-7 + i) for i, n in enumerate(declarations(cls))}))
+
+
+@functools.cache
+def states() -> list[Any]:
+    """Functions of time, one for each state that some vehicle or message has."""
+    found = [typing.get_type_hints(cls.dynamics)["x"] for cls in vehicles()]
+    return [planar_state, *(_of(cls) for cls in found)]
+
+
+def vehicles() -> list[type]:
+    """The records with dynamics."""
+    return [cls for cls in records("vehicles") if hasattr(cls, "dynamics")]
+
+
+def commands() -> list[Any]:
+    """Functions of time, one for each kind of command that some allocation gives."""
+    found = []
+    for cls in blocks("actuators"):
+        one = made(cls)
+        if not hasattr(one, "neutral"):
+            found.append(lambda t, one=one: one.step(t, one.init(key(0)), planar_force(t))[1])
+    return [planar_force, *found]
+
+
+def sensed() -> list[Any]:
+    """Functions of time, one for each kind of measurement that some sensor gives."""
+    sensors = [made(cls) for cls in blocks("sensors")]
+    return [planar_state, *(lambda t, one=one: one.measure(motion(t)) for one in sensors)]
+
+
+def example(folder: str, one: Any) -> Any:
+    """A function of time that gives inputs for a block."""
+    now = np.int64(0)
+    if folder == "sensors":
+        return motion
+    if folder == "links":
+        return lambda t: measured(t, planar_state(t))
+    if folder == "laws":
+        fits = [f for f in states() if set(one.reads) <= set(declarations(f(now)))]
+        assert fits, f"{type(one).__name__} reads {one.reads}, which no state known here has"
+        return lambda t: Estimate(t=t, age=0.01, fresh=True, valid=True, state=fits[0](t))
+    state = one.init(key(0))
+
+    def takes(wrap: Any, candidates: list[Any]) -> Any:
+        def shaped(candidate: Any) -> Any:
+            return lambda t: wrap(t, candidate(t))
+
+        for candidate in candidates:
+            try:
+                jax.eval_shape(lambda t, c=candidate: one.step(t, state, shaped(c)(t)), now)
+            except UNFIT:
+                continue
+            return shaped(candidate)
+        raise AssertionError(f"{type(one).__name__}: no input that the contract tests know fits its step()")
+
+    if folder == "estimators":
+        return takes(lambda t, v: Frame(t, {name: measured(t, v) for name in one.listens}), sensed())
+    if hasattr(one, "neutral"):
+        return takes(measured, commands())
+    return takes(lambda t, v: v, [planar_force, *states()])
+
+
+def first_state(folder: str, one: Any, given: Any, run: Any) -> Any:
+    """The state that a run starts from."""
+    now = np.int64(0)
+    state = one.init(key(run), given(now)) if folder == "links" else one.init(key(run))
+    return strong(state)
+
+
+def period(one: Any) -> int:
+    """How often a block steps: its own period, or the autopilot's 1 ms."""
+    return getattr(one, "period", ms(1))
+
+
+def rollout(folder: str, one: Any, given: Any, run: Any, n: int) -> tuple[Any, Any]:
+    """Last state and all outputs of n steps, as the loop makes them: scanned, inputs numeric."""
+
+    def body(state: Any, t: Any) -> Any:
+        state_type = jax.tree.map(jnp.result_type, state)
+        new, out = one.step(t, state, strong(given(t)))
+        return jax.tree.map(jnp.asarray, new, state_type), out
+
+    instants = jnp.arange(n, dtype=np.int64) * period(one)
+    return jax.lax.scan(body, first_state(folder, one, given, run), instants)

@@ -1,0 +1,208 @@
+"""Every part that steps does so as the loop needs it: pure, finite, of stable structure, compiled and in batches."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from contracts import checks, parts
+from contracts.parts import blocks, every, example, made, rollout
+from trimtab.core.record import declarations, numeric, part, period, record, replace
+from trimtab.core.signals import Motion, PlanarForce, measured
+from trimtab.core.time import ms, to_seconds
+
+STEPS = 40
+RUNS = 3
+FOLDERS = parts.FOLDERS[1:]
+BLOCKS = every(blocks, FOLDERS)
+
+
+@functools.cache
+def _alone(folder, cls):
+    """State and outputs of each run by itself, compiled once."""
+    one = made(cls)
+    given = example(folder, one)
+    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS))
+    return [compiled(one, np.uint32(run)) for run in range(RUNS)]
+
+
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_state_keeps_its_structure(folder, cls):
+    checks.assert_stable(folder, made(cls))
+
+
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_step_is_pure(folder, cls):
+    checks.assert_pure(folder, made(cls))
+
+
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_output_is_finite(folder, cls):
+    for _, outputs in _alone(folder, cls):
+        checks.assert_finite(outputs)
+
+
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_compiled_is_the_same_as_step_by_step(folder, cls):
+    one = made(cls)
+    given = example(folder, one)
+    state = parts.first_state(folder, one, given, 1)
+    for k in range(3):
+        t = np.int64(k * parts.period(one))
+        state, out = one.step(t, state, given(t))
+        checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
+
+
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
+    """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
+    one = made(cls)
+    given = example(folder, one)
+    batch = jax.tree.map(lambda leaf: np.stack([leaf] * RUNS), one)
+    both = jax.jit(jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS)))(batch, jnp.arange(RUNS))
+    for run, alone in enumerate(_alone(folder, cls)):
+        checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
+
+
+@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("sensors",)))
+def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
+    one = made(cls)
+    _, samples = _alone(folder, cls)[0]
+    np.testing.assert_array_equal(samples.t, np.arange(STEPS) * one.period)
+    assert (np.asarray(samples.age) == 0).all()
+    assert np.asarray(samples.fresh).all()
+    assert np.asarray(samples.valid).all()
+    measured_there = jax.eval_shape(one.measure, parts.motion(np.int64(0)))
+    assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
+
+
+@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("links",)))
+def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
+    """Nothing from the future, nothing altered; the age is the time since the measurement."""
+    one = made(cls)
+    n = int(2 / to_seconds(one.period))
+    given = example(folder, one)
+    _, out = jax.jit(lambda one: rollout(folder, one, given, 1, n))(one)
+    now = np.arange(n) * one.period
+    valid = np.asarray(out.valid)
+    assert valid[-1], "two seconds of fresh samples and none came out"
+    assert (np.diff(valid.astype(int)) >= 0).all(), "valid was taken back"
+    t = np.asarray(out.t)[valid]
+    assert (t <= now[valid]).all()
+    assert (np.diff(t) >= 0).all(), "an older sample replaced a newer one"
+    np.testing.assert_allclose(np.asarray(out.age)[valid], (now[valid] - t) * 1e-7, rtol=1e-9, atol=1e-12)
+    checks.assert_near(jax.tree.map(lambda a: a[valid], out.value), parts.planar_state(t))
+    fresh = np.asarray(out.fresh)[valid]
+    changed = np.diff(t, prepend=-1) > 0
+    np.testing.assert_array_equal(fresh, changed, err_msg="fresh is not 'newly arrived'")
+
+
+@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("links",)))
+def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
+    one = made(cls)
+
+    def nothing(t):
+        sample = measured(t, parts.planar_state(t))
+        return replace(sample, valid=False, fresh=False)
+
+    _, out = jax.jit(lambda one: rollout(folder, one, nothing, 0, STEPS))(one)
+    assert not np.asarray(out.valid).any()
+    checks.assert_finite(out)
+
+
+@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("laws",)))
+def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
+    one = made(cls)
+    _, out = _alone(folder, cls)[0]
+    assert hasattr(out, "demand")
+    known = set(declarations(example(folder, one)(np.int64(0)).state))
+    assert set(one.reads) <= known
+
+
+@pytest.mark.parametrize(
+    ("folder", "cls"), [p for p in every(blocks, ("actuators",)) if hasattr(p.values[1], "neutral")]
+)
+def test_actuators_stay_neutral_until_a_command_is_valid(folder, cls):
+    one = made(cls)
+    given = example(folder, one)
+
+    def invalid(t):
+        return replace(given(t), valid=False, fresh=False)
+
+    _, out = jax.jit(lambda one: rollout(folder, one, invalid, 0, STEPS))(one)
+    neutral = one.neutral()
+    assert jax.tree.structure(jax.tree.map(lambda a: a[0], out)) == jax.tree.structure(neutral)
+    for u in jax.tree.leaves(out.u):
+        np.testing.assert_array_equal(u, 0.0)
+    for u in jax.tree.leaves(neutral.u):
+        np.testing.assert_array_equal(u, 0.0)
+
+
+@pytest.mark.parametrize(("folder", "cls"), [p for p in BLOCKS if hasattr(p.values[1], "IMPERFECTIONS")])
+def test_each_imperfection_can_be_switched_off(folder, cls):
+    one = made(cls)
+    for name in cls.IMPERFECTIONS:
+        assert type(one.without(name)) is cls
+        assert jax.tree.structure(one.without(name).without(name)) == jax.tree.structure(one.without(name))
+
+
+@pytest.mark.parametrize("cls", [pytest.param(c, id=c.__name__) for c in parts.vehicles()])
+def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
+    one = made(cls)
+    state = next(
+        f for f in parts.states()[1:] if type(f(np.int64(0))) is parts.typing.get_type_hints(cls.dynamics)["x"]
+    )
+    u = parts.typing.get_type_hints(cls.dynamics)["u"]
+    assert u is PlanarForce, "the contract tests know no other input yet: add it to parts.py"
+    x, u = state(np.int64(0)), numeric(parts.planar_force(ms(20)))
+    rate = jax.jit(lambda c, x, u: c.dynamics(0.0, x, u))(one, x, u)
+    assert jax.tree.structure(rate) == jax.tree.structure(x)
+    checks.assert_finite(rate)
+    checks.assert_near(one.dynamics(0.0, x, u), rate)
+    checks.assert_finite(jax.jacfwd(lambda x: one.dynamics(0.0, x, u))(x))
+    motion = one.motion(np.int64(0), x, u)
+    assert type(motion) is Motion
+    checks.assert_finite(motion)
+    batch = jax.vmap(lambda x: one.dynamics(0.0, x, u))(jax.tree.map(lambda a: np.stack([a, 2 * a]), x))
+    checks.assert_near(jax.tree.map(lambda a: a[0], batch), rate)
+
+
+@record
+class _Counter:
+    """A sensor that is wrong in a way of choice. Source: this test."""
+
+    period: int = period("Period.", default=ms(1))
+    memory: object = part("Where an impure one counts.", default=None)
+
+    def init(self, key):
+        return jnp.asarray(0.0)
+
+    def step(self, t, state, motion):
+        return state + 1.0, measured(t, parts.planar_state(t))
+
+
+class _Forgetful(_Counter):
+    def init(self, key):
+        return 0
+
+
+class _Impure(_Counter):
+    calls = 0
+
+    def step(self, t, state, motion):
+        type(self).calls += 1
+        return state, measured(t, parts.planar_state(t + self.calls))
+
+
+def test_the_contracts_find_what_they_are_for():
+    """A good block passes; a state that changes type, an impure step and a NaN do not."""
+    checks.assert_stable("sensors", _Counter())
+    checks.assert_pure("sensors", _Counter())
+    with pytest.raises(AssertionError, match="became"):
+        checks.assert_stable("sensors", _Forgetful())
+    with pytest.raises(AssertionError, match="two calls differ"):
+        checks.assert_pure("sensors", _Impure())
+    with pytest.raises(AssertionError):
+        checks.assert_finite({"x": jnp.asarray(np.nan)})

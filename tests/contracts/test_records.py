@@ -1,0 +1,71 @@
+"""Every public record of the part folders says what it is, and has its test and its page."""
+
+from pathlib import Path
+
+import pytest
+
+from contracts.checks import assert_declared
+from contracts.parts import FOLDERS, blocks, every, modules, records, vehicles
+from trimtab.core.record import Scalar, quantity, record
+
+ROOT = Path(__file__).parents[2]
+FOLDERS_WITH_PAGES = (*FOLDERS, "design", "identify", "logs", "plots")
+
+
+@pytest.mark.parametrize(("folder", "cls"), every(records, (*FOLDERS, "core", "loop", "logs", "design", "identify")))
+def test_record_declares_source_units_and_meaning(folder, cls):
+    assert_declared(cls)
+
+
+def _text(path):
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+@pytest.mark.parametrize(("folder", "module"), every(modules, FOLDERS_WITH_PAGES))
+def test_module_has_a_test_file(folder, module):
+    """Its own, or, for what only serves its neighbours, one of theirs that imports it."""
+    name = module.__name__.rsplit(".", 1)[-1]
+    path = ROOT / "tests" / folder / f"test_{name}.py"
+    neighbours = "".join(_text(p) for p in sorted(path.parent.glob("test_*.py")))
+    assert "def test_" in _text(path) or module.__name__ in neighbours, f"write {path.relative_to(ROOT)}"
+
+
+@pytest.mark.parametrize(("folder", "module"), every(modules, FOLDERS_WITH_PAGES))
+def test_module_has_a_docs_page(folder, module):
+    """Its own, or, for a module without a block or a vehicle, one in its folder that names it."""
+    name = module.__name__.rsplit(".", 1)[-1]
+    path = ROOT / "docs" / folder / f"{name}.md"
+    pages = [_text(path), _text(path.with_stem(name.replace("_", "-")))]
+    flies = [cls for cls in (*blocks(folder), *vehicles()) if cls.__module__ == module.__name__]
+    if not flies:
+        pages += [text for p in sorted(path.parent.glob("*.md")) if module.__name__ in (text := _text(p))]
+    assert any("\n# " in page for page in pages), f"write {path.relative_to(ROOT)}, with a title"
+
+
+def test_folders_are_not_empty():
+    """A walk that finds nothing would pass everything."""
+    assert [cls.__name__ for cls in records("vehicles")].count("Hovercraft") == 1
+    assert all(modules(folder) for folder in FOLDERS)
+
+
+def test_a_record_without_source_is_found():
+    @record
+    class Silent:
+        """Says nothing."""
+
+        x: Scalar = quantity("m", "A length.")
+
+    with pytest.raises(AssertionError, match="Source:"):
+        assert_declared(Silent)
+
+
+@pytest.mark.parametrize(("unit", "doc", "kind"), [("", "A length.", "real"), ("m", " ", "real"), ("m", "A.", "angle")])
+def test_a_quantity_without_unit_or_meaning_is_found(unit, doc, kind):
+    @record
+    class Vague:
+        """Source: this test."""
+
+        x: Scalar = quantity(unit, doc, kind=kind)
+
+    with pytest.raises(AssertionError, match=r"Vague\.x"):
+        assert_declared(Vague)

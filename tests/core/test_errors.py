@@ -1,0 +1,61 @@
+"""Errors name the part, the value, the choices and the fix."""
+
+import pickle
+
+import pytest
+
+from trimtab.core.errors import InputError, closest
+
+
+def test_message_has_part_problem_choices_and_fix():
+    error = InputError("world.law", "there is no law 'spn'", choices=["spin", "zero"], fix="--law spin")
+    assert str(error) == "world.law: there is no law 'spn'.\nChoices: spin, zero.\nFix: --law spin"
+    assert (error.part, error.problem, error.choices, error.fix) == (
+        "world.law",
+        "there is no law 'spn'",
+        ("spin", "zero"),
+        "--law spin",
+    )
+
+
+def test_message_without_choices_and_fix_is_one_line():
+    assert str(InputError("mass", "-1 kg is not above 0.")) == "mass: -1 kg is not above 0."
+
+
+def test_is_a_value_error():
+    with pytest.raises(ValueError, match="mass"):
+        raise InputError("mass", "bad")
+
+
+def test_choices_may_be_any_iterable():
+    assert InputError("a", "b", choices=(c for c in "xy")).choices == ("x", "y")
+
+
+CHOICES = ["world.vehicle.mass", "world.vehicle.inertia", "autopilot.law.k1"]
+
+
+def test_closest_finds_a_misspelling():
+    assert closest("world.vehicle.mas", CHOICES)[0] == "world.vehicle.mass"
+
+
+def test_closest_finds_a_bare_last_name_first():
+    assert closest("k1", CHOICES) == ["autopilot.law.k1"]
+
+
+def test_closest_is_empty_when_nothing_is_near():
+    assert closest("zzzz", CHOICES) == []
+
+
+def test_closest_gives_at_most_n_and_no_doubles():
+    names = [f"part{i}.mass" for i in range(5)]
+    found = closest("mass", names, n=3)
+    assert found == ["part0.mass", "part1.mass", "part2.mass"]
+    assert closest("part0.mass", names, n=5)[0] == "part0.mass"
+    assert len(set(closest("part0.mass", names, n=5))) == len(closest("part0.mass", names, n=5))
+
+
+def test_survives_pickling_between_processes():
+    error = InputError("mass", "bad", choices=["a"], fix="do b")
+    copy = pickle.loads(pickle.dumps(error))
+    assert str(copy) == str(error)
+    assert copy.choices == ("a",)

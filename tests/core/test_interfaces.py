@@ -1,0 +1,79 @@
+"""Fitting an interface takes its members and nothing else: no base class, no registration."""
+
+import pytest
+
+from trimtab.core import interfaces
+from trimtab.core.time import ms
+
+
+class Gyro:
+    period = ms(10)
+
+    def init(self, key): ...
+    def measure(self, motion): ...
+    def step(self, t, state, motion): ...
+
+
+class Zero:
+    reads = ("yaw_rate",)
+
+    def init(self, key): ...
+    def step(self, t, state, estimate): ...
+
+
+class Fusion:
+    listens = ("imu",)
+
+    def init(self, key): ...
+    def step(self, t, state, frame): ...
+
+
+class Thruster:
+    period = ms(20)
+
+    def neutral(self): ...
+    def init(self, key): ...
+    def step(self, t, state, command): ...
+
+
+class Boat:
+    def dynamics(self, t, x, u): ...
+    def motion(self, t, x, u): ...
+
+
+FITS = {
+    "Sensor": Gyro,
+    "Channel": Gyro,
+    "Law": Zero,
+    "Estimator": Fusion,
+    "Allocation": Zero,
+    "Actuators": Thruster,
+    "Vehicle": Boat,
+}
+
+
+@pytest.mark.parametrize(("interface", "cls"), FITS.items())
+def test_a_class_with_the_members_fits(interface, cls):
+    assert isinstance(cls(), getattr(interfaces, interface))
+
+
+@pytest.mark.parametrize(
+    ("interface", "cls"),
+    [
+        ("Sensor", Thruster),
+        ("Law", Gyro),
+        ("Estimator", Zero),
+        ("Actuators", Gyro),
+        ("Vehicle", Gyro),
+        ("Autopilot", Zero),
+        ("Estimator", Boat),
+    ],
+)
+def test_a_class_that_lacks_one_does_not(interface, cls):
+    assert not isinstance(cls(), getattr(interfaces, interface))
+
+
+def test_the_hovercraft_is_a_vehicle():
+    from trimtab.vehicles.hovercraft import Hovercraft
+
+    assert isinstance(Hovercraft(), interfaces.Vehicle)

@@ -1,0 +1,238 @@
+"""Records: declared fields, pytree round trip, paths, declared dtypes, and refusal of what is not declared."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.record import (
+    DTYPES,
+    Option,
+    Part,
+    Quantity,
+    Scalar,
+    children,
+    declarations,
+    is_record,
+    leaves,
+    numeric,
+    option,
+    part,
+    period,
+    quantity,
+    record,
+    replace,
+    with_leaf,
+)
+
+
+@record
+class Gains:
+    """Two gains. Source: this test."""
+
+    k1: Scalar = quantity("kg/s", "First.", default=1.0, above=0)
+    k2: Scalar = quantity("kg/s", "Second.", default=2.0)
+
+
+@record
+class Block:
+    """Every kind of field. Source: this test."""
+
+    x: Any = quantity("m", "A vector.", frame="W", default=np.zeros(3), shape=(3,))
+    angle: Scalar = quantity("rad", "An angle.", kind="angle", default=0.5)
+    t: Scalar = quantity("100 ns", "A time.", kind="time", default=7)
+    n: Scalar = quantity("1", "A count.", kind="count", default=3)
+    mode: Scalar = quantity("1", "A mode.", kind="mode", modes=("off", "on"), default=1)
+    word: Scalar = quantity("1", "A word.", kind="word", default=2**32 - 1)
+    flag: Scalar = quantity("1", "A flag.", kind="flag", default=True)
+    gains: Gains = part("Nested.", default=Gains())
+    several: Any = part("A mapping.", default={"a": Gains(3.0, 4.0), "b": Gains()})
+    pair: Any = part("A tuple.", default=(Gains(5.0, 6.0), Gains()))
+    nothing: Any = part("Left out.", default=None)
+    form: str = option("A choice.", default="literal", choices=("literal", "sharp"))
+    every: int = period("A period.", default=10_000, low=5)
+
+
+PATHS = [
+    "x",
+    "angle",
+    "t",
+    "n",
+    "mode",
+    "word",
+    "flag",
+    "gains.k1",
+    "gains.k2",
+    "several.a.k1",
+    "several.a.k2",
+    "several.b.k1",
+    "several.b.k2",
+    "pair.0.k1",
+    "pair.0.k2",
+    "pair.1.k1",
+    "pair.1.k2",
+    "form",
+    "every",
+]
+
+
+def test_declarations_hold_what_was_declared():
+    declared = declarations(Block)
+    assert declared["x"] == Quantity("m", "A vector.", frame="W", shape=(3,))
+    assert declared["mode"] == Quantity("1", "A mode.", kind="mode", modes=("off", "on"))
+    assert declared["gains"] == Part("Nested.")
+    assert declared["form"] == Option("A choice.", choices=("literal", "sharp"))
+    assert declared["every"] == Option("A period.", kind="period", low=5)
+    assert declarations(Gains())["k1"] == Quantity("kg/s", "First.", above=0)
+
+
+def test_records_are_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Gains().k1 = 3.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_field_that_is_not_declared_is_refused():
+    with pytest.raises(TypeError, match=r"Bad\.k1 is not declared"):
+
+        @record
+        class Bad:
+            """Source: this test."""
+
+            k1: float = 1.0
+
+
+def test_unknown_kind_is_refused():
+    with pytest.raises(TypeError, match="'length' is not one of"):
+        quantity("m", "A length.", kind="length")
+
+
+def test_missing_value_is_refused_by_name():
+    @record
+    class Needs:
+        """Source: this test."""
+
+        mass: Scalar = quantity("kg", "No default.")
+
+    with pytest.raises(TypeError, match="mass"):
+        Needs()  # pyright: ignore[reportCallIssue]
+
+
+def test_is_record_tells_records_from_the_rest():
+    @dataclasses.dataclass
+    class Plain:
+        x: float = 1.0
+
+    assert is_record(Gains())
+    assert not any(is_record(v) for v in (Plain(), 1.0, None, {"a": Gains()}, Gains))
+
+
+def test_pytree_round_trip_keeps_options_and_values():
+    block = Block(form="sharp", every=20)
+    flat, structure = jax.tree.flatten(block)
+    again = jax.tree.unflatten(structure, flat)
+    assert isinstance(again, Block)
+    assert (again.form, again.every, again.nothing) == ("sharp", 20, None)
+    assert [v for _, v, _ in leaves(again)] == [v for _, v, _ in leaves(block)]
+    assert len(flat) == 17
+
+
+def test_pytree_paths_are_the_field_names():
+    paths = [jax.tree_util.keystr(p) for p, _ in jax.tree_util.tree_flatten_with_path(Block())[0]]
+    assert ".gains.k1" in paths
+    assert ".several['a'].k2" in paths
+
+
+def test_changing_an_option_compiles_again_and_a_quantity_does_not():
+    traced = []
+
+    @jax.jit
+    def area(block):
+        traced.append(block.form)
+        return block.gains.k1 * 2
+
+    first = numeric(Block())
+    assert area(first) == 2.0
+    assert area(with_leaf(first, "gains.k1", lambda v, _: np.asarray(9.0))) == 18.0
+    assert traced == ["literal"]
+    area(replace(first, form="sharp"))
+    assert traced == ["literal", "sharp"]
+
+
+def test_leaves_are_dotted_paths_in_declared_order():
+    assert [p for p, _, _ in leaves(Block())] == PATHS
+    found = {p: (v, d) for p, v, d in leaves(Block())}
+    assert found["several.a.k1"] == (3.0, declarations(Gains)["k1"])
+    assert found["pair.0.k2"][0] == 6.0
+
+
+def test_leaves_below_a_path():
+    assert [p for p, _, _ in leaves(Gains(), "law")] == ["law.k1", "law.k2"]
+    assert list(leaves(3.0)) == []
+
+
+def test_children_are_one_level():
+    assert [n for n, _, _ in children(Gains())] == ["k1", "k2"]
+    assert children({"a": 1}) == [("a", 1, None)]
+    assert children((4, 5)) == [("0", 4, None), ("1", 5, None)]
+    assert children(1.0) == []
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_with_leaf_changes_that_leaf_and_no_other(path):
+    marker = object()
+    block = Block()
+    changed = with_leaf(block, path, lambda old, declared: marker)
+    before, after = ({p: v for p, v, _ in leaves(b)} for b in (block, changed))
+    assert after.pop(path) is marker
+    before.pop(path)
+    assert list(before) == list(after)
+    assert all(before[p] is after[p] for p in before)
+    assert type(changed.several) is dict
+    assert type(changed.pair) is tuple
+
+
+def test_with_leaf_gives_old_value_and_declaration():
+    seen = []
+    with_leaf(Block(), "pair.0.k1", lambda old, declared: seen.append((old, declared)))
+    assert seen == [(5.0, declarations(Gains)["k1"])]
+
+
+@pytest.mark.parametrize("path", ["nosuch", "gains", "gains.k9", "gains.k1.x", "pair.7.k1", "several.c.k1", ""])
+def test_with_leaf_refuses_a_path_that_is_no_leaf(path):
+    with pytest.raises(KeyError):
+        with_leaf(Block(), path, lambda old, declared: old)
+
+
+def test_numeric_gives_every_quantity_its_declared_type():
+    made = numeric(Block())
+    for path, value, declared in leaves(made):
+        if isinstance(declared, Quantity):
+            assert isinstance(value, np.ndarray), path
+            assert value.dtype == DTYPES[declared.kind], path
+    assert made.word == 2**32 - 1
+    assert made.x.shape == (3,)
+    assert (made.form, made.nothing, type(made.pair), type(made.several)) == ("literal", None, tuple, dict)
+
+
+def test_numeric_twice_is_numeric_once():
+    once, twice = numeric(Block()), numeric(numeric(Block()))
+    assert jax.tree.structure(once) == jax.tree.structure(twice)
+    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(once), jax.tree.leaves(twice), strict=True))
+
+
+def test_numeric_reaches_records_in_mappings_and_tuples_at_the_top():
+    made = numeric({"a": (Gains(1, 2),)})
+    assert made["a"][0].k1.dtype == np.float64
+    assert numeric(()) == ()
+
+
+def test_records_pass_through_transformations():
+    batch = Gains(jnp.arange(3.0), jnp.ones(3))
+    doubled = jax.vmap(lambda g: replace(g, k1=2 * g.k1))(batch)
+    np.testing.assert_array_equal(doubled.k1, [0.0, 2.0, 4.0])
+    slope = jax.grad(lambda g: g.k1**2 * g.k2)(Gains(3.0, 2.0))
+    assert isinstance(slope, Gains)
+    assert (float(slope.k1), float(slope.k2)) == (12.0, 9.0)

@@ -1,0 +1,126 @@
+"""Rotations against scipy's, and the conventions of docs/conventions.md."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from trimtab.core import rotation as r
+
+ANGLES = st.floats(-1e4, 1e4, allow_nan=False)
+RANDOM = Rotation.random(40, rng=np.random.default_rng(3))
+VECTORS = [
+    np.zeros(3),
+    *(np.array([1.0, -2.0, 0.5]) * s for s in (1e-12, 1e-7, 4e-5, 5e-5, 1e-3, 0.3, 1.0)),
+    np.array([0.0, 0.0, np.pi - 1e-9]),
+]
+
+
+def _scipy_quaternion(rotation):
+    return rotation.as_quat(scalar_first=True)
+
+
+@given(ANGLES)
+def test_wrap_is_the_same_angle_in_the_half_open_turn(angle):
+    """Round-off may put an angle a hair below -pi on +pi itself, never beyond."""
+    got = float(r.wrap(angle))
+    assert -np.pi <= got <= np.pi
+    assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)
+    assert np.sin(got) == pytest.approx(np.sin(angle), abs=1e-11)
+
+
+@given(ANGLES)
+def test_wrap_positive_is_the_same_angle_in_a_turn(angle):
+    """Round-off may put an angle a hair below 0 on 2 pi, and leaves the very smallest doubles alone."""
+    got = float(r.wrap_positive(angle))
+    assert -1e-300 <= got <= 2 * np.pi
+    assert np.cos(got) == pytest.approx(np.cos(angle), abs=1e-11)
+    assert np.sin(got) == pytest.approx(np.sin(angle), abs=1e-11)
+
+
+def test_wrap_at_the_seam():
+    assert float(r.wrap(np.pi)) == -np.pi
+    assert float(r.wrap(-np.pi)) == -np.pi
+    assert float(r.wrap(0.25)) == 0.25
+    assert float(r.wrap_positive(-0.25)) == pytest.approx(2 * np.pi - 0.25)
+    assert float(jax.grad(r.wrap)(4.0)) == 1.0
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, -2.0, 9.0])
+def test_planar_is_a_clockwise_turn_seen_from_above(heading):
+    R = np.asarray(r.planar(heading))
+    np.testing.assert_allclose(R, Rotation.from_euler("z", heading).as_matrix()[:2, :2], atol=1e-15)
+    north, east = R @ [1.0, 0.0]
+    assert np.arctan2(east, north) == pytest.approx(float(r.wrap(heading)))
+
+
+@pytest.mark.parametrize("i", range(40))
+def test_euler_against_scipy(i):
+    yaw, pitch, roll = RANDOM[i].as_euler("ZYX")
+    R = np.asarray(r.from_euler(roll, pitch, yaw))
+    np.testing.assert_allclose(R, RANDOM[i].as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(r.to_euler(R), [roll, pitch, yaw], atol=1e-12)
+
+
+def test_euler_signs():
+    """z down: positive pitch lifts the nose (negative down component), positive yaw turns it east."""
+    nose_up = np.asarray(r.from_euler(0.0, 0.2, 0.0)) @ [1.0, 0.0, 0.0]
+    assert nose_up[2] == pytest.approx(-np.sin(0.2))
+    nose_east = np.asarray(r.from_euler(0.0, 0.0, 0.2)) @ [1.0, 0.0, 0.0]
+    assert nose_east[1] == pytest.approx(np.sin(0.2))
+    starboard_down = np.asarray(r.from_euler(0.2, 0.0, 0.0)) @ [0.0, 1.0, 0.0]
+    assert starboard_down[2] == pytest.approx(np.sin(0.2))
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.5])
+def test_euler_at_vertical_gives_roll_zero_and_the_same_rotation(pitch, yaw):
+    R = r.from_euler(0.4, pitch, yaw)
+    roll, found, turned = r.to_euler(R)
+    assert float(roll) == 0.0
+    assert float(found) == pytest.approx(pitch)
+    np.testing.assert_allclose(r.from_euler(roll, found, turned), R, atol=1e-12)
+
+
+@pytest.mark.parametrize("v", VECTORS)
+def test_rotation_vector_against_scipy(v):
+    wanted = Rotation.from_rotvec(v)
+    np.testing.assert_allclose(r.from_rotation_vector(jnp.asarray(v)), wanted.as_matrix(), atol=1e-15)
+    q = np.asarray(r.quaternion_from_rotation_vector(jnp.asarray(v)))
+    np.testing.assert_allclose(q, _scipy_quaternion(wanted), atol=1e-15)
+    np.testing.assert_allclose(r.quaternion_to_rotation_vector(jnp.asarray(q)), v, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("v", VECTORS[:3])
+def test_rotation_vector_differentiates_at_and_near_zero(v):
+    for f in (r.from_rotation_vector, r.quaternion_from_rotation_vector):
+        assert np.isfinite(jax.jacfwd(f)(jnp.asarray(v))).all()
+    slope = jax.jacfwd(r.from_rotation_vector)(jnp.zeros(3))
+    np.testing.assert_array_equal(slope[2, 1], [1.0, 0.0, 0.0])
+
+
+def test_cross_matrix():
+    v, w = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 0.5, 1.0])
+    np.testing.assert_allclose(r.cross_matrix(jnp.asarray(v)) @ w, np.cross(v, w))
+
+
+@pytest.mark.parametrize("i", range(0, 40, 5))
+def test_quaternions_against_scipy(i):
+    a, b = RANDOM[i], RANDOM[i + 1]
+    p, q = _scipy_quaternion(a), _scipy_quaternion(b)
+    np.testing.assert_allclose(r.quaternion_to_matrix(jnp.asarray(p)), a.as_matrix(), atol=1e-14)
+    product = np.asarray(r.quaternion_product(jnp.asarray(p), jnp.asarray(q)))
+    np.testing.assert_allclose(r.quaternion_to_matrix(product), (a * b).as_matrix(), atol=1e-14)
+    one = r.quaternion_product(jnp.asarray(p), r.quaternion_inverse(jnp.asarray(p)))
+    np.testing.assert_allclose(one, [1, 0, 0, 0], atol=1e-15)
+    for sign in (1, -1):
+        v = r.quaternion_to_rotation_vector(jnp.asarray(sign * p))
+        np.testing.assert_allclose(v, a.as_rotvec(), atol=1e-13)
+
+
+def test_half_turn():
+    v = r.quaternion_to_rotation_vector(jnp.array([0.0, 0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(v, [0, np.pi, 0], atol=1e-15)

@@ -1,0 +1,248 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.image import imread
+from matplotlib.text import Text
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import Target
+from trimtab.plots.run import BLUE, GREY, VERMILION, decimate, panels_of, plot_run
+
+UNITS = {
+    "truth.surge_velocity": ("m/s", "real"),
+    "truth.heading": ("rad", "angle"),
+    "sensors.navigation.age": ("s", "real"),
+    "downlink.navigation.age": ("s", "real"),
+    "downlink.navigation.t": ("100 ns", "time"),
+    "estimate.age": ("s", "real"),
+    "law.demand.FX": ("N", "real"),
+    "law.mode": ("1", "mode"),
+    "law.lyapunov": ("J", "real"),
+    "command.value.speed_rpm": ("rpm", "real"),
+    "command.t": ("100 ns", "time"),
+    "uplink.age": ("s", "real"),
+    "actuators.u.FX": ("N", "real"),
+    "actuators.thrust": ("N", "real"),
+    "actuators.speed_rpm": ("rpm", "real"),
+    "actuators.braking": ("1", "flag"),
+}
+
+
+def flown(n: int = 400, seed: int = 0) -> Log:
+    rng = np.random.default_rng(seed)
+    ticks = np.arange(n) * 10_000
+    signals: dict[str, np.ndarray] = {}
+    declared: dict[str, Quantity] = {}
+    for path, (unit, kind) in UNITS.items():
+        modes = ("damp", "turn to the goal") if kind == "mode" else ()
+        declared[path] = Quantity(unit, f"{path}, for the picture.", kind=kind, modes=modes)
+        values = np.cumsum(rng.normal(size=n))
+        if kind in ("mode", "time"):
+            values = (np.arange(n) // 100 % 2).astype(np.int32)
+        if path == "actuators.thrust":
+            values = 1e-3 + values * 1e-5  # long tick labels
+        signals[path] = values > 0 if kind == "flag" else np.abs(values) if path == "law.lyapunov" else values
+    return Log(to_seconds(ticks), ticks, signals, declared, {"scenario": "hovercraft/forward", "seed": 4})
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    real, ideal = flown(seed=1), flown(seed=2)
+    return real, ideal, plot_run(real, ideal, targets=[Target("heading", 1.0, 0.5)])
+
+
+def axes_of(figure, title):
+    found = [a for a in figure.axes if a.get_title(loc="left") == title]
+    assert len(found) == 1, [a.get_title(loc="left") for a in figure.axes]
+    return found[0]
+
+
+def line_of(axes, colour):
+    return next(line for line in axes.get_lines() if line.get_color() == colour and len(line.get_xdata()) > 2)
+
+
+def test_panels_follow_from_the_paths(drawn):
+    _, _, figure = drawn
+    titles = [a.get_title(loc="left") for a in figure.axes]
+    truth, actuators = ["Surge velocity", "Heading"], ["FX", "Thrust", "Speed"]
+    assert titles == [*truth, *actuators, "Mode", "Lyapunov", "Age of the newest sample", "Flags"]
+    assert figure.axes[0].get_title(loc="right") == "truth.surge_velocity"
+    assert axes_of(figure, "FX").get_title(loc="right") == "law.demand.FX, actuators.u.FX"
+
+
+def test_labels_have_the_declared_units(drawn):
+    _, _, figure = drawn
+    units = {a.get_title(loc="left"): a.get_ylabel() for a in figure.axes}
+    assert units == {
+        "Surge velocity": "m/s",
+        "Heading": "rad",
+        "FX": "N",
+        "Thrust": "N",
+        "Speed": "rpm",
+        "Mode": "",
+        "Lyapunov": "J",
+        "Age of the newest sample": "s",
+        "Flags": "",
+    }
+    assert [a.get_xlabel() for a in figure.axes] == [""] * 6 + ["time (s)"] * 3
+
+
+def test_lines_hold_the_data(drawn):
+    real, ideal, figure = drawn
+    axes = axes_of(figure, "Heading")
+    np.testing.assert_array_equal(line_of(axes, BLUE).get_xdata(), real.t)
+    np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), real["truth.heading"])
+    np.testing.assert_array_equal(line_of(axes, VERMILION).get_ydata(), ideal["truth.heading"])
+    axes = axes_of(figure, "FX")
+    np.testing.assert_array_equal(line_of(axes, GREY).get_ydata(), real["law.demand.FX"])
+    np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), real["actuators.u.FX"])
+    np.testing.assert_array_equal(line_of(axes_of(figure, "Speed"), GREY).get_ydata(), real["command.value.speed_rpm"])
+
+
+def test_the_target_is_drawn_only_in_its_own_panel(drawn):
+    _, _, figure = drawn
+    axes = axes_of(figure, "Heading")
+    level = next(line for line in axes.get_lines() if len(line.get_xdata()) == 2).get_ydata()[0]
+    assert (level - 1.0) % (2 * np.pi) == pytest.approx(0.0, abs=1e-9)
+    assert axes.patches[0].get_height() == pytest.approx(1.0)
+    assert not axes_of(figure, "Surge velocity").patches
+
+
+def test_modes_are_steps_with_their_names(drawn):
+    real, ideal, figure = drawn
+    axes = axes_of(figure, "Mode")
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["damp", "turn to the\ngoal"]
+    assert all(line.get_drawstyle() == "steps-post" for line in axes.get_lines())
+    np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), real["law.mode"])
+    np.testing.assert_allclose(line_of(axes, VERMILION).get_ydata(), ideal["law.mode"] - 0.1, atol=1e-15)
+
+
+def test_lyapunov_is_logarithmic_and_flags_are_bars(drawn):
+    real, _, figure = drawn
+    assert axes_of(figure, "Lyapunov").get_yscale() == "log"
+    spans = [path.get_extents() for path in axes_of(figure, "Flags").collections[0].get_paths()]
+    on = np.array([any(s.x0 <= t < s.x1 for s in spans) for t in real.t[:-1]])
+    np.testing.assert_array_equal(on, real["actuators.braking"][:-1])
+
+
+def test_ages_of_the_links_share_a_panel(drawn):
+    _, _, figure = drawn
+    legend = axes_of(figure, "Age of the newest sample").get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["downlink.navigation.age", "uplink.age"]
+
+
+def test_one_legend_says_what_the_colours_mean(drawn):
+    _, _, figure = drawn
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["real", "ideal", "demanded", "target", "band"]
+    assert figure.texts[0].get_text() == "hovercraft/forward · seed 4"
+    alone = plot_run(flown())
+    assert [t.get_text() for t in alone.legends[0].get_texts()] == ["real", "demanded"]
+    assert plot_run(flown(), title="Mine").texts[0].get_text() == "Mine"
+
+
+def texts_of(axes) -> list[Text]:
+    """The texts that are drawn: all but tick labels out of view."""
+    found = [axes.xaxis.label, axes.yaxis.label]
+    found += [text for text in axes.get_children() if isinstance(text, Text)]
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        found += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+    return found
+
+
+def test_no_text_covers_another_or_leaves_the_picture(drawn):
+    _, _, figure = drawn
+    figure.draw_without_rendering()
+    texts = [*figure.texts, *figure.legends[0].get_texts(), *(t for axes in figure.axes for t in texts_of(axes))]
+    texts = [text for text in texts if text.get_visible() and text.get_text().strip()]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    assert len(boxes) > 70
+    for i, (a, x) in enumerate(boxes):
+        assert x.x0 > 0, a
+        assert x.x1 < figure.bbox.x1, a
+        for b, y in boxes[i + 1 :]:
+            assert not x.overlaps(y), (a, b)
+
+
+def test_a_foreign_vehicle_gets_its_panels():
+    ticks = np.arange(20)
+    signals = {
+        "truth.altitude": np.linspace(0, 1e5, 20),
+        "truth.p_WB": np.zeros((20, 3)),
+        "law.demand.elevator": np.zeros(20),
+        "law.reference": np.full(20, np.nan),
+        "actuators.valve_open": np.arange(20) > 4,
+    }
+    log = Log(to_seconds(ticks), ticks, signals)
+    titles = [p.title for p in panels_of(log)]
+    assert titles == ["Altitude", "P WB", "Elevator", "Reference", "Flags"]
+    figure = plot_run(log, log)
+    assert len(axes_of(figure, "P WB").get_lines()) == 6
+    only = Log(to_seconds(ticks), ticks, {"estimate.state.x": np.zeros(20)})
+    assert [p.title for p in panels_of(only)] == ["X"]
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_very_short_runs_are_drawn(n, tmp_path):
+    log = flown(n=5).between(0, n * 1e-3)
+    assert len(log) == n
+    plot_run(log, log, tmp_path / "short.png", targets=[Target("heading", 1.0, 0.5)])
+    assert (tmp_path / "short.png").exists()
+
+
+def test_the_png_is_a_picture_of_the_right_size(tmp_path, drawn):
+    real, ideal, _ = drawn
+    figure = plot_run(real, ideal, tmp_path / "run.png")
+    picture = imread(tmp_path / "run.png")
+    wide, high = figure.get_size_inches() * figure.dpi
+    assert picture.shape[:2] == (int(high), int(wide))
+    assert 0.01 < (picture[..., :3].min(axis=2) < 0.9).mean() < 0.5
+    assert [p.name for p in tmp_path.iterdir()] == ["run.png"]
+
+
+def test_other_kinds_of_file_by_suffix(tmp_path):
+    plot_run(flown(), path=tmp_path / "run.svg")
+    assert b"<svg" in (tmp_path / "run.svg").read_bytes()
+    with pytest.raises(InputError, match="cannot be saved as 'doc'"):
+        plot_run(flown(), path=tmp_path / "run.doc")
+    with pytest.raises(InputError, match="mkdir -p"):
+        plot_run(flown(), path=tmp_path / "no" / "run.png")
+    with pytest.raises(InputError, match="not in this log"):
+        plot_run(flown(), targets=[Target("truth.depth", 1.0, 0.5)])
+
+
+def test_long_lines_are_thinned_to_what_can_be_seen():
+    n = 15_000
+    x = np.random.default_rng(0).normal(size=n)
+    x[7_777], x[8_888] = 50.0, -50.0
+    ticks = np.arange(n)
+    figure = plot_run(Log(to_seconds(ticks), ticks, {"truth.x": x}))
+    shown = figure.axes[0].get_lines()[0]
+    values = np.asarray(shown.get_ydata())
+    assert len(values) <= 1802
+    assert (values.min(), values.max()) == (-50.0, 50.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-10, 10) | st.just(np.nan), min_size=1, max_size=60), st.integers(1, 5))
+def test_decimation_keeps_extremes_ends_gaps_and_order(values, bins):
+    x = np.array(values)
+    t = np.arange(len(x)) * 0.5
+    kept_t, kept = decimate(t, x, bins)
+    assert len(kept) <= max(4 * bins, 3 * bins + 2)
+    np.testing.assert_array_equal(kept, x[(kept_t * 2).astype(int)])
+    assert (np.diff(kept_t) > 0).all()
+    assert kept_t[0] == t[0]
+    assert kept_t[-1] == t[-1]
+    size = len(x) if len(x) <= 4 * bins else -(-len(x) // bins)
+    for start in range(0, len(x), size):
+        stretch = x[start : start + size]
+        inside = kept[(kept_t >= t[start]) & (kept_t <= t[min(start + size, len(x)) - 1])]
+        assert np.isnan(inside).any() == np.isnan(stretch).any()
+        if not np.isnan(stretch).all():
+            assert np.nanmin(inside) == np.nanmin(stretch)
+            assert np.nanmax(inside) == np.nanmax(stretch)
