@@ -1,6 +1,11 @@
 """Sphinx configuration: MyST pages, every example executed, every warning an error (-W)."""
 
+import os
+import sys
 from importlib.metadata import version as installed
+from pathlib import Path
+
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"  # pages run `trimtab`
 
 project = "trimtab"
 version = release = installed("trimtab")
