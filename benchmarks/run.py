@@ -4,7 +4,7 @@
     python benchmarks/run.py --rounds 41   steadier medians
 
 The programs run in turn, in a new order each round, on the same input; a ratio is taken within a round, and the median
-over the rounds is printed. First calls (tracing and compilation) are kept apart. The workload is in benchmarks/README.md.
+over the rounds is printed. First calls (tracing and compilation) are kept apart. The workload: benchmarks/README.md.
 """
 
 import argparse
