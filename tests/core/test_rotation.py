@@ -127,4 +127,4 @@ def test_half_turn():
 
 
 def test_a_tiny_negative_angle_stays_below_a_full_turn():
-    assert rotation.wrap_positive(-1e-17) == 0.0
+    assert r.wrap_positive(-1e-17) == 0.0
