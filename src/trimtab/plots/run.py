@@ -97,7 +97,8 @@ def panels_of(log: Log) -> list[Panel]:
         name = path.rsplit(".", 1)[-1]
         pair = f"law.demand.{name}" if path.startswith("actuators.u.") else f"command.value.{name}"
         taken |= {path, pair}
-        found.append(Panel(_words(path), (path,), demanded=pair if pair in drawn else ""))
+        kind = "mode" if _kind(log, path) == "mode" else "line"
+        found.append(Panel(_words(path), (path,), kind, demanded=pair if pair in drawn else ""))
     rest = [p for p in drawn if p not in taken]
     for path in [p for p in rest if p.startswith(("law.", "command.value."))]:
         kind = "mode" if _kind(log, path) == "mode" else "log" if "lyapunov" in path else "line"
