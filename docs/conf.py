@@ -9,7 +9,6 @@ copyright = "trimtab maintainers, MIT licence"
 
 extensions = ["myst_nb"]
 exclude_patterns = ["_build"]
-suppress_warnings = ["toc.empty_glob"]
 nitpicky = True
 
 myst_enable_extensions = ["deflist", "dollarmath"]
