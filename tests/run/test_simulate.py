@@ -1,0 +1,141 @@
+"""simulate: refusals before the run, determinism, batch equal to single runs, what the log holds."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.time import ms, seconds
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.laws.heading import HeadingBangBang
+from trimtab.links.latency_trace import LatencyTrace, read_trace
+from trimtab.loop.world import World
+from trimtab.run.simulate import simulate, simulate_many
+from trimtab.scenarios import catalogue
+from trimtab.sensors.navigation_errors import NavigationErrors
+from trimtab.sensors.planar_navigation import PlanarNavigation
+
+
+@pytest.fixture(scope="module")
+def short():
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    return replace(scenario, duration=seconds(1))
+
+
+def test_same_seed_same_bits_other_seed_other_noise(short):
+    a, b, c = simulate(short, seed=5), simulate(short, seed=5), simulate(short, seed=6)
+    np.testing.assert_array_equal(a["truth.yaw_rate"], b["truth.yaw_rate"])
+    assert (a["truth.yaw_rate"] != c["truth.yaw_rate"]).any()
+
+
+def test_batch_is_the_same_as_its_runs_alone(short):
+    batch = simulate_many(short, seeds=[3, 9], log_period=ms(1))
+    for log, seed in zip(batch, (3, 9), strict=True):
+        alone = simulate(short, seed=seed)
+        np.testing.assert_allclose(log["truth.sway_velocity"], alone["truth.sway_velocity"], rtol=0, atol=1e-12)
+        assert log.metadata["seed"] == seed
+
+
+def test_switching_one_fault_off_leaves_the_noise_of_the_others(short):
+    """Streams belong to the path of a part, so two runs differ by the fault alone."""
+    real, prompt = simulate(short), simulate(short.without("uplink-delay"))
+    error = [log["sensors.navigation.value.yaw_rate"] - log["truth.yaw_rate"] for log in (real, prompt)]
+    due = real.ticks % ms(6) == 0
+    np.testing.assert_allclose(error[0][due], error[1][due], atol=1e-12)
+
+
+def test_delay_of_the_loop_is_76_ms(short):
+    """Check 24: the age of what acts is 36 ms of downlink, 40 ms of uplink, and the waits for the next sample."""
+    log = simulate(short)
+    late = log.t > 0.2
+    age_down, age_up = log["downlink.navigation.age"][late], log["uplink.age"][late]
+    assert age_down.min() == pytest.approx(0.036)
+    assert age_down.max() == pytest.approx(0.041)
+    assert age_up.min() == pytest.approx(0.040)
+    assert age_up.max() == pytest.approx(0.059)
+    first_command = log.t[log["command.valid"].argmax()]
+    first_action = log.t[log["uplink.valid"].argmax()]
+    assert first_command == pytest.approx(0.036)
+    assert first_action == pytest.approx(0.080)  # sampled at 40 ms, two periods of 20 ms
+
+
+def test_signals_can_be_chosen_and_unknown_ones_are_refused(short):
+    log = simulate(short, signals=("truth.yaw_rate", "law"))
+    assert set(log.paths) == {"truth.yaw_rate", "law.demand.FX", "law.demand.FY", "law.lyapunov"}
+    with pytest.raises(InputError, match=r"truth\.yaw_rate"):
+        simulate(short, signals=("truth.yaw",))
+
+
+def test_final_is_the_truth_after_the_last_step(short):
+    log = simulate(short)
+    step = log["truth.heading"][-1] - log["truth.heading"][-2]
+    assert log.final["truth.heading"] == pytest.approx(log["truth.heading"][-1] + step, abs=1e-4)
+    assert log.t[-1] == pytest.approx(0.999)
+
+
+def test_instants_without_a_common_divisor_are_all_walked(short):
+    """1 ms control, 6.5536 ms sampling, 20 ms frames."""
+    sensors = {"navigation": NavigationErrors(period=65536)}
+    odd = replace(short, world=replace(short.world, sensors=sensors, downlink=replace(short.world.downlink, period=65536)))
+    log = simulate(odd, log_period=1)
+    assert (np.diff(log.ticks) > 0).all()
+    assert set(range(0, seconds(1), 65536)) <= set(log.ticks.tolist())
+    fresh = log.ticks[log["sensors.navigation.fresh"]]
+    np.testing.assert_array_equal(fresh, np.arange(0, seconds(1), 65536))
+
+
+def test_a_law_that_reads_what_nobody_gives_is_refused(short):
+    class Blind(NavigationErrors):
+        pass
+
+    law = replace(short.autopilot.law)
+    object.__setattr__(law, "reads", ("pitch",))
+    broken = replace(short, autopilot=replace(short.autopilot, law=law))
+    object.__setattr__(broken.autopilot.law, "reads", ("pitch",))
+    with pytest.raises(InputError, match="'pitch'"):
+        type(short.autopilot).init(broken.autopilot, _key(), _frame(short))
+
+
+def test_a_sensor_that_the_world_does_not_send_is_refused(short):
+    wrong = replace(short, autopilot=replace(short.autopilot, estimator=Passthrough("compass")))
+    with pytest.raises(InputError, match=r"reads sensor 'compass', the world sends \(navigation\)"):
+        simulate(wrong)
+
+
+def test_two_sensors_of_one_name_are_refused(short):
+    pairs = [("navigation", NavigationErrors()), ("navigation", PlanarNavigation())]
+    w = short.world
+    with pytest.raises(InputError, match="two sensors are named 'navigation': NavigationErrors and PlanarNavigation"):
+        World(w.vehicle, pairs, w.actuators, w.downlink, w.uplink)
+
+
+def test_sensors_may_be_given_as_pairs(short):
+    w = short.world
+    world = World(w.vehicle, [("navigation", NavigationErrors())], w.actuators, w.downlink, w.uplink)
+    assert simulate(replace(short, world=world)).final == simulate(short).final
+
+
+def test_parts_that_do_not_fit_are_refused_with_both_names(short):
+    heading = replace(short.autopilot, law=HeadingBangBang())
+    simulate(replace(short, autopilot=heading))  # this one fits
+    crooked = replace(short, initial=short.world.vehicle)
+    with pytest.raises(InputError, match="does not fit"):
+        simulate(crooked)
+
+
+def test_a_recorded_trace_is_replayed(short, tmp_path):
+    file = tmp_path / "trace.csv"
+    file.write_text("sent_s,latency_s\n0.0,0.010\n0.02,0.050\n0.04,0.030\n")
+    link = LatencyTrace(**{"latency": read_trace(file).latency}) if hasattr(read_trace(file), "latency") else None
+    if link is None:
+        link = read_trace(file)
+    log = simulate(replace(short, world=replace(short.world, uplink=link)))
+    assert log["uplink.age"][log["uplink.valid"]].min() >= 0.010 - 1e-9
+
+
+@pytest.mark.parametrize("content", ["", "sent_s,latency_s\n", "sent_s,latency_s\n0,fast\n1,2\n", "sent_s,latency_s\n1,0.1\n0,0.1\n"])
+def test_bad_trace_files_are_refused_with_the_file(content, tmp_path):
+    file = tmp_path / "trace.csv"
+    file.write_text(content)
+    with pytest.raises(InputError, match=r"trace\.csv"):
+        read_trace(file)

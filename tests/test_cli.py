@@ -1,0 +1,134 @@
+"""The command line: what it prints, and what it refuses, with the part, the value, the choices and the fix."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.logs.mcap import read_mcap
+
+SIGNALS = {"surge_velocity", "sway_velocity", "yaw_rate", "heading"}
+METRICS = {"settling_s", "first_reach_s", "overshoot", "tail_mean", "tail_rms"}
+NAME = "hovercraft/zero-velocity"
+
+
+@pytest.fixture(autouse=True)
+def _no_cache(monkeypatch, tmp_path_factory):
+    """Compiled programs of the tests stay out of the user's cache."""
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(w) for w in words])
+
+
+def test_list_shows_every_scenario_with_its_line():
+    done = call("list")
+    assert done.exit_code == 0
+    wanted = ("zero-velocity", "forward", "reverse", "spin", "heading-bang-bang", "heading-proportional")
+    assert all(f"hovercraft/{name}" in done.stdout for name in wanted)
+
+
+def test_list_of_a_scenario_shows_settings_with_units():
+    done = call("list", NAME, "--json")
+    found = json.loads(done.stdout)
+    assert found["settings"]["world.vehicle.mass"]["unit"] == "kg"
+    assert found["choices"]["links"] == ["chain", "measured"]
+    assert "navigation-error" in found["imperfections"]
+
+
+def test_run_json_has_the_documented_keys():
+    done = call("run", NAME, "--duration", "2", "--seed", "3", "--json")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert set(result) >= {"scenario", "seed", "backend", "duration_s", "wall_s", "real", "ideal"}
+    assert (result["scenario"], result["seed"], result["duration_s"]) == (NAME, 3, 2.0)
+    for side in ("real", "ideal"):
+        assert set(result[side]["metrics"]) == SIGNALS
+        assert all(set(m) == METRICS for m in result[side]["metrics"].values())
+        assert set(result[side]["final"]) >= SIGNALS
+        assert result[side]["mode_switches"] == 0
+
+
+def test_run_is_repeatable_and_the_seed_matters():
+    one, again, other = (
+        json.loads(call("run", NAME, "--duration", "1", "--no-ideal", "--seed", s, "--json").stdout)["real"]
+        for s in (1, 1, 2)
+    )
+    assert one == again
+    assert one != other
+
+
+def test_a_setting_changes_the_flight_and_without_a_fault_it_is_nearer_to_ideal():
+    base = json.loads(call("run", NAME, "--json").stdout)
+    heavy = json.loads(call("run", NAME, "--set", "world.vehicle.mass=5", "--json").stdout)
+    quiet = json.loads(call("run", NAME, "--without", "navigation-error", "--json").stdout)
+    assert heavy["real"]["final"] != base["real"]["final"]
+    rms = [r["real"]["metrics"]["yaw_rate"]["tail_rms"] for r in (quiet, base)]
+    assert rms[0] < rms[1]
+
+
+def test_scenario_choice_is_a_setting():
+    rest = json.loads(
+        call("run", "hovercraft/heading-bang-bang", "--set", "initial=rest", "--duration", "1", "--json").stdout
+    )
+    assert rest["ideal"]["metrics"]["heading"]["first_reach_s"] is not None
+
+
+def test_out_writes_log_and_picture_that_open(tmp_path):
+    out = tmp_path / "new" / "flight"
+    done = call("run", NAME, "--duration", "1", "--out", out)
+    assert done.exit_code == 0, done.output
+    assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
+    log = read_mcap(out / "run.mcap")
+    assert log.metadata["scenario"] == NAME
+    assert log.metadata["parameters"]["world.vehicle.mass"] == 2.6
+    assert log.unit("truth.yaw_rate") == "rad/s"
+
+
+def test_demo_says_where_its_picture_is(tmp_path):
+    done = call("demo", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert str(tmp_path / "trimtab-demo.png") in done.stdout.replace("\n", "")
+    assert (tmp_path / "trimtab-demo.png").stat().st_size > 20_000
+    assert "real" in done.stdout
+    assert "ideal" in done.stdout
+
+
+REFUSED = {
+    "unknown scenario": (("hovercraft/zero-velocty",), ("zero-velocty", "Choices", "hovercraft/zero-velocity", "Fix")),
+    "no family": (("nowhere:scenario",), ("nowhere", "Fix")),
+    "unknown path": ((NAME, "--set", "world.vehicle.mas=3"), ("world.vehicle.mas", "world.vehicle.mass", "Fix")),
+    "path of a part": ((NAME, "--set", "world.vehicle=3"), ("world.vehicle", "world.vehicle.mass")),
+    "no equals sign": ((NAME, "--set", "world.vehicle.mass"), ("path=value",)),
+    "text for a number": ((NAME, "--set", "world.vehicle.mass=heavy"), ("world.vehicle.mass", "'heavy'", "kg")),
+    "a list for a number": ((NAME, "--set", "world.vehicle.mass=[1,2]"), ("world.vehicle.mass", "shape")),
+    "nan": ((NAME, "--set", "world.vehicle.mass=nan"), ("world.vehicle.mass", "not finite", "kg")),
+    "infinity": ((NAME, "--set", "autopilot.law.k1=inf"), ("autopilot.law.k1", "not finite")),
+    "negative mass": ((NAME, "--set", "world.vehicle.mass=-1"), ("world.vehicle.mass", "-1", "above 0", "Fix")),
+    "zero mass": ((NAME, "--set", "world.vehicle.mass=0"), ("world.vehicle.mass", "above 0")),
+    "period of zero": ((NAME, "--set", "autopilot.period=0"), ("autopilot.period", "too short", "Fix")),
+    "sensor period of zero": ((NAME, "--set", "world.sensors.navigation.period=0"), ("navigation.period", "short")),
+    "negative delay": ((NAME, "--set", "world.downlink.steps=-1"), ("world.downlink", "-1", "Fix")),
+    "negative duration": ((NAME, "--duration", "-3"), ("duration", "short")),
+    "duration in words": ((NAME, "--duration", "long"), ("duration", "'long'", "Fix")),
+    "not a choice": (("hovercraft/heading-proportional", "--set", "initial=flying"), ("flying", "moving", "rest")),
+    "not an option": (("hovercraft/heading-proportional", "--set", "autopilot.law.form=x"), ("floored", "literal")),
+    "unknown fault": ((NAME, "--without", "gravity"), ("gravity", "navigation-error", "Fix")),
+    "negative seed": ((NAME, "--seed", "-1"), ("-1", "seed")),
+    "out is a file's child": ((NAME, "--out", "/dev/null/flight"), ("--out", "/dev/null", "Fix")),
+    "plot without ending": ((NAME, "--plot", "picture"), ("--plot", ".png")),
+}
+
+
+@pytest.mark.parametrize(("words", "says"), REFUSED.values(), ids=REFUSED)
+def test_refused_input_names_part_value_choices_and_fix(words, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = call("run", *words, "--json")
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    for text in says:
+        assert text in done.stderr
+    assert list(tmp_path.iterdir()) == []  # nothing half-written
