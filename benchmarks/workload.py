@@ -15,7 +15,7 @@ import numpy as np
 from trimtab.core.record import Scalar, numeric, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import planar
-from trimtab.core.signals import Frame, Motion, PlanarForce, PlanarState, Sample, measured
+from trimtab.core.signals import Motion, PlanarForce, PlanarState, Sample, measured
 from trimtab.core.time import ms, timetable
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.loop.autopilot import Autopilot
@@ -24,7 +24,7 @@ from trimtab.loop.world import World
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 sys.path.insert(0, str(Path(__file__).parent / "reference"))
-import spec  # noqa: E402
+import spec
 
 I2, Z2 = np.eye(2), np.zeros((2, 2))
 
@@ -257,29 +257,34 @@ def loop(gains: Any) -> tuple[World, Autopilot, HovercraftState]:
     return numeric(world), numeric(autopilot), numeric(x)
 
 
-def fly(gains: Any, key: Any, log: bool, n: int = spec.N) -> Any:
-    """The 14 numbers, and the whole log when wanted."""
+def fly(gains: Any, key: Any, wanted: tuple[str, ...], n: int = spec.N) -> Any:
+    """The 14 numbers, and the log of the wanted signals at every tick; without a wanted signal nothing is logged."""
     world, autopilot, x = loop(np.zeros(2))
-    law = replace(autopilot.law, k1=gains[0], k2=gains[1])
+    autopilot = replace(autopilot, law=replace(autopilot.law, k1=gains[0], k2=gains[1]))
     table = timetable([*world.periods(), autopilot.period], ms(n), world.max_step)
-    rows = len(table.t) if log else 1
-    index = np.arange(len(table.t), dtype=np.int32) if log else np.zeros(len(table.t), np.int32)
-    k = Key(key[0], key[1])
-    done = walk(world, replace(autopilot, law=law), x, k, (table.t, table.h, index), rows, table.always)
+    rows = len(table.t) if wanted else 1
+    index = np.arange(len(table.t), dtype=np.int32) if wanted else np.zeros(len(table.t), np.int32)
+    instants, k = (table.t, table.h, index), Key(key[0], key[1])
+    done = walk(world, autopilot, x, k, instants, rows, table.always, wanted)
     nav, v = done.sensors["navigation"], done.x
     momenta = jnp.stack([v.surge_velocity * spec.M, v.sway_velocity * spec.M, v.yaw_rate * spec.J])
     end = jnp.concatenate([momenta, jnp.stack([v.north, v.east, v.heading]), nav.hx, nav.nx])
-    return (end, done.rows) if log else end
+    return (end, done.rows) if wanted else end
 
 
 @cache
-def _compiled(log: bool) -> Any:
-    return jax.jit(partial(fly, log=log))
+def _compiled(wanted: tuple[str, ...]) -> Any:
+    return jax.jit(partial(fly, wanted=wanted))
 
 
 def single(gains: Any, key: Any) -> Any:
     """The 14 numbers of one run, without a log."""
-    return np.asarray(_compiled(False)(gains, key))
+    return np.asarray(_compiled(())(gains, key))
+
+
+def logged(wanted: tuple[str, ...]) -> Any:
+    """A run that gives the 14 numbers and the log (ticks, signals)."""
+    return lambda gains, key: jax.block_until_ready(_compiled(wanted)(gains, key))
 
 
 if __name__ == "__main__":

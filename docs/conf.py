@@ -1,6 +1,11 @@
 """Sphinx configuration: MyST pages, every example executed, every warning an error (-W)."""
 
+import os
+import sys
 from importlib.metadata import version as installed
+from pathlib import Path
+
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"  # pages run `trimtab`
 
 project = "trimtab"
 version = release = installed("trimtab")
@@ -9,6 +14,7 @@ copyright = "trimtab maintainers, MIT licence"
 
 extensions = ["myst_nb"]
 exclude_patterns = ["_build"]
+suppress_warnings = ["toc.empty_glob"]
 nitpicky = True
 
 myst_enable_extensions = ["deflist", "dollarmath"]

@@ -124,3 +124,7 @@ def test_quaternions_against_scipy(i):
 def test_half_turn():
     v = r.quaternion_to_rotation_vector(jnp.array([0.0, 0.0, 1.0, 0.0]))
     np.testing.assert_allclose(v, [0, np.pi, 0], atol=1e-15)
+
+
+def test_a_tiny_negative_angle_stays_below_a_full_turn():
+    assert r.wrap_positive(-1e-17) == 0.0

@@ -21,7 +21,8 @@ def wrap(angle: Any) -> Any:
 
 def wrap_positive(angle: Any) -> Any:
     """An angle (rad) as its equal in [0, 2 pi)."""
-    return angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
+    wrapped = angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
+    return jnp.where(wrapped < 2 * np.pi, wrapped, 0.0)  # a tiny negative angle rounds up to a full turn
 
 
 def planar(heading: Any) -> Any:

@@ -40,10 +40,9 @@ class DelayChain:
 
     def check(self) -> None:
         """Refuse a number of delays that is not a whole number from 0 on."""
-        if not isinstance(self.steps, int | np.integer) or self.steps < 0:
-            raise InputError(
-                "DelayChain.steps", f"{self.steps!r} is not a number of unit delays", fix="write 0, 1, 2, ..."
-            )
+        steps: Any = self.steps
+        if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 0:
+            raise InputError("DelayChain.steps", f"{steps!r} is not a number of unit delays", fix="write 0, 1, 2, ...")
 
     def without(self, name: str) -> "DelayChain":
         """A copy with "delay" switched off: the sample and hold stays."""

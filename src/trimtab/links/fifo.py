@@ -1,8 +1,8 @@
 """Delivery in order: packets that take a latency each, and never overtake one another.
 
-A ring has one slot per send instant. A slot in which nothing was sent, or whose packet was lost, repeats the slot before
-it; so arrival times never fall along the ring, and the newest packet that has arrived is found by counting those that
-have not. The slot numbers follow from the time alone: a batch of runs shares them.
+A ring has one slot per send instant. A slot in which nothing was sent, or whose packet was lost, repeats the slot
+before it; so arrival times never fall along the ring, and the newest packet that has arrived is found by counting those
+that have not. The slot numbers follow from the time alone: a batch of runs shares them.
 """
 
 import math
@@ -146,7 +146,7 @@ def slots_needed(longest: float, send_period: int, period: int) -> int:
 
 
 def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
-    """Refuse a ring in which a packet could be overwritten before it arrives, or a link that sends between its instants.
+    """Refuse a ring in which a packet could be overwritten before it arrives, and sending between the instants.
 
     Args:
         name: of the link, for the message.
@@ -158,7 +158,7 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
     if send_period < period:
         raise InputError(
             f"{name}.send_period",
-            f"{show(send_period)} is shorter than the link's period, {show(period)}: it would send between its instants",
+            f"{show(send_period)} is shorter than the link's period, {show(period)}: it would send between instants",
             fix=f"set send_period to {show(period)} or more, or period to {show(send_period)} or less",
         )
     needed = slots_needed(longest, send_period, period)

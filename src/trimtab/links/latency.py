@@ -49,9 +49,9 @@ class MeasuredLatency:
         if table.shape != (NODES,) or not np.isfinite(table).all() or (np.diff(table) < 0).any() or table[0] < 0:
             raise InputError(
                 "MeasuredLatency.latency",
-                f"a table of shape {table.shape} from {table.min():.4g} to {table.max():.4g} s is not"
+                f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, is not"
                 f" {NODES} rising latencies from 0 on",
-                fix="make it with gamma_table(mean, sd, shift), or from the quantiles of a measurement at ndtr(scores())",
+                fix="make it with gamma_table(mean, sd, shift), or from a measurement's quantiles at ndtr(scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 

@@ -95,9 +95,9 @@ class LatencyTrace:
 class Trace(NamedTuple):
     """A recording of n packets: when each was sent (s, never falling), its latency (s; 0 where lost), whether lost."""
 
-    sent_s: np.ndarray[Any, np.dtype[np.float64]]
-    latency_s: np.ndarray[Any, np.dtype[np.float64]]
-    lost: np.ndarray[Any, np.dtype[np.bool_]]
+    sent_s: np.ndarray[Any, Any]
+    latency_s: np.ndarray[Any, Any]
+    lost: np.ndarray[Any, Any]
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
@@ -132,7 +132,7 @@ def _parse(path: str, lines: list[str]) -> Trace:
     for n, line in rows:
         where, fields = f"{path}, line {n}", line.split(",")
         if len(fields) != 2:
-            raise InputError(where, f"{line!r} has {len(fields)} fields, not 2", fix="write e.g. 0.02,0.041")
+            raise InputError(where, f"fields in {line!r}: {len(fields)}, needed: 2", fix="write e.g. 0.02,0.041")
         sent, lost = _number(where, "sent_s", fields[0]), not fields[1].strip()
         latency = 0.0 if lost else _number(where, "latency_s", fields[1])
         if latency < 0:
@@ -143,7 +143,9 @@ def _parse(path: str, lines: list[str]) -> Trace:
             raise InputError(where, problem, fix="sort the lines by sent_s")
         packets.append((sent, latency, lost))
     if len(packets) < 2:
-        raise InputError(path, f"{len(packets)} packets are no recording", fix="record two packets or more")
+        raise InputError(
+            path, f"packets in the file: {len(packets)}, needed: 2 or more", fix="record two packets or more"
+        )
     sent_s, latency_s, losses = zip(*packets, strict=True)
     return Trace(np.array(sent_s), np.array(latency_s), np.array(losses))
 

@@ -87,7 +87,8 @@ class Request(NamedTuple):
 
 @functools.partial(jax.jit, static_argnums=(2, 3, 4))
 def _compiled(fly: Any, instants: Any, rows: int, always: frozenset[int], signals: tuple[str, ...]) -> Walked:
-    return walk(*fly, instants, rows, always, signals)
+    world, autopilot, x, key = fly
+    return walk(world, autopilot, x, key, instants, rows, always, signals)
 
 
 @functools.partial(jax.jit, static_argnums=(2, 3, 4))

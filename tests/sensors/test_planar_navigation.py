@@ -1,0 +1,29 @@
+import jax
+import numpy as np
+
+from trimtab.core.interfaces import Sensor
+from trimtab.core.rng import key
+from trimtab.core.signals import PlanarForce
+from trimtab.core.time import ms
+from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+STATE = HovercraftState(
+    surge_velocity=0.4, sway_velocity=-0.3, yaw_rate=2.0, north=5.0, east=-7.0, heading=9.5
+)  # more than a turn
+
+
+def test_it_gives_the_state_of_the_vehicle_as_it_is():
+    sensor = PlanarNavigation()
+    motion = Hovercraft().motion(ms(7), jax.tree.map(np.asarray, STATE), PlanarForce(1.0, 0.2))
+    state, sample = sensor.step(ms(7), sensor.init(key(0)), motion)
+    for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading"):
+        assert getattr(sample.value, name) == getattr(STATE, name)
+        assert getattr(sensor.measure(motion), name) == getattr(STATE, name)
+    assert (state, sample.t, sample.age, sample.fresh, sample.valid) == ((), ms(7), 0.0, True, True)
+
+
+def test_it_is_a_sensor_without_faults():
+    assert isinstance(PlanarNavigation(), Sensor)
+    assert PlanarNavigation().period == ms(1)
+    assert PlanarNavigation.IMPERFECTIONS == ()
