@@ -1,4 +1,4 @@
-"""Arithmetic on known numbers, and identities that are exact for every input, NaN, infinities and signed zeros included.
+"""Arithmetic on known numbers, and identities that are exact for every input: NaN, infinities, signed zeros.
 
 A product with zero is not folded: it is NaN where the other factor is not finite.
 """
@@ -126,12 +126,7 @@ def _identity(b: Builder, op: str, x: Value, y: Value, dtype: str) -> Value | No
             if one.op == "const":
                 return other if bool(one.const) == (op == "and") else one
         return x if x is y else None
-    if (
-        op in ("eq", "ne")
-        and x.op == "convert"
-        and y.op == "const"
-        and x.args[0].dtype == "bool"
-        and not is_float(x.dtype)
-    ):
-        return _test(b, op, x.args[0], bool(y.const)) if int(y.const) in (0, 1) else None
+    of_truth = x.op == "convert" and x.args[0].dtype == "bool" and not is_float(x.dtype)
+    if op in ("eq", "ne") and of_truth and y.op == "const" and int(y.const) in (0, 1):
+        return _test(b, op, x.args[0], bool(y.const))
     return None

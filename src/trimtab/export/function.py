@@ -1,9 +1,11 @@
 """Any JAX function as a compiled one: traced, lowered, written and called through pointers to arrays."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from trimtab.core.float64 import jax
+from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, Index, linear, scalars, small
 from trimtab.export.fold import fold
 from trimtab.export.helpers import C_TYPES
@@ -15,15 +17,11 @@ from trimtab.export.rules import RULES
 from trimtab.export.uniform import spread
 from trimtab.export.writer import Writer
 
-__all__ = ["Function", "Index", "linear", "lowered"]
-
 
 class Function:
     """A lowered function: its program, what goes in and what comes out, as flat lists of arrays."""
 
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
-        from trimtab.export import jaxprs
-
         self.b = Builder(fold, hoist)
         lowering = Lowering(self.b, RULES, real)
         indexed = jaxprs.indexed(jaxpr.jaxpr)
@@ -32,7 +30,6 @@ class Function:
             for i, v in enumerate(jaxpr.jaxpr.invars)
         ]
         self.outputs = lowering.program(jaxpr, self.inputs, [False] * len(self.inputs))
-        self.results = [a if a.items is None else a for a in self.outputs]
         kept = [v for a in self.outputs if a.items is not None for v in a.items.ravel()]
         self.live = prune([self.b.prologue, self.b.top], kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
@@ -56,14 +53,9 @@ class Function:
 
 def parameter(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
     """An array that is given: scalars, or a buffer where it is large or indexed."""
+    size = math.prod(shape)
     if small(shape) and not in_memory:
-        size = 1
-        for n in shape:
-            size *= n
         return scalars([Value("input", (), dtype) for _ in range(size)], shape, dtype)
-    size = 1
-    for n in shape:
-        size *= n
     return Array(shape, dtype, buffer=Buffer(dtype, size, "input"))
 
 

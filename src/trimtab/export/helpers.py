@@ -1,4 +1,4 @@
-"""Small C functions that generated text calls where plain C differs from JAX: division, shifts, conversion, extremes."""
+"""Small C functions where plain C differs from JAX: division, shifts, conversion, extremes; and what lanes need."""
 
 import re
 

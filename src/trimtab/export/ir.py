@@ -241,3 +241,7 @@ class Builder:
             y = second()
         self.block.items.append(made)
         return made.join(x, y)
+
+
+Fold = Callable[[Builder, str, tuple[Value, ...], str, Any], Value | None]
+"""(builder, operation, operands, type, attribute) -> the value that it is known to have, or None."""

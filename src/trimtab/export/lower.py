@@ -1,4 +1,4 @@
-"""jaxpr -> program: equation by equation, calls inlined, a large array changed in place only where nobody reads the old.
+"""jaxpr -> program: calls inlined, a large array changed in place only where nobody reads the old one afterwards.
 
 A primitive that has no rule is refused with its name, the Python line that made it, and what to write instead.
 """
@@ -86,9 +86,7 @@ class Lowering:
         for k, equation in enumerate(inner.eqns):
             given = [self._atom(a, env) for a in equation.invars]
             dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
-            for var, result in zip(equation.outvars, self._equation(equation, given, dies), strict=True):
-                if type(var).__name__ != "DropVar":
-                    env[var] = result
+            env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
         return [self._atom(a, env) for a in inner.outvars]
 
     def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:

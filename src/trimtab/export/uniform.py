@@ -13,6 +13,7 @@ class Varying:
         self.changed = False
 
     def __call__(self, thing: Any) -> bool:
+        """Whether a value or buffer differs between runs."""
         return id(thing) in self.values or id(thing) in self.buffers
 
     def add(self, thing: Any, to: set[int]) -> None:
