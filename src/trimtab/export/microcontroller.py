@@ -176,24 +176,20 @@ def _build(folder: Path, board: Target, vectors: Vectors, build: Path) -> tuple[
     """Build image.elf; give the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
     (build / "inputs.bin").write_bytes(np.ascontiguousarray(vectors.inputs, dtype="<f8").tobytes())
     steps, n_in = vectors.inputs.shape
-    numbers = [f"-DSTEPS={steps}", f"-DINPUTS={n_in}", f"-DTIMER_VALUE={board.timer:#x}"]
-    code = [
-        *EXACT,
-        *WARNINGS,
-        *numbers,
-        f"-I{folder}",
-        f"-I{FIRMWARE}",
-        "-c",
+    places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
+    places |= {"RAM_SIZE": board.ram[1], "AUTOPILOT_STACK": AUTOPILOT_STACK, "TIMER_VALUE": board.timer}
+    numbers = [f"-D{name}={value:#x}" for name, value in (places | {"STEPS": steps, "INPUTS": n_in}).items()]
+    code = ["-c", *EXACT, *WARNINGS, *numbers, f"-I{folder}", f"-I{FIRMWARE}"]
+    sources = [
         folder / "autopilot.c",
         folder / "vectors.c",
+        *(FIRMWARE / f for f in ("start.c", "harness.c", "calls.S")),
     ]
-    _gcc([*code, *(FIRMWARE / name for name in ("start.c", "harness.c", "calls.S"))], board, build, folder)
+    _gcc([*code, *sources], board, build, folder)
     (flash, data, bss), *_ = _sizes(["autopilot.o"], build)
     if data or bss:
         problem = f"has {data} bytes of static data and {bss} of static zeros: two autopilots would share them"
         raise InputError(str(folder / "autopilot.c"), problem, fix="keep everything in autopilot_state")
-    places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
-    places |= {"RAM_SIZE": board.ram[1], "AUTOPILOT_STACK": AUTOPILOT_STACK}
     link = ["-nostartfiles", "-specs=nano.specs", "-Wl,--gc-sections"]
     script = [*(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()), f"-T{FIRMWARE / 'link.ld'}"]
     objects = ["autopilot.o", "vectors.o", "start.o", "harness.o", "calls.o", "-lm"]
@@ -240,14 +236,15 @@ def _run(board: Target, build: Path, limit_s: float) -> str:
         finally:
             emulator.kill()
     said = build / "said.txt"
-    return (said.read_text() if said.exists() else "") + errors
+    return (said.read_text() if said.exists() else "") + "\n" + re.sub(r"(?m)^.*: warning: .*\n", "", errors)
 
 
 def _understood(said: str, folder: Path) -> Said:
     """The firmware's lines as numbers; an error that gives its last lines if it did not get to its end."""
-    lines = said.splitlines()
+    lines = said.split("\n")
     if "done" not in lines:
-        problem = f"the board did not get to the end of the flight: {' / '.join(lines[-2:]) or 'it said nothing'}"
+        last = " / ".join([line for line in lines if line.strip()][-2:])
+        problem = f"the board did not get to the end of the flight; its last words: {last or 'none'}"
         raise InputError(str(folder), problem, fix="fly the same folder on the computer: `trimtab export --verify`")
     words: dict[str, list[list[int]]] = {}
     for word, *numbers in (line.split() for line in lines[: lines.index("done")]):

@@ -19,12 +19,18 @@ void autopilot_init(const autopilot_params *p, autopilot_state *s) {
     s->mode = 0;
 }
 
+#ifdef LIBRARY_SINE
+static real sine(real x) { return CHOSEN(sinf, sin, x); }
+static real cosine(real x) { return CHOSEN(cosf, cos, x); }
+#else
 /* sin x for |x| <= pi: its Taylor series about 0, to x^21. */
 static real sine(real x) {
     real y = x * x, sum = 1;
     for (int k = 20; k > 0; k -= 2) sum = 1 - y / (real)(k * (k + 1)) * sum;
     return x * sum;
 }
+static real cosine(real x) { return 1 - 2 * sine(x / 2) * sine(x / 2); }
+#endif
 
 static void predict(const autopilot_params *p, autopilot_state *s, real acceleration) {
     real T = p->period, half = T * T / 2, cross = s->P[0][1] + T * s->P[1][1];
@@ -50,13 +56,8 @@ void autopilot_step(const autopilot_params *p, autopilot_state *s, const autopil
     if (s->x[1] > p->brake_above) s->mode = 1;
     if (s->x[1] < p->cruise_below) s->mode = 0;
     real along = s->mode ? -p->gain[1] * s->x[1] : -p->gain[0] * s->x[0] - p->gain[1] * s->x[1];
-#ifdef LIBRARY_SINE
-    out->force[0] = along * CHOSEN(cosf, cos, in->heading);
-    out->force[1] = along * CHOSEN(sinf, sin, in->heading);
-#else
-    out->force[0] = along * (1 - 2 * sine(in->heading / 2) * sine(in->heading / 2));
+    out->force[0] = along * cosine(in->heading);
     out->force[1] = along * sine(in->heading);
-#endif
     out->speed = s->x[1];
     out->sigma = CHOSEN(sqrtf, sqrt, s->P[0][0]);
     out->mode = s->mode;

@@ -42,7 +42,7 @@ static uint32_t timed(const void *a, void *b, const void *c, void *d, function *
     *timer_value = UINT32_MAX;
     uint32_t ticks = measured(a, b, c, d, called, autopilot_stack_top);
     if (*timer_ran_out) {
-        say("overlong\n");
+        say("\na step took more than 2^32 ticks of the timer\n");
         leave(1);
     }
     return ticks;
@@ -82,7 +82,7 @@ static void fly(void) {
     double row[VECTORS_OUT];
     (void)timed(&params, 0, 0, 0, (function *)autopilot_defaults);
     (void)timed(&params, &state, 0, 0, (function *)autopilot_init);
-    for (int i = 0; i < STEPS; ++i) {
+    for (unsigned i = 0; i < STEPS; ++i) {
         vectors_set_in(inputs[i], &in);
         say("step");
         say_hex(timed(&params, &state, &in, &out, (function *)autopilot_step), 8);
