@@ -15,7 +15,7 @@ SAMPLE = Path(__file__).parent / "sample"
 NAMES = "acceleration,position,heading,fresh,north,east,speed,sigma,mode"
 STEPS = 400
 
-pytestmark = pytest.mark.usefixtures("board_tools")
+needs_board = pytest.mark.usefixtures("board_tools")
 
 
 def exported(folder, real="double", step=None, **replaced):
@@ -64,6 +64,7 @@ def same_bits(a, b):
     return np.array_equal(a, b, equal_nan=True) and np.array_equal(np.signbit(a[a == 0]), np.signbit(b[b == 0]))
 
 
+@needs_board
 @pytest.mark.parametrize(
     ("target", "real"),
     [("cortex-m7", "double"), ("cortex-m4", "float"), ("cortex-m4", "double"), ("cortex-m7", "float")],
@@ -80,6 +81,7 @@ def test_board_and_computer_agree_bit_by_bit(tmp_path, target, real):
     assert not np.isnan(here[:-2]).any()
 
 
+@needs_board
 @pytest.mark.parametrize(("target", "real", "error"), [("cortex-m4", "float", 3e-7), ("cortex-m7", "double", 5e-16)])
 def test_sines_of_the_c_library_differ_by_roundings(tmp_path, target, real, error):
     """Two libraries: each promises about 1 unit in the last place (6e-8, 1.1e-16 relative to 1), none the same one."""
@@ -101,6 +103,7 @@ def in_assembly(*lines):
     return f"__asm({head}{text});\n"
 
 
+@needs_board
 @pytest.mark.parametrize("target", TARGETS)
 def test_instructions_and_stack_are_exact(tmp_path, target):
     step = in_assembly(".rept 1234", "nop", ".endr", "sub sp, #4096", "str r0, [sp]", "add sp, #4096", "bx lr")
@@ -111,6 +114,7 @@ def test_instructions_and_stack_are_exact(tmp_path, target):
     assert board.outputs.shape == (20, 5)
 
 
+@needs_board
 def test_instructions_that_depend_on_the_input(tmp_path):
     """autopilot_in starts with the double `acceleration`: its high word says how often the loop goes round."""
     step = in_assembly("ldr r0, [r2, #4]", "lsrs r0, #20", "1: subs r0, #1", "bne 1b", "bx lr")
@@ -122,6 +126,7 @@ def test_instructions_that_depend_on_the_input(tmp_path):
     assert board.instructions_per_step == (5, (3 + 6 + 3 + 200) // 2, 3 + 2 * 2046)
 
 
+@needs_board
 def test_counts_and_sizes(tmp_path):
     folder = exported(tmp_path / "sample")
     m7, again, m4 = emulate(folder, "cortex-m7"), emulate(folder, "cortex-m7"), emulate(folder, "cortex-m4")
@@ -141,6 +146,7 @@ BODY = (
 UNUSED = "(void)p, (void)s, (void)in, (void)out;"
 
 
+@needs_board
 @pytest.mark.parametrize(
     ("statements", "why"),
     [
@@ -162,13 +168,19 @@ def test_an_autopilot_that_cannot_fly_is_refused(tmp_path, statements, why):
 
 def test_vectors_that_do_not_fit_are_refused(tmp_path):
     folder = exported(tmp_path / "bad", **{"VECTORS_IN = 4": "VECTORS_IN = 3"})
-    with pytest.raises(InputError, match=r"9 columns, 9 names and 2 steps; vectors\.h says 3 inputs and 5 outputs"):
-        emulate(folder, "cortex-m7", steps=2)
-    (folder / "vectors.csv").unlink()
+    with pytest.raises(InputError, match=r"2 steps.* 9 columns; vectors\.h says 3 inputs and 5 outputs"):
+        read_vectors(folder, 2)
+    file = folder / "vectors.csv"
+    for text, problem in (("", "0 steps"), (f"{NAMES}\n1,2\n", "2 and 9 columns"), (f"{NAMES}\none\n", "'one")):
+        file.write_text(text)
+        with pytest.raises(InputError, match=problem):
+            read_vectors(folder)
+    file.unlink()
     with pytest.raises(InputError, match=r"vectors\.csv"):
-        emulate(folder, "cortex-m7")
+        read_vectors(folder)
 
 
+@needs_board
 def test_a_timer_at_another_speed_is_refused(tmp_path, monkeypatch):
     """Calibration on the known loops: with the wrong clock they don't come out."""
     folder = exported(tmp_path / "sample")

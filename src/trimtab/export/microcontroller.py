@@ -7,6 +7,7 @@ each number means.
 """
 
 import contextlib
+import itertools
 import re
 import shutil
 import subprocess
@@ -159,17 +160,21 @@ def read_vectors(folder: Path, steps: int = STEPS) -> Vectors:
         header = (folder / "vectors.h").read_text()
         with open(folder / "vectors.csv") as file:
             names = file.readline().strip().split(",")
-            rows = np.loadtxt(file, delimiter=",", max_rows=steps, ndmin=2, dtype=np.float64)
+            rows = [[float(cell) for cell in line.split(",")] for line in itertools.islice(file, steps)]
     except (OSError, ValueError) as error:
         fix = "write the folder anew with `trimtab export`"
         raise InputError(str(folder), f"vectors cannot be read: {error}", fix=fix) from error
     counts = dict(re.findall(r"\b(VECTORS_IN|VECTORS_OUT)\s*=\s*(\d+)", header))
     n_in, n_out = int(counts.get("VECTORS_IN", -1)), int(counts.get("VECTORS_OUT", -1))
-    if not len(rows) or not rows.shape[1] == len(names) == n_in + n_out:
-        problem = f"vectors.csv has {rows.shape[1]} columns, {len(names)} names and {len(rows)} steps; "
+    widths = sorted({len(names), *map(len, rows)})
+    if not rows or widths != [n_in + n_out]:
+        problem = (
+            f"vectors.csv has {len(rows)} steps, and header and rows of {' and '.join(map(str, widths))} columns; "
+        )
         problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
         raise InputError(str(folder), problem, fix="write the folder anew with `trimtab export`")
-    return Vectors(rows[:, :n_in], rows[:, n_in:], tuple(names[n_in:]))
+    table = np.array(rows)
+    return Vectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
 
 
 def _build(folder: Path, board: Target, vectors: Vectors, build: Path) -> tuple[int, int, int, int]:
