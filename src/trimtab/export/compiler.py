@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.core.errors import InputError
-from trimtab.export.library_cache import anywhere, kept, read_own, work_folder, write_whole
+from trimtab.export.library_cache import MAKE_ROOM, anywhere, kept, read_own, work_folder, write_whole
 from trimtab.export.run_compiler import run_compiler
 
 NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c++")}
@@ -18,8 +18,8 @@ REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-con
 """Flags without which the numbers could differ: a compiler that refuses one is of no use."""
 NEEDED = "gcc 8, clang 10 or newer"
 INSTALL = {
-    "c": "install gcc (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
-    "c++": "install g++ (Debian, Ubuntu: apt install g++; Fedora: dnf install gcc-c++; macOS: xcode-select --install)",
+    "c": "install gcc (Debian: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
+    "c++": "install g++ (Debian: apt install g++; Fedora: dnf install gcc-c++; macOS: xcode-select --install)",
 }
 PROBE = {
     "c": "#include <math.h>\ndouble probe(double x) { return floor(x) + 1.0; }\n",
@@ -66,10 +66,10 @@ class Search(NamedTuple):
 
 
 def find_compiler(language: str = "c") -> Compiler | None:
-    """The compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None where none works. Asked once per process.
+    """The compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None where none works.
 
-    One works if it makes a shared library that loads and gives the right number. That is remembered in the cache, so that
-    the next process only looks whether the executable is still the same.
+    One works if it makes a shared library that loads and gives the right number. That is found out once per process, and
+    remembered in the cache: the next process only looks whether the executable is still the same.
     """
     return search(language).compiler
 
@@ -81,10 +81,7 @@ def search(language: str) -> Search:
     try:
         return _search(language, os.environ.get(NAMES[language][0], ""), os.environ.get("PATH", os.defpath))
     except OSError as reason:
-        fix = (
-            "free some space, or set TRIMTAB_CACHE to a folder that you alone can write to and that may hold programs."
-        )
-        return Search(None, f"there is no folder to try compilers in: {reason}", fix)
+        return Search(None, f"compilers could not be tried in any folder: {reason}", MAKE_ROOM)
 
 
 def lanes(compiler: Compiler) -> int:
@@ -100,10 +97,10 @@ def cpu() -> str:
             content = Path(source).read_bytes()
         except OSError:
             continue
-        changing = (b"processor", b"cpu MHz", b"bogomips", b"BogoMIPS", b"apicid", b"core id", b"initial apicid")
-        first = [line for line in content.split(b"\n\n")[0].splitlines() if not line.startswith(changing)]
-        if any(first):
-            return f"{os.uname().machine} {sha256(bytes().join(first)).hexdigest()[:32]}"
+        changing = (b"processor", b"cpu MHz", b"bogomips", b"BogoMIPS")
+        lines = content.split(b"\n\n")[0].splitlines()
+        if features := b"\n".join(line for line in lines if not line.startswith(changing)):
+            return f"{os.uname().machine} {sha256(features).hexdigest()[:32]}"
     import platform
 
     return f"{platform.machine()} {platform.processor()}"
@@ -111,13 +108,11 @@ def cpu() -> str:
 
 @functools.cache
 def _search(language: str, wished: str, path: str) -> Search:
-    import shlex
-
     variable, *usual = NAMES[language]
+    candidates = [_words(wished)] if wished.strip() else []
     reasons: list[str] = []
-    for words in filter(None, [tuple(shlex.split(wished)), *((name,) for name in usual)]):
-        executable = _which(words[0], path)
-        name = f"{variable}={wished}" if words == tuple(shlex.split(wished)) else words[0]
+    for words in dict.fromkeys([*candidates, *((name,) for name in usual)]):
+        executable, name = _which(words[0], path), " ".join(words)
         if executable is None:
             reasons.append(f"{name}: not found")
             continue
@@ -133,9 +128,19 @@ def _search(language: str, wished: str, path: str) -> Search:
     return Search(None, problem, f"{INSTALL[language]}, or name one in {variable}.")
 
 
+def _words(wished: str) -> tuple[str, ...]:
+    """CC may hold options, as in 'ccache gcc'."""
+    import shlex
+
+    try:
+        return tuple(shlex.split(wished))
+    except ValueError:  # a quote that doesn't end
+        return (wished,)
+
+
 def _which(name: str, path: str) -> str | None:
-    for folder in [""] if os.sep in name else path.split(os.pathsep):
-        candidate = os.path.abspath(os.path.join(folder, name))
+    folders = [""] if os.sep in name else filter(None, path.split(os.pathsep))
+    for candidate in (os.path.abspath(os.path.join(folder, name)) for folder in folders):
         if os.path.isfile(candidate) and os.access(candidate, os.X_OK):
             return candidate
     return None
