@@ -68,8 +68,8 @@ class Search(NamedTuple):
 def find_compiler(language: str = "c") -> Compiler | None:
     """The compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None where none works.
 
-    One works if it makes a shared library that loads and gives the right number. That is found out once per process, and
-    remembered in the cache: the next process only looks whether the executable is still the same.
+    One works if it makes a shared library that loads and gives the right number. That is found out once per process,
+    and remembered in the cache: the next process only looks whether the executable is still the same.
     """
     return search(language).compiler
 
