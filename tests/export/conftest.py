@@ -28,7 +28,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
-    """Make CC or CXX a script: `always` runs at each call, `program` only when a program is compiled; then the real one.
+    """Make CC or CXX a script: `always` runs at each call, `program` only for a program; then the real one.
 
     In both, $REAL is the real compiler, and each call adds its arguments as a line to $0.log.
     """
