@@ -27,8 +27,8 @@ OLDER = {"-std=c++17": "-std=c++1z"}
 """What compilers of the time before a name was settled call it."""
 TIME_LIMIT = 300.0
 """Seconds that a compiler may take."""
-LINES = 20
-"""Lines that an error gives of what the compiler said."""
+LINES, WIDTH = 20, 160
+"""Lines, and characters of each, that an error gives of what the compiler said."""
 
 
 class BuildFailed(InputError):
@@ -119,7 +119,7 @@ def _compiled(job: _Job, work: Path) -> tuple[str, ...]:
     for flags in dict.fromkeys(tries):
         if flags != FLAGS[job.language] and _attempt(job, flags, work).status == 0:
             return flags
-    said = "\n".join(f"    {line}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
+    said = "\n".join(f"    {line[:WIDTH]}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
     raise BuildFailed(
         job.part,
         f"it refused the {job.language.upper()} text with status {first.status} and said\n{said}",
