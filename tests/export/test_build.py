@@ -15,7 +15,10 @@ from trimtab.export import build as module
 from trimtab.export.build import FLAGS, BuildFailed, build, load
 from trimtab.export.library_cache import not_kept
 
-pytestmark = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="no gcc and g++ here")
+pytestmark = [
+    pytest.mark.usefixtures("cache"),
+    pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="no gcc and g++ here"),
+]
 
 TWICE = "double twice(double x) { return 2.0 * x; }\n"
 TWICE_CPP = 'extern "C" double twice(double x) { return 2.0 * x; }\n'
@@ -266,8 +269,6 @@ MOUNTED = """
 import os, subprocess, sys
 from trimtab.export.build import build, load
 from trimtab.export.library_cache import not_kept
-
-pytestmark = pytest.mark.usefixtures("cache")
 mount = lambda *options: subprocess.run(("mount", *options, os.environ["TRIMTAB_CACHE"]), check=True)
 mount("-t", "tmpfs", "-o", "size=64k,mode=700", "tmpfs")
 elsewhere = "from trimtab.export.build import build; print(build('int first(void) { return 1; }'))"

@@ -12,7 +12,10 @@ from trimtab.export import compiler as module
 from trimtab.export.build import build
 from trimtab.export.compiler import NoCompiler, cpu, find_compiler, lanes, search
 
-pytestmark = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="no gcc and g++ here")
+pytestmark = [
+    pytest.mark.usefixtures("cache"),
+    pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("g++")), reason="no gcc and g++ here"),
+]
 
 
 def calls(script: Path) -> list[str]:
@@ -193,8 +196,6 @@ import sys
 before = set(sys.modules)
 from trimtab.export.build import build, load
 from trimtab.export.compiler import find_compiler
-
-pytestmark = pytest.mark.usefixtures("cache")
 load(build("int one(void) { return 1; }"))
 print(*set(sys.modules) - before)
 """

@@ -20,6 +20,8 @@ from trimtab.export.library_cache import (
     write_whole,
 )
 
+pytestmark = pytest.mark.usefixtures("cache")
+
 CONTENT = bytes(range(256)) * 40
 DAYS_AGO = time.time() - 3 * module.DAY
 
@@ -188,8 +190,6 @@ def test_private_folder_ends_with_the_process_not_with_its_children(elsewhere) -
     text = """
 import os, sys
 from trimtab.export.library_cache import private
-
-pytestmark = pytest.mark.usefixtures("cache")
 folder = private()
 if os.fork() == 0:
     sys.exit()
