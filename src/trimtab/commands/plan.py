@@ -110,7 +110,7 @@ def _unchanged(about: Mapping[str, Any], place: list[Any]) -> bool:
 def _folder() -> Path | None:
     """The folder of the plans, this user's alone; None where there can be none, or others could write to it."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = Path(os.environ.get("TRIMTAB_CACHE") or cache / "trimtab") / "plans"
+    folder = Path(os.environ.get("TRIMTAB_CACHE") or cache / "trimtab").absolute() / "plans"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     return folder if _private(folder.stat()) else None
 
@@ -150,7 +150,10 @@ def _pack(about: Mapping[str, Any], plan: Plan) -> bytes:
     """Format, SHA-256 of the rest, length of the JSON text, the text, and the arrays one after the other as .npy."""
     import numpy as np
 
-    text = json.dumps({**about, "content": plan.content, "arrays": list(plan.arrays)}).encode()
+    held = {**about, "content": plan.content, "arrays": list(plan.arrays)}
+    text = json.dumps(held).encode()
+    if repr(json.loads(text)) != repr(held):
+        raise TypeError("would come back changed: tuples, keys that are no text, numbers of numpy's types")
     stream = BytesIO()
     stream.write(len(text).to_bytes(8, "little") + text)
     for array in plan.arrays.values():
