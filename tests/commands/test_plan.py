@@ -1,4 +1,4 @@
-"""Plans: found again when nothing has changed, and not found when anything has; trouble means no plan, never an error."""
+"""Plans: found again when nothing has changed, not found when anything has; trouble means no plan, never an error."""
 
 import json
 import os
@@ -239,7 +239,7 @@ class Runs:
         Plan({"a": object()}, {}),
         Plan({"a": {1, 2}}, {}),
         Plan({}, {"a": np.array([Runs()], object)}),
-        Plan({}, {3: np.zeros(1)}),  # pyright: ignore[reportArgumentType]
+        Plan({}, {("a",): np.zeros(1)}),  # pyright: ignore[reportArgumentType]
         Plan({"a": (1, 2)}, {}),
         Plan({"a": {1: 2}}, {}),
     ],

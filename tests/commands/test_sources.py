@@ -75,7 +75,8 @@ def test_reading_is_given_also_after_an_error(tmp_path):
             raise RuntimeError
 
     seen = []
-    pytest.raises(RuntimeError, fail)
+    with pytest.raises(RuntimeError):
+        fail()
     assert seen == [{str(tmp_path / "a")}]
 
 
