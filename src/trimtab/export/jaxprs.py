@@ -1,0 +1,118 @@
+"""The one place that reads what a jaxpr says: names and parameters of primitives as this version of JAX writes them."""
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax._src import source_info_util
+from jax.extend.core import ClosedJaxpr, Literal
+
+CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "core_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "custom_vjp_call_jaxpr": "fun_jaxpr",
+    "checkpoint": "jaxpr",
+    "remat2": "jaxpr",
+    "custom_lin": "jaxpr",
+}
+
+
+class Scan(NamedTuple):
+    """A scan: constants, carried values and slices, in this order, go into the body."""
+
+    body: ClosedJaxpr
+    constants: int
+    carried: int
+    length: int
+    reverse: bool
+
+
+class While(NamedTuple):
+    """A while loop: constants of the test, constants of the body, carried values."""
+
+    test: ClosedJaxpr
+    test_constants: int
+    body: ClosedJaxpr
+    body_constants: int
+
+
+def closed(jaxpr: Any) -> ClosedJaxpr:
+    """A jaxpr with its constants."""
+    return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, ())
+
+
+def called(equation: Any) -> ClosedJaxpr | None:
+    """The program that an equation merely calls, or None."""
+    key = CALLS.get(equation.primitive.name)
+    return None if key is None else closed(equation.params[key])
+
+
+def scan(equation: Any) -> Scan:
+    """Parameters of a scan."""
+    p = equation.params
+    return Scan(closed(p["jaxpr"]), p["num_consts"], p["num_carry"], int(p["length"]), bool(p["reverse"]))
+
+
+def while_loop(equation: Any) -> While:
+    """Parameters of a while loop."""
+    p = equation.params
+    return While(closed(p["cond_jaxpr"]), p["cond_nconsts"], closed(p["body_jaxpr"]), p["body_nconsts"])
+
+
+def branches(equation: Any) -> list[ClosedJaxpr]:
+    """The branches of a cond; its first operand is the index of the one that is taken."""
+    return [closed(j) for j in equation.params["branches"]]
+
+
+def literal(atom: Any) -> Any:
+    """The number of a literal, or None for a variable."""
+    return np.asarray(atom.val) if isinstance(atom, Literal) else None
+
+
+def source(equation: Any) -> str:
+    """file:line of the Python that made an equation."""
+    try:
+        frame: Any = source_info_util.user_frame(equation.source_info.traceback)
+    except (AttributeError, TypeError):
+        frame = source_info_util.user_frame(equation.source_info)
+    if frame is None:
+        return "an unknown line"
+    return f"{os.path.basename(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
+
+
+INDEXED = ("dynamic_slice", "dynamic_update_slice", "gather", "scatter", "scatter-add", "scatter_add", "scatter-update")
+
+
+def indexed(jaxpr: Any, skip: int = 0) -> set[int]:
+    """Positions, counted after `skip`, of the inputs that are read or written at computed indices."""
+    found: set[Any] = set()
+    for equation in jaxpr.eqns:
+        if equation.primitive.name in INDEXED:
+            found |= {a for a in equation.invars[:1] if literal(a) is None}
+            continue
+        for inner, operands in _inner(equation):
+            hit = indexed(inner)
+            found |= {a for i, a in enumerate(operands) if i in hit and literal(a) is None}
+    return {i - skip for i, v in enumerate(jaxpr.invars) if v in found and i >= skip}
+
+
+def _inner(equation: Any) -> list[tuple[Any, Any]]:
+    """The programs inside an equation, each with the operands that it is given, one for each of its inputs."""
+    call = called(equation)
+    if call is not None:
+        return [(call.jaxpr, equation.invars)]
+    name = equation.primitive.name
+    if name == "cond":
+        return [(j.jaxpr, equation.invars[1:]) for j in branches(equation)]
+    if name == "scan":
+        # slices are one axis shorter inside: whether they are indexed there says nothing of the whole
+        p = scan(equation)
+        return [(p.body.jaxpr, equation.invars[: p.constants + p.carried])]
+    if name == "while":
+        w = while_loop(equation)
+        return [(w.body.jaxpr, equation.invars[w.test_constants :])]
+    return []
