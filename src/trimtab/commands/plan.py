@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.commands.sources import SITES, fingerprint, package_files, settled, sha256
+from trimtab.core.cache_folder import cache_folder, is_ours
 
 FORMAT = b"trimtab plan 1\n"
 """First line of a file; a plan of another format is treated as absent."""
@@ -47,13 +48,11 @@ def find(request_key: Mapping[str, Any]) -> Plan | None:
             changes its inputs (the seed) or what is done with the result stays out.
     """
     with suppress(Exception):
-        folder = _folder()
-        if folder is not None:
-            name = _name(request_key)
-            _asked[name] = _place()
-            about, plan = _unpack(_bytes(folder / (name + ENDING)))
-            if about["key"] == name and _unchanged(about, _asked[name]):
-                return plan
+        name = _name(request_key)
+        _asked[name] = _place()
+        about, plan = _unpack(_bytes(cache_folder("plans") / (name + ENDING)))
+        if about["key"] == name and _unchanged(about, _asked[name]):
+            return plan
     return None
 
 
@@ -66,9 +65,9 @@ def keep(request_key: Mapping[str, Any], plan: Plan, files: Iterable[str | os.Pa
         files: the user's files that it was made from: `sources.loaded_files()`, and what `sources.files_read()` saw.
     """
     with suppress(Exception):
-        folder, name = _folder(), _name(request_key)
+        folder, name = cache_folder("plans"), _name(request_key)
         paths = sorted({os.path.abspath(file) for file in files})
-        if folder is None or name not in _asked or not all(map(settled, [*package_files(), *paths])):
+        if name not in _asked or not all(map(settled, [*package_files(), *paths])):
             return False
         about = {"key": name, "files": {p: sha256(p) for p in paths}, "place": _asked[name]}
         _write(folder / (name + ENDING), _pack(about, plan))
@@ -107,22 +106,10 @@ def _unchanged(about: Mapping[str, Any], place: list[Any]) -> bool:
     return not files or (about["place"] == place and all(sha256(p) == files[p] for p in files))
 
 
-def _folder() -> Path | None:
-    """The folder of the plans, this user's alone; None where there can be none, or others could write to it."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = Path(os.environ.get("TRIMTAB_CACHE") or cache / "trimtab").absolute() / "plans"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder if _private(folder.stat()) else None
-
-
-def _private(about: os.stat_result) -> bool:
-    return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not about.st_mode & 0o022)
-
-
 def _bytes(path: Path) -> bytes:
     with open(path, "rb") as stream:
         about = os.fstat(stream.fileno())
-        return stream.read() if _private(about) and stat.S_ISREG(about.st_mode) else b""
+        return stream.read() if is_ours(about) and stat.S_ISREG(about.st_mode) else b""
 
 
 def _write(path: Path, data: bytes) -> None:
