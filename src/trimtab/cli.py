@@ -136,5 +136,37 @@ def run(
     fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json))
 
 
+@main.command()
+@click.argument("scenario", metavar="[SCENARIO]", required=False)
+@click.option("--target", type=click.Choice(("c", "cortex-m4", "cortex-m7")), default="c", show_default=True)
+@click.option(
+    "--float", "real", type=click.Choice(("double", "single")), help="Precision.  [default: double; single on cortex-m4]"
+)
+@click.option("--part", type=click.Choice(("autopilot", "loop")), default="autopilot", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the C, its test and its vectors.")
+@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
+@click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
+@click.option("--verify", "check", type=click.Path(path_type=Path), metavar="DIR", help="Check an exported folder.")
+@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting.")
+@click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+@JSON
+def export(as_json: bool, **asked: Any) -> None:
+    """Write a scenario's autopilot as C for a microcontroller, and prove that it computes the same.
+
+    \b
+    trimtab export hovercraft/zero-velocity --out autopilot
+    trimtab export --verify autopilot
+    trimtab export hovercraft/heading-bang-bang --float single --out flash/
+    trimtab export hovercraft/zero-velocity --target cortex-m7 --run
+    trimtab export hovercraft/spin --part loop --out whole-loop
+    """
+    from trimtab.commands.export import Request
+    from trimtab.commands.export import export as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)
+
+
 if __name__ == "__main__":
     sys.exit(main())
