@@ -1,0 +1,491 @@
+//: scalar
+/* Elementary functions of trimtab, the same bits in scalar C and in vectors. Free to use, change and give away,
+ * with or without this notice and under any licence; no warranty. Compile with -ffp-contract=off, never -ffast-math. */
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#if defined(__FAST_MATH__)
+#error "these functions need IEEE arithmetic: compile without -ffast-math"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD == 2 || FLT_EVAL_METHOD == -1)
+#error "these functions need double arithmetic without excess precision (x86: -mfpmath=sse -msse2)"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+#ifndef TT_INLINE
+#if defined(__GNUC__)
+#define TT_INLINE static inline __attribute__((unused))
+#else
+#define TT_INLINE static inline
+#endif
+#endif
+
+TT_INLINE uint64_t tt_bits(double x)
+{
+    uint64_t u;
+    memcpy(&u, &x, sizeof u);
+    return u;
+}
+
+TT_INLINE double tt_from_bits(uint64_t u)
+{
+    double x;
+    memcpy(&x, &u, sizeof x);
+    return x;
+}
+
+TT_INLINE double tt_splat(double x)
+{
+    return x;
+}
+
+TT_INLINE int tt_all(int m)
+{
+#if defined(__GNUC__)
+    return (int)__builtin_expect(m, 1);
+#else
+    return m;
+#endif
+}
+
+TT_INLINE double tt_sqrt(double x)
+{
+    return sqrt(x);
+}
+
+TT_INLINE double tt_floor(double x)
+{
+    return floor(x);
+}
+
+TT_INLINE double tt_ceil(double x)
+{
+    return ceil(x);
+}
+
+TT_INLINE double tt_trunc(double x)
+{
+    return trunc(x);
+}
+
+TT_INLINE double tt_round_even(double x)
+{
+    return rint(x);
+}
+
+TT_INLINE double tt_round_away(double x)
+{
+    return round(x);
+}
+
+//: vector
+#ifndef TTV_INLINE
+#define TTV_INLINE static inline __attribute__((always_inline, unused))
+#endif
+#define TTV_COLD static __attribute__((noinline, cold, unused))
+typedef double vf64 __attribute__((vector_size(8 * TT_LANES)));
+typedef int64_t vi64 __attribute__((vector_size(8 * TT_LANES)));
+typedef uint64_t vu64 __attribute__((vector_size(8 * TT_LANES)));
+
+TTV_INLINE vf64 ttv_splat(double x)
+{
+    return x - (vf64){}; /* not 0 + x, which loses the sign of -0 */
+}
+
+TTV_INLINE vu64 ttv_bits(vf64 x)
+{
+    return (vu64)x;
+}
+
+TTV_INLINE vf64 ttv_from_bits(vu64 u)
+{
+    return (vf64)u;
+}
+
+TTV_INLINE int ttv_all(vi64 m)
+{
+#if defined(__AVX512DQ__) && TT_LANES == 8
+    typedef long long tt_mask512 __attribute__((vector_size(64)));
+    return __builtin_expect((unsigned char)__builtin_ia32_cvtq2mask512((tt_mask512)m) == 255, 1);
+#elif defined(__AVX__) && TT_LANES == 4
+    return __builtin_expect(__builtin_ia32_movmskpd256((vf64)m) == 15, 1);
+#else
+    int64_t all = m[0];
+    for (int i = 1; i < TT_LANES; i++) all &= m[i];
+    return __builtin_expect(all != 0, 1);
+#endif
+}
+
+TTV_INLINE int ttv_any(vi64 m)
+{
+    return !ttv_all(m == 0);
+}
+
+TTV_INLINE vf64 ttv_sqrt(vf64 x)
+{
+    vf64 r;
+    for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_sqrt(x[i]);
+    return r;
+}
+
+TTV_INLINE vf64 ttv_round_even(vf64 x)
+{
+    vf64 a = ttv_abs(x), r = (a + 0x1p52) - 0x1p52;
+    return ttv_copysign(a < 0x1p52 ? r : a, x);
+}
+
+TTV_INLINE vf64 ttv_floor(vf64 x)
+{
+    vf64 r = ttv_round_even(x);
+    return r > x ? r - 1.0 : r;
+}
+
+TTV_INLINE vf64 ttv_ceil(vf64 x)
+{
+    vf64 r = ttv_round_even(x);
+    return ttv_copysign(r < x ? r + 1.0 : r, x);
+}
+
+TTV_INLINE vf64 ttv_trunc(vf64 x)
+{
+    vf64 a = ttv_abs(x), r = ttv_round_even(a);
+    return ttv_copysign(r > a ? r - 1.0 : r, x);
+}
+
+TTV_INLINE vf64 ttv_round_away(vf64 x)
+{
+    vf64 a = ttv_abs(x), r = ttv_round_even(a), d = r - a;
+    return ttv_copysign(d == -0.5 ? r + 1.0 : r, x);
+}
+
+//: both
+INLINE F64 FN(abs)(F64 x)
+{
+    return FN(from_bits)(FN(bits)(x) & UINT64_C(0x7fffffffffffffff));
+}
+
+INLINE F64 FN(copysign)(F64 x, F64 sign)
+{
+    return FN(from_bits)((FN(bits)(x) & UINT64_C(0x7fffffffffffffff)) | (FN(bits)(sign) & UINT64_C(0x8000000000000000)));
+}
+
+/* y with its sign turned where x is negative */
+INLINE F64 FN(turn)(F64 y, F64 x)
+{
+    return FN(from_bits)(FN(bits)(y) ^ (FN(bits)(x) & UINT64_C(0x8000000000000000)));
+}
+
+/* the leading 26 bits of x: products of two such are exact */
+INLINE F64 FN(head)(F64 x)
+{
+    return FN(from_bits)(FN(bits)(x) & UINT64_C(0xfffffffff8000000));
+}
+
+INLINE M64 FN(is_finite)(F64 x)
+{
+    return FN(abs)(x) <= DBL_MAX;
+}
+
+INLINE F64 FN(rsqrt)(F64 x)
+{
+    return 1.0 / FN(sqrt)(x);
+}
+
+/* (n + nl) / (d + dl) as a sum of two doubles: the quotient and what it lacks */
+INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
+{
+    F64 inverse = 1.0 / d, q = n * inverse;
+    F64 qh = FN(head)(q), ql = q - qh, dh = FN(head)(d), dm = d - dh;
+    *lack = ((((n - qh * dh) - qh * dm) - ql * d) + (nl - q * dl)) * inverse;
+    return q;
+}
+
+/* sin r = *s + *sl, cos r = *c + *cl for |x| = q pi/2 + r, |r| <= pi/4; returns q in its low bits; |x| <= 1e6 */
+INLINE U64 FN(quarter_turn)(F64 a, F64 *s, F64 *sl, F64 *c, F64 *cl)
+{
+    F64 t = a * 0x1.45f306dc9c883p-1 + 0x1.8p52, n = t - 0x1.8p52;
+    F64 x = a - n * 0x1.921fb544p+0, w = n * 0x1.0b4611a8p-34; /* both exact */
+    F64 y = x - w, e = n * -0x1.d9cceba4p-66 - ((x - y) - w);
+    F64 r = y - e, l = ((y - r) - e) - n * 0x1.b839a252049c1p-104;
+    F64 z = r * r, z2 = z * z, h = 0.5 * z, o = 1.0 - h;
+    F64 ps = (-0x1.5555555555548p-3 + z * 0x1.111111110f730p-7)
+        + z2 * ((-0x1.a01a019be9226p-13 + z * 0x1.71de35552cccap-19)
+        + z2 * (-0x1.ae5e4b854b2dap-26 + z * 0x1.5d8b55f8305f4p-33));
+    F64 pc = (0x1.555555555554bp-5 + z * -0x1.6c16c16c15015p-10)
+        + z2 * ((0x1.a01a019c8f253p-16 + z * -0x1.27e4f7f1915e0p-22)
+        + z2 * (0x1.1ee9dbcf3e81cp-29 + z * -0x1.8fa684ce01fcdp-37));
+    *s = r;
+    *sl = (r * z) * ps + l * o;
+    *c = o;
+    *cl = ((1.0 - o) - h) + (z2 * pc - r * l);
+    return FN(bits)(t);
+}
+
+INLINE void FN(sincos)(F64 x, F64 *sine, F64 *cosine)
+{
+    F64 a = FN(abs)(x), s, sl, c, cl;
+    M64 near = a <= 1e6;
+    U64 q = FN(quarter_turn)(a, &s, &sl, &c, &cl);
+    M64 odd = (q & 1) != 0;
+    F64 u = s + sl, v = c + cl;
+    s = odd ? v : u;
+    c = odd ? u : v;
+    s = FN(from_bits)(FN(bits)(s) ^ ((FN(bits)(x) ^ (q << 62)) & UINT64_C(0x8000000000000000)));
+    c = FN(from_bits)(FN(bits)(c) ^ (((q + 1) << 62) & UINT64_C(0x8000000000000000)));
+    if (!FN(all)(near)) {
+        s = FN(far_sin)(near, x, s);
+        c = FN(far_cos)(near, x, c);
+    }
+    *sine = s;
+    *cosine = c;
+}
+
+INLINE F64 FN(sin)(F64 x)
+{
+    F64 s, c;
+    FN(sincos)(x, &s, &c);
+    return s;
+}
+
+INLINE F64 FN(cos)(F64 x)
+{
+    F64 s, c;
+    FN(sincos)(x, &s, &c);
+    return c;
+}
+
+INLINE F64 FN(tan)(F64 x)
+{
+    F64 a = FN(abs)(x), s, sl, c, cl, lack;
+    M64 near = a <= 1e6;
+    U64 q = FN(quarter_turn)(a, &s, &sl, &c, &cl);
+    M64 odd = (q & 1) != 0;
+    F64 u = s + sl, ul = (s - u) + sl, v = c + cl, vl = (c - v) + cl;
+    F64 t = FN(quotient)(odd ? -v : u, odd ? -vl : ul, odd ? u : v, odd ? ul : vl, &lack);
+    t = FN(turn)(t + lack, x);
+    return FN(all)(near) ? t : FN(far_tan)(near, x, t);
+}
+
+/* atan(n / d) for 0 <= n <= d as k pi/4 + t + rest, with k = 0, 1 and |t| <= tan(pi/8) */
+INLINE F64 FN(angle)(F64 n, F64 d, F64 *k, F64 *rest)
+{
+    M64 mid = n > d * 0x1.a827999fcef32p-2;
+    F64 m = n - d, p = n + d, lack;
+    F64 t = FN(quotient)(mid ? m : n, mid ? n - (m + d) : FN(splat)(0.0), mid ? p : d, mid ? (d - p) + n : FN(splat)(0.0), &lack);
+    F64 z = t * t, z2 = z * z, z4 = z2 * z2;
+    F64 c = ((-0x1.555555555553dp-2 + z * 0x1.9999999995868p-3)
+        + z2 * (-0x1.24924922ad473p-3 + z * 0x1.c71c70e603ac2p-4))
+        + z4 * (((-0x1.745cf8db09af3p-4 + z * 0x1.3b11190515b37p-4)
+        + z2 * (-0x1.10ebb75fb50fap-4 + z * 0x1.df0f40715ec66p-5))
+        + z4 * ((-0x1.9cd2980469d0cp-5 + z * 0x1.37d564b8ffc85p-5) + z2 * -0x1.256a0daccd45cp-6));
+    *k = mid ? FN(splat)(1.0) : FN(splat)(0.0);
+    *rest = (t * z) * c + (lack - lack * z);
+    return t;
+}
+
+/* k pi/4 + t + rest, rounded once */
+INLINE F64 FN(angle_sum)(F64 k, F64 t, F64 rest)
+{
+    F64 base = k * 0x1.921fb54442d18p-1, s = base + t;
+    return s + (((base - s) + t) + (k * 0x1.1a62633145c07p-55 + rest));
+}
+
+INLINE F64 FN(atan)(F64 x)
+{
+    F64 a = FN(abs)(x), b = a > 0x1p60 ? 0x1p60 : a, k, rest;
+    M64 steep = b > 1.0;
+    F64 t = FN(angle)(steep ? 1.0 : b, steep ? b : 1.0, &k, &rest);
+    return FN(turn)(FN(angle_sum)(steep ? 2.0 - k : k, steep ? -t : t, steep ? -rest : rest), x);
+}
+
+INLINE F64 FN(atan2)(F64 y, F64 x)
+{
+    F64 a = FN(abs)(x), b = FN(abs)(y), k, rest;
+    M64 steep = b > a, back = FN(turn)(FN(splat)(1.0), x) < 0.0, less = steep ^ back;
+    F64 n = steep ? a : b, d = steep ? b : a;
+    M64 near = (d >= 0x1p-400) & (d <= 0x1p400) & ((n >= 0x1p-900) | (n == 0.0));
+    F64 t = FN(angle)(n, d, &k, &rest);
+    k = steep ? 2.0 - k : k;
+    k = back ? 4.0 - k : k;
+    F64 r = FN(turn)(FN(angle_sum)(k, less ? -t : t, less ? -rest : rest), y);
+    return FN(all)(near) ? r : FN(far_atan2)(near, y, x, r);
+}
+
+/* arcsin of a = |x|, or of sqrt((1 - a) / 2) where a > 1/2, as the sum of that number and a rest */
+INLINE F64 FN(arc)(F64 a, M64 big, F64 *rest)
+{
+    F64 z = big ? (1.0 - a) * 0.5 : a * a, root = FN(sqrt)(z), s = big ? root : a;
+    F64 h = FN(head)(root), l = root - h, z2 = z * z, z4 = z2 * z2;
+    F64 lack = (((z - h * h) - 2.0 * h * l) - l * l) / (root + root + DBL_MIN);
+    F64 p = (((0x1.5555555555577p-3 + z * 0x1.333333332e131p-4)
+        + z2 * (0x1.6db6db7212683p-5 + z * 0x1.f1c71a94f2d36p-6))
+        + z4 * ((0x1.6e8bdee0414d9p-6 + z * 0x1.1c49f05ce52dcp-6)
+        + z2 * (0x1.ca1f8d6bcf0d1p-7 + z * 0x1.758589f2156b5p-7)))
+        + (z4 * z4) * (((0x1.613c89b03bc3bp-7 + z * 0x1.e5f5c7eec4f59p-9)
+        + z2 * (0x1.639c56e3597b0p-6 + z * -0x1.57fd4946aaea3p-6))
+        + z4 * 0x1.0b46a9b2a951ap-5);
+    *rest = (s * z) * p + (big ? lack : FN(splat)(0.0));
+    return s;
+}
+
+INLINE F64 FN(asin)(F64 x)
+{
+    F64 a = FN(abs)(x), rest;
+    M64 big = a > 0.5;
+    F64 s = FN(arc)(a, big, &rest);
+    F64 base = big ? 0x1.921fb54442d18p+0 : FN(splat)(0.0), low = big ? 0x1.1a62633145c07p-54 : FN(splat)(0.0);
+    F64 u = big ? -2.0 * s : s, v = big ? -2.0 * rest : rest, w = base + u;
+    return FN(turn)(w + (((base - w) + u) + (low + v)), x);
+}
+
+INLINE F64 FN(acos)(F64 x)
+{
+    F64 a = FN(abs)(x), rest;
+    M64 big = a > 0.5, back = x < -0.5;
+    F64 s = FN(arc)(a, big, &rest), k = big ? 2.0 : FN(splat)(1.0);
+    F64 base = big ? (back ? 0x1.921fb54442d18p+1 : FN(splat)(0.0)) : 0x1.921fb54442d18p+0;
+    F64 low = big ? (back ? 0x1.1a62633145c07p-53 : FN(splat)(0.0)) : 0x1.1a62633145c07p-54;
+    M64 less = big ? back : x >= 0.0;
+    F64 u = less ? -k * s : k * s, v = less ? -k * rest : k * rest, w = base + u;
+    return w + (((base - w) + u) + (low + v));
+}
+
+/* c in exp(r + e) = 1 + r + r^2 / 2 + c, for |r| <= ln(2)/2 and tiny e */
+INLINE F64 FN(exp_rest)(F64 r, F64 e)
+{
+    F64 z = r * r, z2 = z * z;
+    F64 even = (0x1.5555555555557p-5 + z * 0x1.6c16c16c15778p-10)
+        + z2 * ((0x1.a01a01ab16668p-16 + z * 0x1.27e4d13d2c196p-22) + z2 * 0x1.1f83edded3c89p-29);
+    F64 odd = (0x1.5555555555559p-3 + z * 0x1.111111110f62ap-7)
+        + z2 * ((0x1.a01a01b0206d5p-13 + z * 0x1.71ddf7af0420bp-19) + z2 * 0x1.af5ff65958db8p-26);
+    return z * (z * even + r * odd) + e;
+}
+
+/* x = k ln 2 + r + e; returns k in two's complement */
+INLINE U64 FN(exp_reduce)(F64 x, F64 *r, F64 *e)
+{
+    F64 t = x * 0x1.71547652b82fep+0 + 0x1.8p52, n = t - 0x1.8p52;
+    F64 h = x - n * 0x1.62e42fefa38p-1, l = n * 0x1.ef35793c76730p-45;
+    *r = h - l;
+    *e = (h - *r) - l;
+    return FN(bits)(t) - UINT64_C(0x4338000000000000);
+}
+
+/* y 2^k in two steps, so that subnormal results are rounded once and overflow gives infinity */
+INLINE F64 FN(scale)(F64 y, U64 k)
+{
+    U64 both = k + 2048, half = both >> 1;
+    return y * FN(from_bits)((half - 1) << 52) * FN(from_bits)((both - half - 1) << 52);
+}
+
+INLINE F64 FN(exp)(F64 x)
+{
+    F64 a = x > 710.0 ? 710.0 : x, r, e;
+    a = a < -746.0 ? -746.0 : a;
+    U64 k = FN(exp_reduce)(a, &r, &e);
+    F64 s = 1.0 + r, c = 0.5 * r * r + FN(exp_rest)(r, e);
+    return FN(scale)(s + (((1.0 - s) + r) + c), k);
+}
+
+INLINE F64 FN(exp2)(F64 x)
+{
+    F64 a = x > 1025.0 ? 1025.0 : x;
+    a = a < -1080.0 ? -1080.0 : a;
+    F64 t = a + 0x1.8p52, f = a - (t - 0x1.8p52), h = FN(head)(f);
+    F64 p = h * 0x1.62e43p-1, l = (f - h) * 0x1.62e43p-1 + f * -0x1.05c610ca86c39p-29;
+    F64 r = p + l, s = 1.0 + r;
+    F64 c = 0.5 * r * r + FN(exp_rest)(r, (p - r) + l), y = s + (((1.0 - s) + r) + c);
+    return FN(scale)(y, FN(bits)(t) - UINT64_C(0x4338000000000000));
+}
+
+/* (exp(x) - 1) / 4 as the sum of two doubles, for x <= 710.7 */
+INLINE F64 FN(expm1_quarter)(F64 x, F64 *low)
+{
+    F64 a = x > 710.7 ? 710.7 : x, r, e;
+    a = a < -40.0 ? -40.0 : a;
+    U64 k = FN(exp_reduce)(a, &r, &e);
+    F64 y = FN(from_bits)((k + 1021) << 52), g = y - 0.25, gy = g - y, b = y * r, s = g + b;
+    F64 rh = FN(head)(r), c = FN(exp_rest)(r, e) + 0.5 * (r - rh) * (r + rh);
+    F64 d = 0.5 * y * rh * rh, t = s + d; /* d is exact, and so are s and t with what follows */
+    F64 m = ((g - s) + b) + ((s - t) + d) + (((y - (g - gy)) - (0.25 + gy)) + y * c), h = t + m;
+    *low = (t - h) + m;
+    return h;
+}
+
+INLINE F64 FN(expm1)(F64 x)
+{
+    F64 l, h = FN(expm1_quarter)(x, &l);
+    return FN(abs)(x) < 0x1p-54 ? x : 4.0 * h;
+}
+
+INLINE F64 FN(sinh)(F64 x)
+{
+    F64 a = FN(abs)(x), pl, ql, p = FN(expm1_quarter)(a, &pl), q = FN(expm1_quarter)(-a, &ql);
+    F64 s = p - q, y = s + (((p - s) - q) + (pl - ql));
+    return a < 0x1p-28 ? x : FN(turn)(y + y, x);
+}
+
+INLINE F64 FN(cosh)(F64 x)
+{
+    F64 a = FN(abs)(x), pl, ql, p = FN(expm1_quarter)(a, &pl), q = FN(expm1_quarter)(-a, &ql);
+    F64 s = p + q, m = ((p - s) + q) + (pl + ql), w = s + 0.5, b = w - s;
+    return 2.0 * (w + (((s - (w - b)) + (0.5 - b)) + m));
+}
+
+INLINE F64 FN(tanh)(F64 x)
+{
+    F64 a = FN(abs)(x), l, h = FN(expm1_quarter)(-2.0 * a, &l), lack;
+    F64 n = -2.0 * h, d = 1.0 - n, t = FN(quotient)(n, -2.0 * l, d, ((1.0 - d) - n) + 2.0 * l, &lack);
+    return a < 0x1p-28 ? x : FN(turn)(t + lack, x);
+}
+
+INLINE F64 FN(logistic)(F64 x)
+{
+    F64 a = FN(abs)(x), r, e, lack;
+    a = a > 746.0 ? 746.0 : a;
+    U64 k = FN(exp_reduce)(-a, &r, &e);
+    F64 s = 1.0 + r, m = ((1.0 - s) + r) + (0.5 * r * r + FN(exp_rest)(r, e)), p = s + m, l = (s - p) + m;
+    F64 h = FN(scale)(p, k), d = 1.0 + h;
+    M64 low = x < 0.0;
+    F64 q = FN(quotient)(low ? p : FN(splat)(1.0), low ? l : FN(splat)(0.0), d, ((1.0 - d) + h) + FN(scale)(l, k), &lack);
+    q = q + lack;
+    return low ? FN(scale)(q, k) : q;
+}
+
+/* n ln 2 + ln(1 + f) + c, for 1 + f in [sqrt(1/2), sqrt 2] and tiny c */
+INLINE F64 FN(log_sum)(F64 n, F64 f, F64 c)
+{
+    F64 h = 0.5 * f * f, s = f / (2.0 + f), z = s * s, z2 = z * z;
+    F64 p = (0x1.5555555555592p-1 + z * 0x1.999999997ff61p-2)
+        + z2 * ((0x1.24924941db7dfp-2 + z * 0x1.c71c5219dbd25p-3)
+        + z2 * ((0x1.74663bb382e34p-3 + z * 0x1.39a209ad25b47p-3) + z2 * 0x1.2f02685fbf401p-3));
+    F64 b = n * 0x1.62e42fefa38p-1, v = b + f;
+    return v + (((b - v) + f) + ((s * (h + z * p) - h) + (n * 0x1.ef35793c76730p-45 + c)));
+}
+
+/* x = 2^n (1 + f), for normal x > 0 */
+INLINE F64 FN(log_reduce)(F64 x, F64 *f)
+{
+    U64 u = FN(bits)(x) + (UINT64_C(0x3ff0000000000000) - UINT64_C(0x3fe6a09e00000000));
+    *f = FN(from_bits)((u & UINT64_C(0x000fffffffffffff)) + UINT64_C(0x3fe6a09e00000000)) - 1.0;
+    return FN(from_bits)((u >> 52) | UINT64_C(0x4330000000000000)) - (0x1p52 + 1023.0);
+}
+
+INLINE F64 FN(log)(F64 x)
+{
+    M64 near = (x >= DBL_MIN) & (x <= DBL_MAX);
+    F64 f, n = FN(log_reduce)(x, &f), y = FN(log_sum)(n, f, FN(splat)(0.0));
+    return FN(all)(near) ? y : FN(far_log)(near, x, y);
+}
+
+INLINE F64 FN(log1p)(F64 x)
+{
+    M64 near = (x > -1.0) & (x <= DBL_MAX);
+    F64 u = 1.0 + x, b = u - 1.0, c = (1.0 - (u - b)) + (x - b), f, n = FN(log_reduce)(u, &f);
+    M64 plain = n == 0.0;
+    F64 y = FN(log_sum)(n, plain ? x : f, plain ? FN(splat)(0.0) : c / u);
+    y = x == 0.0 ? x : y;
+    return FN(all)(near) ? y : FN(far_log1p)(near, x, y);
+}
