@@ -67,7 +67,7 @@ def _functions(prefix: str) -> dict[str, str]:
     """C text of each function by name, for prefix tt (one number) or ttv (vectors)."""
     vector = prefix == "ttv"
     blocks = [*_sections()["vector" if vector else "scalar"][1:], *(_plain(b, vector) for b in _sections()["both"])]
-    found = {name: block for block in blocks for name in re.findall(rf"^TT.* {prefix}_(\w+)\(", block, flags=re.M)}
+    found = {name: block for block in blocks for name in re.findall(rf"^(?:TT|template).* {prefix}_(\w+)\(", block, flags=re.M)}
     found |= {name: _lane_by_lane(name, arity, vector, far=False) for name, arity in LIBM.items()}
     far = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2}
     return found | {f"far_{name}": _lane_by_lane(name, arity, vector, far=True) for name, arity in far.items()}
@@ -75,11 +75,11 @@ def _functions(prefix: str) -> dict[str, str]:
 
 def _plain(block: str, vector: bool) -> str:
     """The block with its tokens replaced."""
-    tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE"}
+    tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE", "COLD": "TTV_COLD"}
     if not vector:
-        tokens = {"F64": "double", "U64": "uint64_t", "M64": "int", "INLINE": "TT_INLINE"}
+        tokens = {"F64": "double", "U64": "uint64_t", "M64": "int", "INLINE": "TT_INLINE", "COLD": "TT_COLD"}
     block = re.sub(r"\bFN\((\w+)\)", r"ttv_\1" if vector else r"tt_\1", block)
-    return re.sub(r"\b(F64|U64|M64|INLINE)\b", lambda m: tokens[m[0]], block)
+    return re.sub(r"\b(F64|U64|M64|INLINE|COLD)\b", lambda m: tokens[m[0]], block)
 
 
 def _lane_by_lane(name: str, arity: int, vector: bool, *, far: bool) -> str:
@@ -97,7 +97,7 @@ def _lane_by_lane(name: str, arity: int, vector: bool, *, far: bool) -> str:
         call = f"{name}({', '.join(arguments)})"
         body = f"    return near ? y : {call};\n" if far else f"    return {call};\n"
     full = f"{'ttv' if vector else 'tt'}_{'far_' if far else ''}{name}"
-    inline = "TTV_COLD " if vector else "TT_INLINE "
+    inline = ("TTV_COLD " if vector else "TT_COLD ") if far else ("TTV_INLINE " if vector else "TT_INLINE ")
     return _LINE.format(inline=inline, type=number, name=full, parameters=parameters, body=body)
 
 

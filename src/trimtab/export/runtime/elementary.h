@@ -14,11 +14,20 @@
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #endif
+#ifndef TT_FMA /* 1: fused multiply-add where the text says ma; 0: the same bits on machines that have none as well */
+#if defined(__FP_FAST_FMA) || defined(__FMA__)
+#define TT_FMA 1
+#else
+#define TT_FMA 0
+#endif
+#endif
 #ifndef TT_INLINE
 #if defined(__GNUC__)
 #define TT_INLINE static inline __attribute__((unused))
+#define TT_COLD static __attribute__((noinline, cold, unused))
 #else
 #define TT_INLINE static inline
+#define TT_COLD static
 #endif
 #endif
 
@@ -41,6 +50,21 @@ TT_INLINE double tt_splat(double x)
     return x;
 }
 
+/* a b + c */
+TT_INLINE double tt_ma(double a, double b, double c)
+{
+#if TT_FMA
+    return fma(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+
+TT_INLINE int tt_within(double a, double limit)
+{
+    return tt_all(a <= limit);
+}
+
 TT_INLINE int tt_all(int m)
 {
 #if defined(__GNUC__)
@@ -48,6 +72,16 @@ TT_INLINE int tt_all(int m)
 #else
     return m;
 #endif
+}
+
+/* exchanges *u and *v where the highest bit is set */
+TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
+{
+    double pair[2];
+    pair[bit >> 63] = *u;
+    pair[bit >> 63 ^ 1] = *v;
+    *u = pair[0];
+    *v = pair[1];
 }
 
 TT_INLINE double tt_sqrt(double x)
@@ -93,6 +127,10 @@ TTV_INLINE vf64 ttv_splat(double x)
 {
     return x - (vf64){}; /* not 0 + x, which loses the sign of -0 */
 }
+TTV_INLINE vf64 ttv_splat(vf64 x)
+{
+    return x;
+}
 
 TTV_INLINE vu64 ttv_bits(vf64 x)
 {
@@ -118,9 +156,40 @@ TTV_INLINE int ttv_all(vi64 m)
 #endif
 }
 
+/* all a <= limit */
+TTV_INLINE int ttv_within(vf64 a, double limit)
+{
+#if defined(__AVX512DQ__) && TT_LANES == 8
+    return __builtin_expect((unsigned char)__builtin_ia32_cmppd512_mask(a, ttv_splat(limit), 18, -1, 4) == 255, 1);
+#else
+    return ttv_all(a <= limit);
+#endif
+}
+
+/* a b + c, of vectors and numbers */
+template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
+{
+    vf64 x = ttv_splat(a), y = ttv_splat(b), z = ttv_splat(c), r;
+#if TT_FMA
+    for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_fma(x[i], y[i], z[i]);
+#else
+    r = x * y + z;
+#endif
+    return r;
+}
+
 TTV_INLINE int ttv_any(vi64 m)
 {
     return !ttv_all(m == 0);
+}
+
+/* exchanges *u and *v where the highest bit is set */
+TTV_INLINE void ttv_swap(vu64 bit, vf64 *u, vf64 *v)
+{
+    vi64 turned = (vi64)bit < 0;
+    vf64 w = turned ? *v : *u;
+    *v = turned ? *u : *v;
+    *u = w;
 }
 
 TTV_INLINE vf64 ttv_sqrt(vf64 x)
@@ -193,53 +262,60 @@ INLINE F64 FN(rsqrt)(F64 x)
     return 1.0 / FN(sqrt)(x);
 }
 
+/* n - q d, for q d near n */
+INLINE F64 FN(residual)(F64 n, F64 q, F64 d)
+{
+#if TT_FMA
+    return FN(ma)(-q, d, n);
+#else
+    F64 qh = FN(head)(q), dh = FN(head)(d);
+    return ((n - qh * dh) - qh * (d - dh)) - (q - qh) * d;
+#endif
+}
+
 /* (n + nl) / (d + dl) as a sum of two doubles: the quotient and what it lacks */
 INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
 {
     F64 inverse = 1.0 / d, q = n * inverse;
-    F64 qh = FN(head)(q), ql = q - qh, dh = FN(head)(d), dm = d - dh;
-    *lack = ((((n - qh * dh) - qh * dm) - ql * d) + (nl - q * dl)) * inverse;
+    *lack = (FN(residual)(n, q, d) + FN(ma)(-q, dl, nl)) * inverse;
     return q;
 }
 
-/* sin r = *s + *sl, cos r = *c + *cl for |x| = q pi/2 + r, |r| <= pi/4; returns q in its low bits; |x| <= 1e6 */
+/* sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4; returns q in its low bits; 0 <= a <= 1e6 */
 INLINE U64 FN(quarter_turn)(F64 a, F64 *s, F64 *sl, F64 *c, F64 *cl)
 {
-    F64 t = a * 0x1.45f306dc9c883p-1 + 0x1.8p52, n = t - 0x1.8p52;
-    F64 x = a - n * 0x1.921fb544p+0, w = n * 0x1.0b4611a8p-34; /* both exact */
-    F64 y = x - w, e = n * -0x1.d9cceba4p-66 - ((x - y) - w);
-    F64 r = y - e, l = ((y - r) - e) - n * 0x1.b839a252049c1p-104;
-    F64 z = r * r, z2 = z * z, h = 0.5 * z, o = 1.0 - h;
-    F64 ps = (-0x1.5555555555548p-3 + z * 0x1.111111110f730p-7)
-        + z2 * ((-0x1.a01a019be9226p-13 + z * 0x1.71de35552cccap-19)
-        + z2 * (-0x1.ae5e4b854b2dap-26 + z * 0x1.5d8b55f8305f4p-33));
-    F64 pc = (0x1.555555555554bp-5 + z * -0x1.6c16c16c15015p-10)
-        + z2 * ((0x1.a01a019c8f253p-16 + z * -0x1.27e4f7f1915e0p-22)
-        + z2 * (0x1.1ee9dbcf3e81cp-29 + z * -0x1.8fa684ce01fcdp-37));
+    F64 t = FN(ma)(a, 0x1.45f306dc9c883p-1, 0x1.8p52), n = t - 0x1.8p52;
+    F64 x = FN(ma)(n, -0x1.921fb544p+0, a), y = FN(ma)(n, -0x1.0b4611a8p-34, x); /* products with n are exact */
+    F64 e = FN(ma)(n, -0x1.d9cceba4p-66, -FN(ma)(n, -0x1.0b4611a8p-34, x - y));
+    F64 r = y - e, l = FN(ma)(n, -0x1.b839a252p-104, (y - r) - e);
+    F64 z = r * r, z2 = z * z, o = FN(ma)(z, -0.5, 1.0);
+    F64 ps = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, 0x1.5d8b55f8305f4p-33, -0x1.ae5e4b854b2dap-26),
+        FN(ma)(z, 0x1.71de35552cccap-19, -0x1.a01a019be9226p-13)),
+        FN(ma)(z, 0x1.111111110f730p-7, -0x1.5555555555548p-3));
+    F64 pc = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, -0x1.8fa684ce01fcdp-37, 0x1.1ee9dbcf3e81cp-29),
+        FN(ma)(z, -0x1.27e4f7f1915e0p-22, 0x1.a01a019c8f253p-16)),
+        FN(ma)(z, -0x1.6c16c16c15015p-10, 0x1.555555555554bp-5));
     *s = r;
-    *sl = (r * z) * ps + l * o;
+    *sl = FN(ma)(r * z, ps, l * o);
     *c = o;
-    *cl = ((1.0 - o) - h) + (z2 * pc - r * l);
+    *cl = FN(ma)(z2, pc, FN(ma)(-r, l, FN(ma)(z, -0.5, 1.0 - o)));
     return FN(bits)(t);
 }
 
 INLINE void FN(sincos)(F64 x, F64 *sine, F64 *cosine)
 {
     F64 a = FN(abs)(x), s, sl, c, cl;
-    M64 near = a <= 1e6;
-    U64 q = FN(quarter_turn)(a, &s, &sl, &c, &cl);
-    M64 odd = (q & 1) != 0;
+    U64 q = FN(quarter_turn)(a, &s, &sl, &c, &cl), turn = q << 62, odd = q << 63;
     F64 u = s + sl, v = c + cl;
-    s = odd ? v : u;
-    c = odd ? u : v;
-    s = FN(from_bits)(FN(bits)(s) ^ ((FN(bits)(x) ^ (q << 62)) & UINT64_C(0x8000000000000000)));
-    c = FN(from_bits)(FN(bits)(c) ^ (((q + 1) << 62) & UINT64_C(0x8000000000000000)));
-    if (!FN(all)(near)) {
-        s = FN(far_sin)(near, x, s);
-        c = FN(far_cos)(near, x, c);
+    FN(swap)(odd, &u, &v);
+    u = FN(from_bits)(FN(bits)(u) ^ ((FN(bits)(x) ^ turn) & UINT64_C(0x8000000000000000)));
+    v = FN(from_bits)(FN(bits)(v) ^ ((odd ^ turn) & UINT64_C(0x8000000000000000)));
+    if (!FN(within)(a, 1e6)) {
+        u = FN(far_sin)(a <= 1e6, x, u);
+        v = FN(far_cos)(a <= 1e6, x, v);
     }
-    *sine = s;
-    *cosine = c;
+    *sine = u;
+    *cosine = v;
 }
 
 INLINE F64 FN(sin)(F64 x)
@@ -259,13 +335,12 @@ INLINE F64 FN(cos)(F64 x)
 INLINE F64 FN(tan)(F64 x)
 {
     F64 a = FN(abs)(x), s, sl, c, cl, lack;
-    M64 near = a <= 1e6;
     U64 q = FN(quarter_turn)(a, &s, &sl, &c, &cl);
     M64 odd = (q & 1) != 0;
     F64 u = s + sl, ul = (s - u) + sl, v = c + cl, vl = (c - v) + cl;
     F64 t = FN(quotient)(odd ? -v : u, odd ? -vl : ul, odd ? u : v, odd ? ul : vl, &lack);
     t = FN(turn)(t + lack, x);
-    return FN(all)(near) ? t : FN(far_tan)(near, x, t);
+    return FN(within)(a, 1e6) ? t : FN(far_tan)(a <= 1e6, x, t);
 }
 
 /* atan(n / d) for 0 <= n <= d as k pi/4 + t + rest, with k = 0, 1 and |t| <= tan(pi/8) */
@@ -275,13 +350,13 @@ INLINE F64 FN(angle)(F64 n, F64 d, F64 *k, F64 *rest)
     F64 m = n - d, p = n + d, lack;
     F64 t = FN(quotient)(mid ? m : n, mid ? n - (m + d) : FN(splat)(0.0), mid ? p : d, mid ? (d - p) + n : FN(splat)(0.0), &lack);
     F64 z = t * t, z2 = z * z, z4 = z2 * z2;
-    F64 c = ((-0x1.555555555553dp-2 + z * 0x1.9999999995868p-3)
-        + z2 * (-0x1.24924922ad473p-3 + z * 0x1.c71c70e603ac2p-4))
-        + z4 * (((-0x1.745cf8db09af3p-4 + z * 0x1.3b11190515b37p-4)
-        + z2 * (-0x1.10ebb75fb50fap-4 + z * 0x1.df0f40715ec66p-5))
-        + z4 * ((-0x1.9cd2980469d0cp-5 + z * 0x1.37d564b8ffc85p-5) + z2 * -0x1.256a0daccd45cp-6));
+    F64 c0 = FN(ma)(z2, FN(ma)(z, 0x1.c71c70e603ac2p-4, -0x1.24924922ad473p-3),
+        FN(ma)(z, 0x1.9999999995868p-3, -0x1.555555555553dp-2));
+    F64 c1 = FN(ma)(z2, FN(ma)(z, 0x1.df0f40715ec66p-5, -0x1.10ebb75fb50fap-4),
+        FN(ma)(z, 0x1.3b11190515b37p-4, -0x1.745cf8db09af3p-4));
+    F64 c2 = FN(ma)(z2, -0x1.256a0daccd45cp-6, FN(ma)(z, 0x1.37d564b8ffc85p-5, -0x1.9cd2980469d0cp-5));
     *k = mid ? FN(splat)(1.0) : FN(splat)(0.0);
-    *rest = (t * z) * c + (lack - lack * z);
+    *rest = FN(ma)(t * z, FN(ma)(z4, FN(ma)(z4, c2, c1), c0), FN(ma)(-lack, z, lack));
     return t;
 }
 
@@ -289,7 +364,7 @@ INLINE F64 FN(angle)(F64 n, F64 d, F64 *k, F64 *rest)
 INLINE F64 FN(angle_sum)(F64 k, F64 t, F64 rest)
 {
     F64 base = k * 0x1.921fb54442d18p-1, s = base + t;
-    return s + (((base - s) + t) + (k * 0x1.1a62633145c07p-55 + rest));
+    return s + (((base - s) + t) + FN(ma)(k, 0x1.1a62633145c07p-55, rest));
 }
 
 INLINE F64 FN(atan)(F64 x)
@@ -317,16 +392,15 @@ INLINE F64 FN(atan2)(F64 y, F64 x)
 INLINE F64 FN(arc)(F64 a, M64 big, F64 *rest)
 {
     F64 z = big ? (1.0 - a) * 0.5 : a * a, root = FN(sqrt)(z), s = big ? root : a;
-    F64 h = FN(head)(root), l = root - h, z2 = z * z, z4 = z2 * z2;
-    F64 lack = (((z - h * h) - 2.0 * h * l) - l * l) / (root + root + DBL_MIN);
-    F64 p = (((0x1.5555555555577p-3 + z * 0x1.333333332e131p-4)
-        + z2 * (0x1.6db6db7212683p-5 + z * 0x1.f1c71a94f2d36p-6))
-        + z4 * ((0x1.6e8bdee0414d9p-6 + z * 0x1.1c49f05ce52dcp-6)
-        + z2 * (0x1.ca1f8d6bcf0d1p-7 + z * 0x1.758589f2156b5p-7)))
-        + (z4 * z4) * (((0x1.613c89b03bc3bp-7 + z * 0x1.e5f5c7eec4f59p-9)
-        + z2 * (0x1.639c56e3597b0p-6 + z * -0x1.57fd4946aaea3p-6))
-        + z4 * 0x1.0b46a9b2a951ap-5);
-    *rest = (s * z) * p + (big ? lack : FN(splat)(0.0));
+    F64 lack = FN(residual)(z, root, root) / (root + root + DBL_MIN), z2 = z * z, z4 = z2 * z2;
+    F64 p0 = FN(ma)(z2, FN(ma)(z, 0x1.f1c71a94f2d36p-6, 0x1.6db6db7212683p-5),
+        FN(ma)(z, 0x1.333333332e131p-4, 0x1.5555555555577p-3));
+    F64 p1 = FN(ma)(z2, FN(ma)(z, 0x1.758589f2156b5p-7, 0x1.ca1f8d6bcf0d1p-7),
+        FN(ma)(z, 0x1.1c49f05ce52dcp-6, 0x1.6e8bdee0414d9p-6));
+    F64 p2 = FN(ma)(z2, FN(ma)(z, -0x1.57fd4946aaea3p-6, 0x1.639c56e3597b0p-6),
+        FN(ma)(z, 0x1.e5f5c7eec4f59p-9, 0x1.613c89b03bc3bp-7));
+    p2 = FN(ma)(z4, 0x1.0b46a9b2a951ap-5, p2);
+    *rest = FN(ma)(s * z, FN(ma)(z4, FN(ma)(z4, p2, p1), p0), big ? lack : FN(splat)(0.0));
     return s;
 }
 
@@ -356,21 +430,28 @@ INLINE F64 FN(acos)(F64 x)
 INLINE F64 FN(exp_rest)(F64 r, F64 e)
 {
     F64 z = r * r, z2 = z * z;
-    F64 even = (0x1.5555555555557p-5 + z * 0x1.6c16c16c15778p-10)
-        + z2 * ((0x1.a01a01ab16668p-16 + z * 0x1.27e4d13d2c196p-22) + z2 * 0x1.1f83edded3c89p-29);
-    F64 odd = (0x1.5555555555559p-3 + z * 0x1.111111110f62ap-7)
-        + z2 * ((0x1.a01a01b0206d5p-13 + z * 0x1.71ddf7af0420bp-19) + z2 * 0x1.af5ff65958db8p-26);
-    return z * (z * even + r * odd) + e;
+    F64 even = FN(ma)(z2, FN(ma)(z2, 0x1.1f83edded3c89p-29, FN(ma)(z, 0x1.27e4d13d2c196p-22, 0x1.a01a01ab16668p-16)),
+        FN(ma)(z, 0x1.6c16c16c15778p-10, 0x1.5555555555557p-5));
+    F64 odd = FN(ma)(z2, FN(ma)(z2, 0x1.af5ff65958db8p-26, FN(ma)(z, 0x1.71ddf7af0420bp-19, 0x1.a01a01b0206d5p-13)),
+        FN(ma)(z, 0x1.111111110f62ap-7, 0x1.5555555555559p-3));
+    return FN(ma)(z, FN(ma)(z, even, r * odd), e);
 }
 
 /* x = k ln 2 + r + e; returns k in two's complement */
 INLINE U64 FN(exp_reduce)(F64 x, F64 *r, F64 *e)
 {
-    F64 t = x * 0x1.71547652b82fep+0 + 0x1.8p52, n = t - 0x1.8p52;
-    F64 h = x - n * 0x1.62e42fefa38p-1, l = n * 0x1.ef35793c76730p-45;
-    *r = h - l;
-    *e = (h - *r) - l;
+    F64 t = FN(ma)(x, 0x1.71547652b82fep+0, 0x1.8p52), n = t - 0x1.8p52;
+    F64 h = FN(ma)(n, -0x1.62e42fefa38p-1, x); /* exact */
+    *r = FN(ma)(n, -0x1.ef35793c76730p-45, h);
+    *e = FN(ma)(n, -0x1.ef35793c76730p-45, h - *r);
     return FN(bits)(t) - UINT64_C(0x4338000000000000);
+}
+
+/* exp(r + e) */
+INLINE F64 FN(exp_small)(F64 r, F64 e)
+{
+    F64 s = 1.0 + r;
+    return s + (((1.0 - s) + r) + FN(ma)(0.5 * r, r, FN(exp_rest)(r, e)));
 }
 
 /* y 2^k in two steps, so that subnormal results are rounded once and overflow gives infinity */
@@ -380,13 +461,21 @@ INLINE F64 FN(scale)(F64 y, U64 k)
     return y * FN(from_bits)((half - 1) << 52) * FN(from_bits)((both - half - 1) << 52);
 }
 
-INLINE F64 FN(exp)(F64 x)
+/* exp of any number */
+COLD F64 FN(exp_any)(F64 x)
 {
     F64 a = x > 710.0 ? 710.0 : x, r, e;
     a = a < -746.0 ? -746.0 : a;
     U64 k = FN(exp_reduce)(a, &r, &e);
-    F64 s = 1.0 + r, c = 0.5 * r * r + FN(exp_rest)(r, e);
-    return FN(scale)(s + (((1.0 - s) + r) + c), k);
+    return FN(scale)(FN(exp_small)(r, e), k);
+}
+
+INLINE F64 FN(exp)(F64 x)
+{
+    F64 r, e;
+    if (!FN(within)(FN(abs)(x), 708.0)) return FN(exp_any)(x);
+    U64 k = FN(exp_reduce)(x, &r, &e);
+    return FN(from_bits)(FN(bits)(FN(exp_small)(r, e)) + (k << 52));
 }
 
 INLINE F64 FN(exp2)(F64 x)
@@ -394,10 +483,8 @@ INLINE F64 FN(exp2)(F64 x)
     F64 a = x > 1025.0 ? 1025.0 : x;
     a = a < -1080.0 ? -1080.0 : a;
     F64 t = a + 0x1.8p52, f = a - (t - 0x1.8p52), h = FN(head)(f);
-    F64 p = h * 0x1.62e43p-1, l = (f - h) * 0x1.62e43p-1 + f * -0x1.05c610ca86c39p-29;
-    F64 r = p + l, s = 1.0 + r;
-    F64 c = 0.5 * r * r + FN(exp_rest)(r, (p - r) + l), y = s + (((1.0 - s) + r) + c);
-    return FN(scale)(y, FN(bits)(t) - UINT64_C(0x4338000000000000));
+    F64 p = h * 0x1.62e43p-1, l = FN(ma)(f - h, 0x1.62e43p-1, f * -0x1.05c610ca86c39p-29), r = p + l;
+    return FN(scale)(FN(exp_small)(r, (p - r) + l), FN(bits)(t) - UINT64_C(0x4338000000000000));
 }
 
 /* (exp(x) - 1) / 4 as the sum of two doubles, for x <= 710.7 */
@@ -407,9 +494,8 @@ INLINE F64 FN(expm1_quarter)(F64 x, F64 *low)
     a = a < -40.0 ? -40.0 : a;
     U64 k = FN(exp_reduce)(a, &r, &e);
     F64 y = FN(from_bits)((k + 1021) << 52), g = y - 0.25, gy = g - y, b = y * r, s = g + b;
-    F64 rh = FN(head)(r), c = FN(exp_rest)(r, e) + 0.5 * (r - rh) * (r + rh);
-    F64 d = 0.5 * y * rh * rh, t = s + d; /* d is exact, and so are s and t with what follows */
-    F64 m = ((g - s) + b) + ((s - t) + d) + (((y - (g - gy)) - (0.25 + gy)) + y * c), h = t + m;
+    F64 q = 0.5 * r * r, c = FN(exp_rest)(r, e) - FN(residual)(q, 0.5 * r, r), d = y * q, t = s + d;
+    F64 m = ((g - s) + b) + ((s - t) + d) + FN(ma)(y, c, (y - (g - gy)) - (0.25 + gy)), h = t + m;
     *low = (t - h) + m;
     return h;
 }
@@ -446,7 +532,7 @@ INLINE F64 FN(logistic)(F64 x)
     F64 a = FN(abs)(x), r, e, lack;
     a = a > 746.0 ? 746.0 : a;
     U64 k = FN(exp_reduce)(-a, &r, &e);
-    F64 s = 1.0 + r, m = ((1.0 - s) + r) + (0.5 * r * r + FN(exp_rest)(r, e)), p = s + m, l = (s - p) + m;
+    F64 s = 1.0 + r, m = ((1.0 - s) + r) + FN(ma)(0.5 * r, r, FN(exp_rest)(r, e)), p = s + m, l = (s - p) + m;
     F64 h = FN(scale)(p, k), d = 1.0 + h;
     M64 low = x < 0.0;
     F64 q = FN(quotient)(low ? p : FN(splat)(1.0), low ? l : FN(splat)(0.0), d, ((1.0 - d) + h) + FN(scale)(l, k), &lack);
@@ -458,11 +544,10 @@ INLINE F64 FN(logistic)(F64 x)
 INLINE F64 FN(log_sum)(F64 n, F64 f, F64 c)
 {
     F64 h = 0.5 * f * f, s = f / (2.0 + f), z = s * s, z2 = z * z;
-    F64 p = (0x1.5555555555592p-1 + z * 0x1.999999997ff61p-2)
-        + z2 * ((0x1.24924941db7dfp-2 + z * 0x1.c71c5219dbd25p-3)
-        + z2 * ((0x1.74663bb382e34p-3 + z * 0x1.39a209ad25b47p-3) + z2 * 0x1.2f02685fbf401p-3));
-    F64 b = n * 0x1.62e42fefa38p-1, v = b + f;
-    return v + (((b - v) + f) + ((s * (h + z * p) - h) + (n * 0x1.ef35793c76730p-45 + c)));
+    F64 p = FN(ma)(z2, FN(ma)(z2, FN(ma)(z2, 0x1.2f02685fbf401p-3, FN(ma)(z, 0x1.39a209ad25b47p-3, 0x1.74663bb382e34p-3)),
+        FN(ma)(z, 0x1.c71c5219dbd25p-3, 0x1.24924941db7dfp-2)), FN(ma)(z, 0x1.999999997ff61p-2, 0x1.5555555555592p-1));
+    F64 v = FN(ma)(n, 0x1.62e42fefa38p-1, f), b = FN(ma)(n, 0x1.62e42fefa38p-1, -v) + f; /* products exact */
+    return v + (b + (FN(ma)(s, FN(ma)(z, p, h), -h) + FN(ma)(n, 0x1.ef35793c76730p-45, c)));
 }
 
 /* x = 2^n (1 + f), for normal x > 0 */
