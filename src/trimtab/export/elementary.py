@@ -1,7 +1,8 @@
 """Text of the elementary functions that generated code calls: the same bits in scalar C99 and in vectors of C++.
 
-`runtime/elementary.h` holds each function once, over the tokens F64 (number), U64 (its bits), M64 (truth value), INLINE
-and FN(name). Here they become plain C: `double`, `tt_name` for one number, `vf64`, `ttv_name` for TT_LANES of them.
+`runtime/elementary.h` holds each function once, over the tokens F64 (number), U64 (its bits), M64 (truth value),
+INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and `ttv_name` for
+TT_LANES of them.
 """
 
 import re
@@ -20,10 +21,11 @@ OWN = (
 )
 HELPERS = ("abs", "copysign", "is_finite", "splat", "all", "any")
 """Small parts that generated vector code needs as well; `any` only in vectors."""
-SINGLE = {name: name for name in (*OWN[:13], "sinh", "cosh", "tanh", "sqrt", "floor", "ceil", "trunc", *LIBM)} | {
-    "round_even": "rint",
-    "round_away": "round",
+SINGLE = {
+    **{name: f"{name}f" for name in (*OWN[:13], *LIBM, "sinh", "cosh", "tanh", "sqrt", "floor", "ceil", "trunc")},
+    **{"round_even": "rintf", "round_away": "roundf", "rsqrt": "", "logistic": "", "sincos": ""},
 }
+"""Functions for float by what the C library calls them ("": written out); asked for with an f behind the name."""
 FUNCTIONS = (*OWN, *LIBM)
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
@@ -37,37 +39,35 @@ def elementary(lanes: int = 0, names: Iterable[str] | None = None) -> str:
     """
     if lanes not in LANES:
         raise InputError("elementary", f"lanes = {lanes}", choices=map(str, LANES))
-    single = [f"{name}f" for name in (*SINGLE, "rsqrt", "logistic", "sincos")]
+    single = [f"{name}f" for name in SINGLE]
     known = dict.fromkeys([*FUNCTIONS, *HELPERS, *single])
     wanted = list(known) if names is None else list(dict.fromkeys(names))
     if unknown := [name for name in wanted if name not in known]:
         raise InputError("elementary", f"no function {', '.join(unknown)}", choices=known)
     double = [name for name in wanted if name not in single and name != "any"]
-    text = [_preamble("scalar"), *_with_needs(double, "tt"), *(_single(n[:-1]) for n in wanted if n in single)]
+    text = [_blocks("scalar")[0], *_with_needs(double, "tt"), *(_single(n[:-1]) for n in wanted if n in single)]
     if lanes:
         double += [n for n in ("splat", "abs", "copysign", "is_finite", "all", "any") if n not in double]
-        text += [f"#define TT_LANES {lanes}", _preamble("vector"), *_with_needs(double, "ttv")]
+        text += [f"#define TT_LANES {lanes}", _blocks("vector")[0], *_with_needs(double, "ttv")]
     return "\n\n".join(text) + "\n"
 
 
 @cache
-def _sections() -> dict[str, list[str]]:
-    """Blocks of the runtime text (a function, or lines before the first one) by section."""
-    text = files("trimtab.export.runtime").joinpath("elementary.h").read_text("utf-8")
-    parts = re.split(r"^//: (\w+)\n", text, flags=re.M)[1:]
-    return {name: body.strip().split("\n\n") for name, body in zip(parts[::2], parts[1::2], strict=True)}
-
-
-def _preamble(section: str) -> str:
-    return _sections()[section][0]
+def _blocks(name: str) -> list[str]:
+    """Blocks of this runtime text, parted by blank lines: first what stands before the functions, then each of them."""
+    return files("trimtab.export.runtime").joinpath(f"{name}.h").read_text("utf-8").strip().split("\n\n")
 
 
 @cache
 def _functions(prefix: str) -> dict[str, str]:
     """C text of each function by name, for prefix tt (one number) or ttv (vectors)."""
     vector = prefix == "ttv"
-    blocks = [*_sections()["vector" if vector else "scalar"][1:], *(_plain(b, vector) for b in _sections()["both"])]
-    found = {name: block for block in blocks for name in re.findall(rf"^(?:TT|template).* {prefix}_(\w+)\(", block, flags=re.M)}
+    blocks = [*_blocks("vector" if vector else "scalar")[1:], *(_plain(b, vector) for b in _blocks("elementary")[1:])]
+    found = {
+        name: block
+        for block in blocks
+        for name in re.findall(rf"^(?:TT|template).* {prefix}_(\w+)\(", block, flags=re.M)
+    }
     found |= {name: _lane_by_lane(name, arity, vector, far=False) for name, arity in LIBM.items()}
     far = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2}
     return found | {f"far_{name}": _lane_by_lane(name, arity, vector, far=True) for name, arity in far.items()}
@@ -126,6 +126,6 @@ def _single(name: str) -> str:
         return _LINE.format(inline="TT_INLINE ", type="void", name="tt_sincosf", parameters=parameters, body=body)
     two = name in ("pow", "fmod", "atan2")
     value = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}.get(name, "")
-    value = value or f"{SINGLE[name]}f({'x, z' if two else 'x'})"
+    value = value or f"{SINGLE[name]}({'x, z' if two else 'x'})"
     parameters, body = "float x, float z" if two else "float x", f"    return {value};\n"
     return _LINE.format(inline="TT_INLINE ", type="float", name=f"tt_{name}f", parameters=parameters, body=body)

@@ -1,235 +1,7 @@
-//: scalar
-/* Elementary functions of trimtab, the same bits in scalar C and in vectors. Free to use, change and give away,
- * with or without this notice and under any licence; no warranty. Compile with -ffp-contract=off, never -ffast-math. */
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-#if defined(__FAST_MATH__)
-#error "these functions need IEEE arithmetic: compile without -ffast-math"
-#endif
-#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD == 2 || FLT_EVAL_METHOD == -1)
-#error "these functions need double arithmetic without excess precision (x86: -mfpmath=sse -msse2)"
-#endif
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#endif
-#ifndef TT_FMA /* 1: fused multiply-add where the text says ma; 0: the same bits on machines that have none as well */
-#if defined(__FP_FAST_FMA) || defined(__FMA__)
-#define TT_FMA 1
-#else
-#define TT_FMA 0
-#endif
-#endif
-#ifndef TT_INLINE
-#if defined(__GNUC__)
-#define TT_INLINE static inline __attribute__((unused))
-#define TT_COLD static __attribute__((noinline, cold, unused))
-#else
-#define TT_INLINE static inline
-#define TT_COLD static
-#endif
-#endif
+/* The functions, once for both shapes. elementary.py replaces F64 (number), U64 (its bits), M64 (truth value), INLINE,
+ * COLD (seldom called) and FN(name), and puts scalar.h or vector.h before. A blank line stands between two functions,
+ * nowhere else. ma(a, b, c) is a b + c; coefficients are minimax, found as docs/export/elementary.md says. */
 
-TT_INLINE uint64_t tt_bits(double x)
-{
-    uint64_t u;
-    memcpy(&u, &x, sizeof u);
-    return u;
-}
-
-TT_INLINE double tt_from_bits(uint64_t u)
-{
-    double x;
-    memcpy(&x, &u, sizeof x);
-    return x;
-}
-
-TT_INLINE double tt_splat(double x)
-{
-    return x;
-}
-
-/* a b + c */
-TT_INLINE double tt_ma(double a, double b, double c)
-{
-#if TT_FMA
-    return fma(a, b, c);
-#else
-    return a * b + c;
-#endif
-}
-
-TT_INLINE int tt_within(double a, double limit)
-{
-    return tt_all(a <= limit);
-}
-
-TT_INLINE int tt_all(int m)
-{
-#if defined(__GNUC__)
-    return (int)__builtin_expect(m, 1);
-#else
-    return m;
-#endif
-}
-
-/* exchanges *u and *v where the highest bit is set */
-TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
-{
-    double pair[2];
-    pair[bit >> 63] = *u;
-    pair[bit >> 63 ^ 1] = *v;
-    *u = pair[0];
-    *v = pair[1];
-}
-
-TT_INLINE double tt_sqrt(double x)
-{
-    return sqrt(x);
-}
-
-TT_INLINE double tt_floor(double x)
-{
-    return floor(x);
-}
-
-TT_INLINE double tt_ceil(double x)
-{
-    return ceil(x);
-}
-
-TT_INLINE double tt_trunc(double x)
-{
-    return trunc(x);
-}
-
-TT_INLINE double tt_round_even(double x)
-{
-    return rint(x);
-}
-
-TT_INLINE double tt_round_away(double x)
-{
-    return round(x);
-}
-
-//: vector
-#ifndef TTV_INLINE
-#define TTV_INLINE static inline __attribute__((always_inline, unused))
-#endif
-#define TTV_COLD static __attribute__((noinline, cold, unused))
-typedef double vf64 __attribute__((vector_size(8 * TT_LANES)));
-typedef int64_t vi64 __attribute__((vector_size(8 * TT_LANES)));
-typedef uint64_t vu64 __attribute__((vector_size(8 * TT_LANES)));
-
-TTV_INLINE vf64 ttv_splat(double x)
-{
-    return x - (vf64){}; /* not 0 + x, which loses the sign of -0 */
-}
-TTV_INLINE vf64 ttv_splat(vf64 x)
-{
-    return x;
-}
-
-TTV_INLINE vu64 ttv_bits(vf64 x)
-{
-    return (vu64)x;
-}
-
-TTV_INLINE vf64 ttv_from_bits(vu64 u)
-{
-    return (vf64)u;
-}
-
-TTV_INLINE int ttv_all(vi64 m)
-{
-#if defined(__AVX512DQ__) && TT_LANES == 8
-    typedef long long tt_mask512 __attribute__((vector_size(64)));
-    return __builtin_expect((unsigned char)__builtin_ia32_cvtq2mask512((tt_mask512)m) == 255, 1);
-#elif defined(__AVX__) && TT_LANES == 4
-    return __builtin_expect(__builtin_ia32_movmskpd256((vf64)m) == 15, 1);
-#else
-    int64_t all = m[0];
-    for (int i = 1; i < TT_LANES; i++) all &= m[i];
-    return __builtin_expect(all != 0, 1);
-#endif
-}
-
-/* all a <= limit */
-TTV_INLINE int ttv_within(vf64 a, double limit)
-{
-#if defined(__AVX512DQ__) && TT_LANES == 8
-    return __builtin_expect((unsigned char)__builtin_ia32_cmppd512_mask(a, ttv_splat(limit), 18, -1, 4) == 255, 1);
-#else
-    return ttv_all(a <= limit);
-#endif
-}
-
-/* a b + c, of vectors and numbers */
-template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
-{
-    vf64 x = ttv_splat(a), y = ttv_splat(b), z = ttv_splat(c), r;
-#if TT_FMA
-    for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_fma(x[i], y[i], z[i]);
-#else
-    r = x * y + z;
-#endif
-    return r;
-}
-
-TTV_INLINE int ttv_any(vi64 m)
-{
-    return !ttv_all(m == 0);
-}
-
-/* exchanges *u and *v where the highest bit is set */
-TTV_INLINE void ttv_swap(vu64 bit, vf64 *u, vf64 *v)
-{
-    vi64 turned = (vi64)bit < 0;
-    vf64 w = turned ? *v : *u;
-    *v = turned ? *u : *v;
-    *u = w;
-}
-
-TTV_INLINE vf64 ttv_sqrt(vf64 x)
-{
-    vf64 r;
-    for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_sqrt(x[i]);
-    return r;
-}
-
-TTV_INLINE vf64 ttv_round_even(vf64 x)
-{
-    vf64 a = ttv_abs(x), r = (a + 0x1p52) - 0x1p52;
-    return ttv_copysign(a < 0x1p52 ? r : a, x);
-}
-
-TTV_INLINE vf64 ttv_floor(vf64 x)
-{
-    vf64 r = ttv_round_even(x);
-    return r > x ? r - 1.0 : r;
-}
-
-TTV_INLINE vf64 ttv_ceil(vf64 x)
-{
-    vf64 r = ttv_round_even(x);
-    return ttv_copysign(r < x ? r + 1.0 : r, x);
-}
-
-TTV_INLINE vf64 ttv_trunc(vf64 x)
-{
-    vf64 a = ttv_abs(x), r = ttv_round_even(a);
-    return ttv_copysign(r > a ? r - 1.0 : r, x);
-}
-
-TTV_INLINE vf64 ttv_round_away(vf64 x)
-{
-    vf64 a = ttv_abs(x), r = ttv_round_even(a), d = r - a;
-    return ttv_copysign(d == -0.5 ? r + 1.0 : r, x);
-}
-
-//: both
 INLINE F64 FN(abs)(F64 x)
 {
     return FN(from_bits)(FN(bits)(x) & UINT64_C(0x7fffffffffffffff));
@@ -281,24 +53,24 @@ INLINE F64 FN(quotient)(F64 n, F64 nl, F64 d, F64 dl, F64 *lack)
     return q;
 }
 
-/* sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4; returns q in its low bits; 0 <= a <= 1e6 */
+/* Cody-Waite. sin r = *s + *sl, cos r = *c + *cl for a = q pi/2 + r, |r| <= pi/4; returns q in its low bits; 0 <= a <= 1e6 */
 INLINE U64 FN(quarter_turn)(F64 a, F64 *s, F64 *sl, F64 *c, F64 *cl)
 {
     F64 t = FN(ma)(a, 0x1.45f306dc9c883p-1, 0x1.8p52), n = t - 0x1.8p52;
     F64 x = FN(ma)(n, -0x1.921fb544p+0, a), y = FN(ma)(n, -0x1.0b4611a8p-34, x); /* products with n are exact */
     F64 e = FN(ma)(n, -0x1.d9cceba4p-66, -FN(ma)(n, -0x1.0b4611a8p-34, x - y));
-    F64 r = y - e, l = FN(ma)(n, -0x1.b839a252p-104, (y - r) - e);
-    F64 z = r * r, z2 = z * z, o = FN(ma)(z, -0.5, 1.0);
-    F64 ps = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, 0x1.5d8b55f8305f4p-33, -0x1.ae5e4b854b2dap-26),
-        FN(ma)(z, 0x1.71de35552cccap-19, -0x1.a01a019be9226p-13)),
-        FN(ma)(z, 0x1.111111110f730p-7, -0x1.5555555555548p-3));
-    F64 pc = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, -0x1.8fa684ce01fcdp-37, 0x1.1ee9dbcf3e81cp-29),
+    F64 r = y - e, l = FN(ma)(n, -0x1.b839a252p-104, (y - r) - e); /* r + l = y - e, also where they cancel */
+    F64 z = y * y, z2 = z * z, yz = y * z, o = FN(ma)(z, -0.5, 1.0);
+    F64 p0 = FN(ma)(z, 0x1.111111110f730p-7, -0x1.5555555555548p-3);
+    F64 p = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, 0x1.5d8b55f8305f4p-33, -0x1.ae5e4b854b2dap-26),
+        FN(ma)(z, 0x1.71de35552cccap-19, -0x1.a01a019be9226p-13)), p0);
+    F64 q = FN(ma)(z2, FN(ma)(z2, FN(ma)(z, -0x1.8fa684ce01fcdp-37, 0x1.1ee9dbcf3e81cp-29),
         FN(ma)(z, -0x1.27e4f7f1915e0p-22, 0x1.a01a019c8f253p-16)),
         FN(ma)(z, -0x1.6c16c16c15015p-10, 0x1.555555555554bp-5));
-    *s = r;
-    *sl = FN(ma)(r * z, ps, l * o);
-    *c = o;
-    *cl = FN(ma)(z2, pc, FN(ma)(-r, l, FN(ma)(z, -0.5, 1.0 - o)));
+    *s = r; /* sin(y - e) = (y - e) + (sin y - y) + e (1 - cos y) */
+    *sl = FN(ma)(yz, p, FN(ma)(e * z, FN(ma)(z, -0x1.5555555555555p-5, 0.5), l));
+    *c = o; /* cos(y - e) = cos y + e sin y */
+    *cl = FN(ma)(z2, q, FN(ma)(e, FN(ma)(yz, p0, y), FN(ma)(z, -0.5, 1.0 - o)));
     return FN(bits)(t);
 }
 
