@@ -322,7 +322,7 @@ INLINE F64 FN(log_sum)(F64 n, F64 f, F64 c)
     return v + (b + (FN(ma)(s, FN(ma)(z, p, h), -h) + FN(ma)(n, 0x1.ef35793c76730p-45, c)));
 }
 
-/* x = 2^n (1 + f), for normal x > 0 */
+/* x = 2^n (1 + f); |n| > 1021 tells that x may be no normal number above 0 */
 INLINE F64 FN(log_reduce)(F64 x, F64 *f)
 {
     U64 u = FN(bits)(x) + (UINT64_C(0x3ff0000000000000) - UINT64_C(0x3fe6a09e00000000));
@@ -332,17 +332,16 @@ INLINE F64 FN(log_reduce)(F64 x, F64 *f)
 
 INLINE F64 FN(log)(F64 x)
 {
-    M64 near = (x >= DBL_MIN) & (x <= DBL_MAX);
-    F64 f, n = FN(log_reduce)(x, &f), y = FN(log_sum)(n, f, FN(splat)(0.0));
-    return FN(all)(near) ? y : FN(far_log)(near, x, y);
+    F64 f, n = FN(log_reduce)(x, &f), y = FN(log_sum)(n, f, FN(splat)(0.0)), size = FN(abs)(n);
+    return FN(within)(size, 1021.0) ? y : FN(far_log)(size <= 1021.0, x, y);
 }
 
 INLINE F64 FN(log1p)(F64 x)
 {
-    M64 near = (x > -1.0) & (x <= DBL_MAX);
     F64 u = 1.0 + x, b = u - 1.0, c = (1.0 - (u - b)) + (x - b), f, n = FN(log_reduce)(u, &f);
+    F64 size = FN(abs)(n);
     M64 plain = n == 0.0;
     F64 y = FN(log_sum)(n, plain ? x : f, plain ? FN(splat)(0.0) : c / u);
     y = x == 0.0 ? x : y;
-    return FN(all)(near) ? y : FN(far_log1p)(near, x, y);
+    return FN(within)(size, 1021.0) ? y : FN(far_log1p)(size <= 1021.0, x, y);
 }
