@@ -140,10 +140,15 @@ def run(
 @click.argument("scenario", metavar="[SCENARIO]", required=False)
 @click.option("--target", type=click.Choice(("c", "cortex-m4", "cortex-m7")), default="c", show_default=True)
 @click.option(
-    "--float", "real", type=click.Choice(("double", "single")), help="Precision.  [default: double; single on cortex-m4]"
+    "--float",
+    "real",
+    type=click.Choice(("double", "single")),
+    help="Precision.  [default: single on cortex-m4]",
 )
 @click.option("--part", type=click.Choice(("autopilot", "loop")), default="autopilot", show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the C, its test and its vectors.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the C, its test and its vectors."
+)
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
 @click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")

@@ -42,7 +42,7 @@ def export(request: Request) -> bool:
     if request.fly:
         from trimtab.export.microcontroller import require_tools
 
-        require_tools()
+        require_tools(request.target)
     if request.out is None and not request.fly:
         raise InputError("export", "no folder is named", fix="--out autopilot")
     if request.out is not None:
@@ -132,7 +132,9 @@ def _print(result: Mapping[str, Any], out: Path | None) -> None:
         cost, worst = result["instructions_per_step"], result["worst"]
         click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")
         click.echo(f"  instructions per step  {cost['least']} … {cost['most']}, median {cost['median']}")
-        click.echo(f"  flash                  {result['flash_bytes']} bytes, and {result['library_bytes']} of libraries")
+        click.echo(
+            f"  flash                  {result['flash_bytes']} bytes, and {result['library_bytes']} of libraries"
+        )
         click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, {result['stack_bytes']} of stack")
         _print_worst(worst, result["first_difference"])
     if out is not None:

@@ -12,11 +12,10 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.export.arrays import type_name
 from trimtab.export.helpers import C_TYPES
 
-RESERVED = set(keyword.kwlist) | set(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register"
-    " restrict return short signed sizeof static struct switch typedef union unsigned void volatile while bool true"
-    " false main".split()
-)
+RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}
+RESERVED |= {"auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"}
+RESERVED |= {"float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"}
+RESERVED |= {"sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"}
 
 
 class Member(NamedTuple):

@@ -9,7 +9,7 @@ from trimtab.core.float64 import jax
 from trimtab.export.elementary import elementary
 from trimtab.export.helpers import C_TYPES
 from trimtab.export.members import Member, members, struct
-from trimtab.export.preamble import FREE, INCLUDES
+from trimtab.export.preamble import FREE, INCLUDES, elementary_names
 from trimtab.export.routine import Place, Routine
 from trimtab.export.scalar_text import literal
 from trimtab.export.writer import Writer
@@ -56,8 +56,15 @@ def export_step(
     bodies = starting.lines(w), stepping.lines(w)
     header = _header(name, doc, real, {"params": P, "state": S, "in": IN, "out": OUT})
     tables, defaults = _defaults(P, [np.asarray(v) for v in jax.tree.leaves(params)])
-    functions = {n for n in w.used if n.startswith("tt_")}
-    parts = [FREE, f'#include "{name}.h"\n', INCLUDES, elementary(0, functions), w.helpers(), *w.tables, *tables]
+    parts = [
+        FREE,
+        f'#include "{name}.h"\n',
+        INCLUDES,
+        elementary(0, elementary_names(w)),
+        w.helpers(),
+        *w.tables,
+        *tables,
+    ]
     parts.append(_function(f"{name}_defaults({name}_params *p)", defaults, ["p"]))
     parts.append(_function(f"{name}_init(const {name}_params *p, {name}_state *s)", bodies[0], ["p", "s"]))
     arguments = f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out"
@@ -85,7 +92,7 @@ def _header(name: str, doc: str, real: str, held: dict[str, list[Member]]) -> st
         f"/* One step. No memory is allocated, nothing is kept outside *s, every loop is bounded. */\nvoid {name}_step("
         f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out);\n",
     ]
-    plus = "#ifdef __cplusplus\nextern \"C\" {\n#endif\n", "#ifdef __cplusplus\n}\n#endif\n"
+    plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
     return "\n".join([FREE, f"/* {doc} */", *top, number, *structs, *calls, plus[1], "#endif\n"])

@@ -125,5 +125,3 @@ def _stack(scratch: Path) -> int:
             if "_step" in where:
                 found.append(int(size) if "dynamic" not in kind or "bounded" in kind else 0)
     return max(found)
-
-

@@ -108,7 +108,7 @@ def export_c(
 
 
 def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
-    world, autopilot, x = (numeric(v) for v in (scenario.world, scenario.autopilot, scenario.initial))
+    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
     key = Key(np.uint32(seed), np.uint32(0))
     state = jax.eval_shape(lambda: start(world, autopilot, x, key)[0])
     frame = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=state.received)
@@ -147,7 +147,7 @@ def _frame_column(path: str, log: Log) -> Any:
 
 
 def _loop(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
-    world, autopilot, x = (numeric(v) for v in (scenario.world, scenario.autopilot, scenario.initial))
+    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
     whole = Everything(world=world, autopilot=autopilot, initial=x, key=Key(np.uint32(seed), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], scenario.duration, world.max_step)
     always = table.always
@@ -186,5 +186,3 @@ def _paths(tree: Any) -> list[str]:
 def _table(columns: list[Any]) -> Any:
     """Arrays (n, …) side by side as float64 (n, numbers)."""
     return np.concatenate([np.asarray(c, np.float64).reshape(len(c), -1) for c in columns], axis=1)
-
-
