@@ -105,6 +105,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
+@click.option(
+    "--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True, help="What flies it."
+)
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of all signals.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for log (MCAP) and picture.")
 @JSON
@@ -115,6 +118,7 @@ def run(
     seed: int,
     duration: str | None,
     ideal: bool,
+    backend: str,
     plot: Path | None,
     out: Path | None,
     as_json: bool,
@@ -133,7 +137,7 @@ def run(
 
     if duration is not None:
         settings["duration"] = duration
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json))
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend))
 
 
 @main.command()

@@ -90,7 +90,7 @@ void vectors_get_out(const {n}_out *out, double *row);
 
 
 def _vectors_source(made: Exported) -> str:
-    from trimtab.export.helpers import C_TYPES
+    from trimtab.export.c_functions import C_TYPES
 
     n, k = made.name, 0
     sets, gets = [], []

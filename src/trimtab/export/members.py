@@ -10,7 +10,7 @@ import numpy as np
 from trimtab.core.float64 import jax
 from trimtab.core.record import Quantity, leaves
 from trimtab.export.arrays import type_name
-from trimtab.export.helpers import C_TYPES
+from trimtab.export.c_functions import C_TYPES
 
 RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}
 RESERVED |= {"auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"}

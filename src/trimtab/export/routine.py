@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, copied, copy_into, scalars, small
+from trimtab.export.c_functions import C_TYPES
 from trimtab.export.fold import fold
-from trimtab.export.helpers import C_TYPES
 from trimtab.export.ir import Buffer, Builder, Value
 from trimtab.export.live import prune
 from trimtab.export.lower import Lowering

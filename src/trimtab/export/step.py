@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.float64 import jax
+from trimtab.export.c_functions import C_TYPES
 from trimtab.export.elementary import elementary
-from trimtab.export.helpers import C_TYPES
 from trimtab.export.members import Member, members, struct
 from trimtab.export.preamble import FREE, INCLUDES, elementary_names
 from trimtab.export.routine import Place, Routine
