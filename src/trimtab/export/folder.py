@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.export.c_functions import C_TYPES
 from trimtab.export.members import Member
 from trimtab.export.preamble import FREE
 from trimtab.export.step import Exported
@@ -39,7 +40,7 @@ def write_folder(folder: Path, made: Exported, vectors: Vectors, about: dict[str
         f"{made.name}.h": made.header,
         f"{made.name}.c": made.source,
         "vectors.h": _vectors_header(made),
-        "vectors.c": _vectors_source(made),
+        "vectors.c": "\n".join([FREE, '#include "vectors.h"\n', *_bodies(made)]),
         "vectors.csv": "\n".join(lines) + "\n",
         "replay.c": _replay(made),
         "CMakeLists.txt": CMAKE.replace("NAME", made.name),
@@ -72,26 +73,33 @@ def _number(x: float) -> str:
 
 
 def _vectors_header(made: Exported) -> str:
+    return "\n".join(
+        [
+            FREE,
+            "/* Rows of vectors.csv as structs: the inputs, then the outputs; every number as double. */",
+            "#ifndef VECTORS_H\n#define VECTORS_H\n",
+            f'#include "{made.name}.h"\n',
+            _declarations(made),
+            "#endif\n",
+        ]
+    )
+
+
+def _declarations(made: Exported) -> str:
     n = made.name
-    return f"""{FREE}
-/* Rows of vectors.csv as structs: {len(columns(made.inputs))} inputs, then {len(columns(made.outputs))} outputs. */
-#ifndef VECTORS_H
-#define VECTORS_H
-
-#include "{n}.h"
-
-enum {{ VECTORS_IN = {len(columns(made.inputs))}, VECTORS_OUT = {len(columns(made.outputs))} }};
+    return f"""enum {{ VECTORS_IN = {len(columns(made.inputs))}, VECTORS_OUT = {len(columns(made.outputs))} }};
 
 void vectors_set_in(const double *row, {n}_in *in);
 void vectors_get_out(const {n}_out *out, double *row);
-
-#endif
 """
 
 
-def _vectors_source(made: Exported) -> str:
-    from trimtab.export.c_functions import C_TYPES
+def vectors_source(made: Exported) -> str:
+    """Declarations and bodies of the functions between rows of numbers and structs."""
+    return "\n".join([_declarations(made), *_bodies(made)])
 
+
+def _bodies(made: Exported) -> list[str]:
     n, k = made.name, 0
     sets, gets = [], []
     for m in made.inputs:
@@ -105,8 +113,7 @@ def _vectors_source(made: Exported) -> str:
             gets.append(f"    row[{k}] = (double){m.at('out->', i)};")
             k += 1
     body = [f"void vectors_set_in(const double *row, {n}_in *in)", "{", *sets, "}", ""]
-    body += [f"void vectors_get_out(const {n}_out *out, double *row)", "{", *gets, "}", ""]
-    return "\n".join([FREE, '#include "vectors.h"\n', *body])
+    return [*body, f"void vectors_get_out(const {n}_out *out, double *row)", "{", *gets, "}", ""]
 
 
 def _replay(made: Exported) -> str:

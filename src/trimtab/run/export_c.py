@@ -107,7 +107,16 @@ def export_c(
     return Written(made, files)
 
 
-def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
+class Block(NamedTuple):
+    """An exported autopilot: its text, and the paths of its inputs and outputs as the log names them."""
+
+    exported: Exported
+    inputs: list[str]
+    outputs: list[str]
+
+
+def autopilot_step(scenario: Scenario, name: str, real: str, seed: int) -> Block:
+    """The text of a checked scenario's autopilot. real: "f64" or "f32"."""
     world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
     key = Key(np.uint32(seed), np.uint32(0))
     state = jax.eval_shape(lambda: start(world, autopilot, x, key)[0])
@@ -124,18 +133,22 @@ def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) 
 
     doc = f"Autopilot of {scenario.name}: one step every {to_seconds(autopilot.period) * 1e3:g} ms."
     made = export_step(name, doc, autopilot, init, step, frame, real)
-    duration = min(scenario.duration, steps * autopilot.period)
+    return Block(made, _paths(frame), _paths(_outputs(init, step, autopilot, frame)))
+
+
+def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
+    made, inputs, outputs = autopilot_step(scenario, name, real, seed)
+    period = scenario.autopilot.period
     log = simulate(
         scenario,
         seed=seed,
-        duration=duration,
-        log_period=autopilot.period,
+        duration=min(scenario.duration, steps * period),
+        log_period=period,
         signals=("downlink", "command", "estimate", "law"),
         backend="jax",
     )
-    taken = [_frame_column(path, log) for path in _paths(frame)]
-    given = [log[path] for path in _paths(_outputs(init, step, autopilot, frame))]
-    return made, Vectors(_table(taken), _table(given)), autopilot.period
+    vectors = Vectors(_table([_frame_column(p, log) for p in inputs]), _table([log[p] for p in outputs]))
+    return made, vectors, period
 
 
 def _outputs(init: Any, step: Any, params: Any, given: Any) -> Any:
