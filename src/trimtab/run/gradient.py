@@ -1,4 +1,4 @@
-"""Gradients of a whole run with respect to parameters: the derivative is carried along with the state, compiled as C."""
+"""Gradients of a whole run with respect to parameters: the derivative is carried along with the state, in C."""
 
 import functools
 from collections.abc import Callable
@@ -81,7 +81,7 @@ def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
 
 @functools.lru_cache(maxsize=16)
 def _lowered(tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost) -> Flight:
-    """The walk of (cost so far, its derivative, state, its derivative), whose inputs are those of the run and a direction."""
+    """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
     example = [np.zeros(shape, dtype) for shape, dtype in shapes]
     dual = _Dual(tree, always, at, cost)
     direction = [example[i] for i in at]
@@ -108,9 +108,8 @@ class _Dual:
         found, tree = jax.tree.flatten(state)
         real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in found]
         self.structure = tree, real
-        return [v for v, r in zip(found, real, strict=True) if r], [
-            v for v, r in zip(found, real, strict=True) if not r
-        ]
+        pairs = list(zip(found, real, strict=True))
+        return [v for v, r in pairs if r], [v for v, r in pairs if not r]
 
     def together(self, reals: list[Any], others: list[Any]) -> Any:
         tree, real = self.structure
