@@ -319,31 +319,6 @@ def test_the_oldest_go_and_so_does_what_was_left_behind(folder, monkeypatch):
     assert fresh.exists()
 
 
-def test_finding_costs_less_than_15_ms():
-    """All of it, as in a program that has just started; the least of some, since others share the machine."""
-    plan = Plan(PLAN.content, {"t": np.arange(15_000), "h": np.arange(15_000), "parameters": np.zeros(500)})
-    kept(plan=plan)
-    took = []
-    for _ in range(7):
-        module._surroundings.cache_clear()
-        began = time.perf_counter()
-        assert find(REQUEST) is not None
-        took.append(time.perf_counter() - began)
-    assert min(took) < 0.015
-
-
-WARM = """
-import sys
-from trimtab.commands.plan import Plan, find, keep
-found = find({"scenario": "x"})
-if found is None:
-    import numpy as np
-    print("kept", keep({"scenario": "x"}, Plan({"a": 1}, {"b": np.arange(3)}), []))
-else:
-    print(found.content, found.arrays["b"].tolist(), "jax" in sys.modules)
-"""
-
-
 def test_a_second_program_finds_it_without_jax():
     def run():
         return subprocess.run([sys.executable, "-c", WARM], capture_output=True, text=True, timeout=60)
