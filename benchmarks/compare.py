@@ -215,7 +215,7 @@ def main() -> int:
     print(f"{machine('jax')}\n{began}")
     with tempfile.TemporaryDirectory() as folder:
         lanes = references.widest("native")
-        libraries = references.build(folder, "native", lanes)
+        libraries = references.hand(folder, "native") | references.simd(folder, "native", lanes)
         tables = measured(a, libraries, lanes)
         bad = wrong(tables, libraries, a.tol)
     simd = references.hand_simd(lanes)

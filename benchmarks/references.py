@@ -15,6 +15,7 @@ sys.path.insert(0, str(SOURCES))
 import spec
 
 CC, CXX = os.environ.get("CC", "gcc"), os.environ.get("CXX", "g++")
+FLAGS = ["-O3", "-shared", "-fPIC"]
 HAND_C, HAND_SLP = "hand C", "hand C, SLP on"
 KNOWN = np.array(
     [
@@ -45,24 +46,28 @@ def widest(march: str) -> int:
     return 4 if "__AVX2__" in macros else 0
 
 
-def build(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
-    """Hand C, the same with SLP, and hand SIMD; the last is left out, with a line why, where it can't be had."""
-    flags = ["-O3", f"-march={march}", "-shared", "-fPIC"]
+def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
+    """Hand C, and the same with SLP (gcc packs neighbouring scalars into vectors)."""
     libraries = {}
     for name, extra in ((HAND_C, ["-fno-tree-vectorize"]), (HAND_SLP, [])):
         out = f"{folder}/hand{len(libraries)}.so"
-        sh(CC, *flags, *extra, "-o", out, str(SOURCES / "hover_c.c"), "-lm", "-lpthread")
+        sh(CC, *FLAGS, f"-march={march}", *extra, "-o", out, str(SOURCES / "hover_c.c"), "-lm", "-lpthread")
         libraries[name] = ctypes.CDLL(out)
+    return libraries
+
+
+def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
+    """Hand SIMD; nothing, with a line why, where it can't be had."""
     if not lanes:
         print("hand SIMD is left out: no AVX2")
-        return libraries
+        return {}
     out, source = f"{folder}/simd.so", str(SOURCES / "hover_simd.cpp")
     try:
-        sh(CXX, *flags, f"-DW={lanes}", "-o", out, source, "-lm", "-lmvec", "-lpthread")
-        libraries[hand_simd(lanes)] = ctypes.CDLL(out)
+        sh(CXX, *FLAGS, f"-march={march}", f"-DW={lanes}", "-o", out, source, "-lm", "-lmvec", "-lpthread")
+        return {hand_simd(lanes): ctypes.CDLL(out)}
     except (RuntimeError, OSError) as reason:
         print(f"hand SIMD is left out: it needs g++, x86-64 and glibc 2.35 or newer\n{str(reason)[:500]}")
-    return libraries
+        return {}
 
 
 def hand_simd(lanes: int) -> str:
