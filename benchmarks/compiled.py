@@ -93,21 +93,28 @@ def width() -> int:
     return lanes(compiler) if compiler else 1
 
 
-def campaign_text(n: int) -> str:
-    """C++ of the loop over n lanes whose runs differ in their number; C for 1."""
-    loop = parts()
-    return compiled.lowered(loop.of).text(n if n > 1 else 0, _own(loop))
-
-
 def _own(loop: Loop) -> frozenset[int]:
+    """Position of the run's number among the inputs: the only one in which runs of a campaign differ."""
     return frozenset([len(jax.tree.leaves(loop.whole)) - 1])
+
+
+def text(lanes: int) -> str:
+    """C of a single run, or C++ of a campaign over lanes."""
+    loop = parts()
+    flight = compiled.lowered(loop.of)
+    return flight.text(lanes, _own(loop)) if lanes else flight.text()
+
+
+def campaign_inputs() -> Any:
+    """The inputs that all runs of a campaign share."""
+    loop = parts()
+    return compiled.flat(loop.whole, _own(loop))
 
 
 def campaign(runs: int, threads: int) -> Any:
     """The 14 numbers of each of many runs, over lanes and threads."""
     loop, n = parts(), width()
-    own = _own(loop)
-    path = compiled.library(loop.of, n if n > 1 else 0, own)
-    numbers, shared = np.arange(runs, dtype=np.float64)[:, None], compiled.flat(loop.whole, own)
-    flown = fly(path, shared, numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
+    path = compiled.library(loop.of, n if n > 1 else 0, _own(loop))
+    numbers = np.arange(runs, dtype=np.float64)[:, None]
+    flown = fly(path, campaign_inputs(), numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
     return flown.final[:, loop.at] * SCALE
