@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,58 +28,9 @@ import jax.numpy as jnp
 import references
 import spec
 import workload
-from paired import Program, Ratio, Timed, difference, load, machine, ratio, rounds, row, show
+from figures import CAMPAIGN, NUMPY, SCAN, TITLES, TRIMTAB, VMAP, WALK, figures, markdown, report
+from paired import Program, Timed, difference, load, machine, ratio, rounds, show
 from references import HAND_C, HAND_SLP, KNOWN
-
-TRIMTAB, WALK, SCAN, NUMPY = "trimtab C", "trimtab walk (JAX)", "JAX scan", "numpy loop"
-CAMPAIGN, VMAP = "trimtab, lanes x threads", "JAX vmap"
-
-
-class Figure(NamedTuple):
-    """A ratio that is of interest: of two programs' times in one table, with the target where there is one."""
-
-    table: str
-    over: str
-    under: str
-    most: float | None = None
-    least: float | None = None
-
-    @property
-    def name(self) -> str:
-        return f"{TITLES[self.table].lower()}: {self.over} / {self.under}"
-
-    @property
-    def target(self) -> str:
-        if self.most is not None:
-            return f"≤ {self.most:g}"
-        return f"≥ {self.least:g}" if self.least is not None else ""
-
-    def met(self, found: Ratio) -> bool:
-        return (self.most is None or found.median <= self.most) and (self.least is None or found.median >= self.least)
-
-
-TITLES = {
-    "single": "One run",
-    "python": "One run, slower programs",
-    "log": "One run, log of 11",
-    "campaign": "Campaign",
-}
-
-
-def figures(simd: str) -> list[Figure]:
-    """All ratios that are reported."""
-    return [
-        Figure("single", TRIMTAB, HAND_C, most=1.2),
-        Figure("campaign", simd, CAMPAIGN, least=0.8),
-        Figure("python", SCAN, TRIMTAB, least=8),
-        Figure("campaign", VMAP, CAMPAIGN, least=20),
-        Figure("python", WALK, SCAN, most=1.3),
-        Figure("single", HAND_SLP, HAND_C),
-        Figure("python", NUMPY, TRIMTAB),
-        Figure("campaign", HAND_C, CAMPAIGN),
-        Figure("log", TRIMTAB, HAND_C),
-        Figure("log", WALK, SCAN),
-    ]
 
 
 def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
@@ -159,7 +110,7 @@ def measured(a: argparse.Namespace, libraries: dict[str, Any], lanes: int) -> di
         tables[name] = rounds(programs(), given, HAND_C)
         base = HAND_C if name != "campaign" else next((n for n in tables[name].times if "SIMD" in n), HAND_C)
         of = f"{a.runs} runs on {a.threads} threads, times per run" if name == "campaign" else "15 s, 15000 steps"
-        show(f"{TITLES[name]}: {of}, {count} rounds", tables[name], base, spec.N)
+        show(f"{TITLES[name].capitalize()}: {of}, {count} rounds", tables[name], base, spec.N)
     return tables
 
 
@@ -184,27 +135,9 @@ def options() -> argparse.Namespace:
     return a
 
 
-def verdict(figure: Figure, found: Ratio | None) -> str:
-    if found is None:
-        return "not measured"
-    return ("met" if figure.met(found) else "MISSED") if figure.target else ""
-
-
-def report(found: dict[Figure, Ratio | None], markdown: bool) -> bool:
-    """Print ratios, targets and, where wanted, rows of the table; whether all targets are met."""
-    print(f"\n{'ratios within a round':64}{'median (min..max)':>24}{'target':>9}")
-    for figure, x in found.items():
-        print(f"{figure.name:64}{x or '-'!s:>24}{figure.target:>9}  {verdict(figure, x)}")
-    if markdown:
-        print()
-        for figure, x in found.items():
-            print(row(figure.name, x or "not measured", figure.target, "python benchmarks/compare.py"))
-    return all(verdict(figure, x) in ("", "met") for figure, x in found.items() if figure.target)
-
-
 def wrong(tables: dict[str, Timed], libraries: dict[str, Any], tol: float) -> list[str]:
     """Programs that differ from hand C; hand C itself where it differs from the printed numbers."""
-    bad = [f"{n} ({TITLES[t].lower()})" for t, timed in tables.items() for n, d in timed.worst.items() if not d <= tol]
+    bad = [f"{n} ({TITLES[t]})" for t, timed in tables.items() for n, d in timed.worst.items() if not d <= tol]
     hand = references.single(libraries[HAND_C])(np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32))
     return bad if difference(hand, KNOWN) <= tol else [HAND_C, *bad]
 
@@ -218,9 +151,10 @@ def main() -> int:
         libraries = references.hand(folder, "native") | references.simd(folder, "native", lanes)
         tables = measured(a, libraries, lanes)
         bad = wrong(tables, libraries, a.tol)
-    simd = references.hand_simd(lanes)
-    found = {f: ratio(tables[f.table], f.over, f.under) for f in figures(simd)}
-    met = report(found, a.markdown)
+    found = {f: ratio(tables[f.table], f.over, f.under) for f in figures(references.hand_simd(lanes))}
+    met = report(found)
+    if a.markdown:
+        markdown(found, tables)
     if a.quick:
         print("these ratios mean nothing: --quick takes too few rounds")
     print(f"\nat the start {began}\nat the end {load()}")
@@ -232,7 +166,7 @@ def main() -> int:
             "lanes": lanes,
             "trimtab lanes": compiled.width(),
         }
-        ratios = {f.name: {"ratio": x, "target": f.target, "verdict": verdict(f, x)} for f, x in found.items()}
+        ratios = {f.name: {"ratio": x, "target": f.target, "verdict": f.verdict(x)} for f, x in found.items()}
         content = {**about, "ratios": ratios, "tables": {n: t._asdict() for n, t in tables.items()}}
         Path(a.json).write_text(json.dumps(content, indent=1))
     print(f"WRONG by more than {a.tol:g}: {', '.join(bad)}" if bad else f"all results agree to {a.tol:g}")

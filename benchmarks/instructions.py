@@ -3,7 +3,7 @@
     python benchmarks/instructions.py               half a minute
     python benchmarks/instructions.py --markdown    and the rows of docs/benchmarks.md
 
-Hand C without and with SLP, trimtab's C, and per run hand SIMD and trimtab over 4 lanes: all built for x86-64-v3 (AVX2),
+Hand C without and with SLP, trimtab's C, and per run hand SIMD and trimtab over 4 lanes: all for x86-64-v3 (AVX2),
 because valgrind lacks AVX-512. Start-up is subtracted: a run of 0 ticks is counted too. Results are compared as well.
 Equal counts don't mean equal times: SLP lowers the count and raises the time. Needs gcc, g++ and valgrind, on x86-64.
 """
