@@ -29,7 +29,7 @@ import references
 import spec
 import workload
 from figures import CAMPAIGN, NUMPY, SCAN, TITLES, TRIMTAB, VMAP, WALK, figures, markdown, report
-from paired import Program, Timed, difference, load, machine, ratio, rounds, show
+from paired import Program, Timed, difference, load, machine, ratio, rounds, several, show
 from references import HAND_C, HAND_SLP, KNOWN
 
 
@@ -43,10 +43,10 @@ def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
 
 
 def slower(libraries: dict[str, Any]) -> dict[str, Program]:
-    """Those that take tens to hundreds of milliseconds, beside two fast ones."""
+    """Those that take tens to hundreds of milliseconds, beside ten runs of two fast ones."""
     return {
-        HAND_C: Program(references.single(libraries[HAND_C])),
-        TRIMTAB: Program(compiled.single),
+        HAND_C: several(references.single(libraries[HAND_C]), 10),
+        TRIMTAB: several(compiled.single, 10),
         SCAN: Program(hover_jax.single),
         WALK: Program(workload.single),
         NUMPY: Program(hover_np.single),
@@ -57,8 +57,8 @@ def logs(libraries: dict[str, Any]) -> dict[str, Program]:
     """The same loop with a log of 11 numbers per step, compared row by row."""
     walk = workload.logged(workload.LOGGED)
     return {
-        HAND_C: Program(references.logged(libraries[HAND_C]), result=after),
-        TRIMTAB: Program(compiled.logged, result=before),
+        HAND_C: several(references.logged(libraries[HAND_C]), 10, after),
+        TRIMTAB: several(compiled.logged, 10, before),
         SCAN: Program(scan_with_log(), result=after),
         WALK: Program(lambda gains, key: walk(gains, key)[1], result=before),
     }

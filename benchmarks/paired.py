@@ -69,6 +69,18 @@ def rounds(programs: dict[str, Program], inputs: Sequence[tuple[Any, ...]], refe
     return timed
 
 
+def several(call: Callable[..., Any], runs: int, result: Callable[..., Any] = np.asarray) -> Program:
+    """A short program, measured as long as its neighbours: runs with keys from the given one on; gives the first."""
+
+    def calls(gains: Any, key: Any) -> Any:
+        first = call(gains, key)
+        for i in range(1, runs):
+            call(gains, key + np.array([0, i], np.uint32))
+        return first
+
+    return Program(calls, runs, result)
+
+
 def difference(found: Any, truth: Any) -> float:
     """The largest difference; infinite where a number is not finite or the shapes differ."""
     if np.shape(found) != np.shape(truth):

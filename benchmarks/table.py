@@ -46,8 +46,11 @@ def main() -> None:
     if a.write and a.without_peers:
         p.error("the page's table is of one machine, whole: --write needs the peers")
     commands = COMMANDS if a.without_peers else [*COMMANDS, *PEERS]
+    began = load()
     lines = [line for command in commands for line in rows(command)]
-    table = "\n".join([f"Measured on {machine('jax')}; {load().split('   ')[0]} at the end.", "", HEAD, *lines])
+    start, end = (text.split("   ")[0] for text in (began, load()))
+    about = f"Measured on {machine('jax')}; {start} at the start, {end} at the end."
+    table = "\n".join([about, "", HEAD, *lines])
     print(f"\n{table}")
     if a.write:
         before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)

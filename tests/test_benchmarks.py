@@ -110,6 +110,19 @@ def test_rounds_shuffle_the_order_and_give_each_program_its_own_copy():
     assert [float(x[0][0]) for x in inputs] == list(range(9))
 
 
+def test_several_runs_of_a_short_program_give_the_first_and_the_time_of_one():
+    paired = loaded("paired")
+    keys = []
+
+    def call(gains, key):
+        keys.append(key.tolist())
+        return gains * key[1]
+
+    program = paired.several(call, 3)
+    assert program.call(np.array([2.0]), np.array([7, 5], np.uint32)) == [10.0]
+    assert (keys, program.runs) == ([[7, 5], [7, 6], [7, 7]], 3)
+
+
 def test_a_peers_worker_answers_with_the_numbers_of_the_definition():
     asked = json.dumps(["peer", [1.0, 2.5], [7, 0]]) + "\n"
     done = python(BENCHMARKS / "peers" / "worker.py", "hover_np", input=asked)

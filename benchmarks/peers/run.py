@@ -27,7 +27,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "reference")]
 import compiled
 import references
 import spec
-from paired import Program, load, machine, ratio, rounds, row, show
+from paired import Program, load, machine, ratio, rounds, row, several, show
 
 ENVIRONMENTS = HERE.parent / ".peers"
 TRIMTAB, NUMPY = "trimtab C", "numpy loop"
@@ -107,14 +107,14 @@ class Worker:
 
 
 def beside(worker: Worker, title: str, count: int) -> Any:
-    """Rounds of the peer, the numpy loop, trimtab and hand C."""
+    """Rounds of the peer, the numpy loop, and fifty runs each of trimtab and hand C."""
     gains, key = np.array(spec.GAINS), np.array([spec.KEY0, 0], np.uint32)
     inputs = [(gains + 0.01 * i, key + np.array([0, i], np.uint32)) for i in range(count + 1)]
     with tempfile.TemporaryDirectory() as folder:
         libraries = references.hand(folder, "native")
         programs = {
-            references.HAND_C: Program(references.single(libraries[references.HAND_C])),
-            TRIMTAB: Program(compiled.single),
+            references.HAND_C: several(references.single(libraries[references.HAND_C]), 50),
+            TRIMTAB: several(compiled.single, 50),
             NUMPY: Program(lambda gains, key: worker.ask("numpy", gains, key)),
             title: Program(lambda gains, key: worker.ask("peer", gains, key)),
         }
