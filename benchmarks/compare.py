@@ -34,12 +34,12 @@ from references import HAND_C, HAND_SLP, KNOWN
 
 
 def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
-    """The fast ones: a round of them takes milliseconds, so neighbours see the same machine."""
-    made = {name: Program(references.single(lib)) for name, lib in libraries.items() if "SIMD" not in name}
+    """The fast ones, five runs each: a round of them takes milliseconds, so neighbours see the same machine."""
+    made = {name: several(references.single(lib), 5) for name, lib in libraries.items() if "SIMD" not in name}
     simd = references.hand_simd(lanes)
     if simd in libraries:
-        made[simd] = Program(references.block(libraries[simd], lanes), lanes)
-    return {**made, TRIMTAB: Program(compiled.single)}
+        made[simd] = several(references.block(libraries[simd], lanes), 5)._replace(runs=5 * lanes)
+    return {**made, TRIMTAB: several(compiled.single, 5)}
 
 
 def slower(libraries: dict[str, Any]) -> dict[str, Program]:
