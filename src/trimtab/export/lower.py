@@ -9,7 +9,7 @@ from typing import Any
 
 from trimtab.core.errors import InputError
 from trimtab.export import jaxprs
-from trimtab.export.arrays import Array, constant, type_name
+from trimtab.export.arrays import Array, constant, small, stored, type_name
 from trimtab.export.ir import Builder
 
 Rule = Callable[["Site"], list[Array]]
@@ -84,14 +84,14 @@ class Lowering:
             env[var], doomed[var] = operand, dies
         last = _last_uses(inner)
         for k, equation in enumerate(inner.eqns):
-            given = [self._atom(a, env) for a in equation.invars]
+            given = [self._atom(a, env, equation) for a in equation.invars]
             dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
             env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
         return [self._atom(a, env) for a in inner.outvars]
 
-    def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:
+    def _atom(self, atom: Any, env: dict[Any, Array], equation: Any = None) -> Array:
         number = jaxprs.literal(atom)
-        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype))
+        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype, equation))
 
     def _dies(self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]) -> bool:
         """Whether the buffer of an operand is read by nobody after equation k, under any name."""
@@ -113,7 +113,18 @@ class Lowering:
             where = jaxprs.source(equation)
             fix = f"write {INSTEAD[name]}" if name in INSTEAD else "write it with what trimtab.export.coverage lists"
             raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
-        return rule(Site(self, equation, operands, dying))
+        site = Site(self, equation, operands, dying)
+        if name not in ("cond", "scan", "while"):
+            self._in_memory(equation, operands)
+        return rule(site)
+
+    def _in_memory(self, equation: Any, operands: list[Array]) -> None:
+        """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
+        if all(small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
+            return
+        for array in operands:
+            if array.size > 1:
+                stored(self.b, array)
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:

@@ -1,6 +1,6 @@
 """Rules for branches and loops."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from trimtab.export import jaxprs
@@ -75,10 +75,13 @@ def _joined(b: Builder, made: If, x: Array, y: Array) -> Array:
 class Carried:
     """The arrays that a loop carries: values, or, where they are large or indexed, a buffer of the loop."""
 
-    def __init__(self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int]) -> None:
+    def __init__(
+        self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
+    ) -> None:
+        """others: what else the loop reads; a buffer of theirs is not the loop's to change."""
         self.b, self.like = b, starts
         self.buffers: list[Array | None] = []
-        taken: list[Any] = []
+        taken: list[Any] = [a.buffer for a in others]
         for i, (a, dies) in enumerate(zip(starts, dying, strict=True)):
             own = a.buffer is not None and dies and not a.buffer.fixed and a.offset is None and a.buffer not in taken
             in_memory = a.items is None or i in indexed
@@ -120,7 +123,9 @@ def _scan(site: Site) -> list[Array]:
         site.operands[s.constants : first],
         site.dying[s.constants : first],
         jaxprs.indexed(s.body.jaxpr, s.constants),
+        [*constants, *slices],
     )
+    _in_memory(b, constants, s.body)
     outs = [site.lowering.array_like(v.aval, site.equation) for v in site.equation.outvars[s.carried :]]
 
     def turn(i: Value, flat: list[Value]) -> list[Value]:
@@ -161,11 +166,21 @@ def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
         b.each(row.size, lambda j: b.store(buffer, b.op("add", offset, j, dtype="i32"), at(b, row, j)))
 
 
+def _in_memory(b: Builder, constants: list[Array], program: Any) -> None:
+    """Small arrays that a loop reads at computed indices are put in memory before it, not at each turn."""
+    for i in jaxprs.indexed(program.jaxpr):
+        if i < len(constants):
+            stored(b, constants[i])
+
+
 def _while(site: Site) -> list[Array]:
     b, w = site.b, jaxprs.while_loop(site.equation)
     first = w.test_constants + w.body_constants
     of_test, of_body = site.operands[: w.test_constants], site.operands[w.test_constants : first]
-    carried = Carried(b, site.operands[first:], site.dying[first:], jaxprs.indexed(w.body.jaxpr, w.body_constants))
+    indexed = jaxprs.indexed(w.body.jaxpr, w.body_constants)
+    carried = Carried(b, site.operands[first:], site.dying[first:], indexed, site.operands[:first])
+    _in_memory(b, of_test, w.test)
+    _in_memory(b, of_body, w.body)
 
     def test(flat: list[Value]) -> Value:
         [holds] = site.inline(w.test, [*of_test, *carried.arrays(flat)])
