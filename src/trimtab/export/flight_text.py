@@ -1,4 +1,4 @@
-"""Text of a flight: parameters in, every instant, rows of the log and running statistics out; threads share the runs."""
+"""Text of a flight: parameters in, every instant, rows of the log and statistics out; threads share the runs."""
 
 from typing import Any
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from trimtab.core.float64 import jax
 from trimtab.export import jaxprs
-from trimtab.export.arrays import Array, Index, linear, scalars, small
+from trimtab.export.arrays import Array, scalars, small
 from trimtab.export.fold import fold
 from trimtab.export.helpers import C_TYPES
 from trimtab.export.ir import Buffer, Builder, Value

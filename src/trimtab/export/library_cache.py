@@ -1,0 +1,232 @@
+"""Compiled libraries kept between runs, in folders of this user's alone.
+
+An entry is a library KEY.so and a manifest KEY.txt that holds the library's checksum. Both are written under other
+names and renamed, the manifest last, so an entry is whole or there is none; and a library that its manifest doesn't
+vouch for counts as none. Libraries go to the user's cache, and where that can't be had to a folder that ends with the
+process.
+"""
+
+import contextlib
+import os
+import stat
+import time
+from collections.abc import Callable, Iterator
+from hashlib import sha256
+from pathlib import Path
+from typing import TypeVar
+
+from trimtab.core.cache_folder import cache_folder, is_ours
+
+LIMIT = 512 * 2**20
+"""Bytes that the cache may hold; beyond, what was used longest ago goes."""
+PATIENCE = 300.0
+"""Seconds to wait for another process that builds the same library."""
+DAY = 86400.0
+MAKE_ROOM = "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may hold programs."
+"""What to do where no folder will do."""
+
+_private: list[Path] = []
+_trouble: list[str] = []
+
+Result = TypeVar("Result")
+
+
+def kept() -> Path:
+    """The folder of libraries that outlast the process; OSError where there is none that is safe."""
+    return _runnable(cache_folder("c"))
+
+
+def private() -> Path:
+    """A folder of this process alone, removed at its end."""
+    if not _private or not _private[-1].is_dir():
+        import atexit
+        import shutil
+        import tempfile
+
+        folder, maker = Path(tempfile.mkdtemp(prefix="trimtab-")).absolute(), os.getpid()
+        # A forked child inherits the registration, and mustn't remove what its parent still uses.
+        atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
+        _private.append(folder)
+    return _runnable(_private[-1])
+
+
+def not_kept() -> str:
+    """Why this process couldn't use the user's cache, or nothing; then every process compiles anew."""
+    return _trouble[-1] if _trouble else ""
+
+
+def anywhere(action: Callable[[Path], Result]) -> Result:
+    """What action gives, in the first folder where no OSError stops it; OSError with all reasons where each did."""
+    reasons: list[str] = []
+    for folder in (kept, private):
+        try:
+            return action(folder())
+        except OSError as reason:
+            reasons.append(str(reason))
+            if folder is kept:
+                _trouble.append(str(reason))
+    raise OSError("; ".join(dict.fromkeys(reasons)))
+
+
+def find(key: str) -> Path | None:
+    """The library of that key, if one is whole."""
+    with contextlib.suppress(OSError):
+        if library := lookup(kept(), key):
+            return library
+    return lookup(_private[-1], key) if _private else None
+
+
+def lookup(folder: Path, key: str) -> Path | None:
+    """The library of that key in a folder, unless entry, owner, mode or checksum is wrong."""
+    manifest, library = folder / f"{key}.txt", folder / f"{key}.so"
+    said = _entries(read_own(manifest))
+    content = read_own(library)
+    if content is None or said.get("key") != key or said.get("sha256") != sha256(content).hexdigest():
+        return None
+    with contextlib.suppress(OSError):
+        if time.time() - manifest.stat().st_mtime > 3600.0:
+            os.utime(manifest)
+    return library
+
+
+def store(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
+    """Take over a finished library, which lies in a work folder of that folder, as the entry of that key."""
+    library.chmod(0o700)
+    with library.open("rb+") as file:
+        said = {"key": key, "sha256": sha256(file.read()).hexdigest(), **about}
+        os.fsync(file.fileno())
+    taken = folder / f"{key}.so"
+    os.replace(library, taken)
+    write_whole(folder / f"{key}.txt", "".join(f"{name} {value}\n" for name, value in said.items()))
+    _tidy(folder, spare=key)
+    return taken
+
+
+def read_own(path: Path) -> bytes | None:
+    """The content of a plain file of this user's that nobody else can write to; otherwise None."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    except OSError:
+        return None
+    with open(descriptor, "rb") as file:
+        about = os.fstat(descriptor)
+        if not stat.S_ISREG(about.st_mode) or not is_ours(about):
+            return None
+        try:
+            return file.read()
+        except OSError:
+            return None
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all."""
+    with work_folder(path.parent) as work:
+        draft = work / "draft"
+        with draft.open("x", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.chmod(0o600)
+        os.replace(draft, path)
+
+
+@contextlib.contextmanager
+def work_folder(folder: Path) -> Iterator[Path]:
+    """A new folder in the folder, this user's alone, gone at the end."""
+    import shutil
+    import tempfile
+
+    work = Path(tempfile.mkdtemp(prefix="tmp-", dir=folder))
+    try:
+        yield work
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def alone(folder: Path, key: str) -> Iterator[None]:
+    """Wait while another process builds that key. A courtesy: where files can't be locked two may build, harmlessly."""
+    name = folder / f"{key}.lock"
+    try:
+        import fcntl
+
+        descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    except (ImportError, OSError):
+        yield
+        return
+    try:
+        mine = _locked(fcntl.flock, fcntl.LOCK_EX | fcntl.LOCK_NB, descriptor)
+        try:
+            yield
+        finally:
+            if mine:
+                with contextlib.suppress(OSError):
+                    name.unlink()
+    finally:
+        os.close(descriptor)  # and with it the lock; so does the end of the process
+
+
+def _locked(flock: Callable[[int, int], None], how: int, descriptor: int) -> bool:
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        try:
+            flock(descriptor, how)
+            return True
+        except BlockingIOError:
+            time.sleep(0.02)
+        except OSError:
+            return False
+    return False
+
+
+def _runnable(folder: Path) -> Path:
+    if hasattr(os, "ST_NOEXEC") and os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        raise PermissionError(f"{folder} is on a file system that runs no programs (mounted noexec)")
+    return folder
+
+
+def _entries(content: bytes | None) -> dict[str, str]:
+    lines = (content or b"").decode("utf-8", "replace").splitlines()
+    return {name: value for name, _, value in (line.partition(" ") for line in lines)}
+
+
+def _tidy(folder: Path, spare: str) -> None:
+    """Remove what killed builds left more than a day ago, and the entries used longest ago beyond the limit."""
+    now, whole, total = time.time(), [], 0
+    for name, ends in _by_name(folder).items():
+        used = max(about.st_mtime for about in ends.values())
+        if ends.keys() == {".so", ".txt"}:
+            whole.append((used, name))
+            total += ends[".so"].st_size
+        elif now - used > DAY:
+            for end in ends:
+                _remove(folder / f"{name}{end}")
+    for _, name in sorted(whole):
+        if total <= LIMIT:
+            break
+        if name != spare:
+            library = folder / f"{name}.so"
+            with contextlib.suppress(OSError):
+                total -= library.stat().st_size
+            _remove(folder / f"{name}.txt")
+            _remove(library)
+
+
+def _by_name(folder: Path) -> dict[str, dict[str, os.stat_result]]:
+    found: dict[str, dict[str, os.stat_result]] = {}
+    with contextlib.suppress(OSError), os.scandir(folder) as files:
+        for file in files:
+            with contextlib.suppress(OSError):
+                name, end = os.path.splitext(file.name)
+                found.setdefault(name, {})[end] = file.stat(follow_symlinks=False)
+    return {name: ends for name, ends in found.items() if ends}
+
+
+def _remove(path: Path) -> None:
+    import shutil
+
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()

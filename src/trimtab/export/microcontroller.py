@@ -1,0 +1,273 @@
+"""An exported autopilot on an emulated microcontroller: does it compute the same there, and what does it cost?
+
+``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
+``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit by bit, the instructions of every step,
+flash, RAM and stack. The firmware around the autopilot is in ``firmware/``; docs/export/microcontroller.md says what
+each number means.
+"""
+
+import contextlib
+import itertools
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trimtab.core.errors import InputError
+
+FIRMWARE = Path(__file__).parent / "firmware"
+PREFIX = "arm-none-eabi-"
+EMULATOR = "qemu-system-arm"
+STEPS = 500
+NS_PER_INSTRUCTION_LOG2 = 8  # QEMU's -icount shift: 6.4 ticks of a 25 MHz timer for each instruction
+AUTOPILOT_STACK = 256 * 1024
+FLAGS = ("-mthumb", "-mfloat-abi=hard", "-O2", "-ffunction-sections", "-fdata-sections")
+EXACT = ("-std=c99", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
+WARNINGS = ("-Wall", "-Wextra", "-Werror")
+
+
+class Target(NamedTuple):
+    """A processor, and the board on which QEMU emulates it."""
+
+    machine: str
+    """QEMU's name of the board."""
+    processor: tuple[str, ...]
+    """The compiler's flags for processor and FPU."""
+    real: str
+    """What its FPU computes in, and so what to export for it: single or double."""
+    flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
+    """First address and bytes of the memory for code."""
+    ram: tuple[int, int] = (0x2000_0000, 0x40_0000)
+    """First address and bytes of the memory for data."""
+    timer: int = 0x4000_0004
+    """Address of the value of a 32-bit timer that counts down."""
+    clock: int = 25_000_000
+    """That timer's frequency in Hz."""
+
+
+TARGETS = {
+    "cortex-m4": Target("mps2-an386", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single"),
+    "cortex-m7": Target("mps2-an500", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "double"),
+}
+
+
+class Emulated(NamedTuple):
+    """What came back from the board."""
+
+    target: str
+    outputs: NDArray[np.float64]
+    """Steps x VECTORS_OUT, as the board computed them."""
+    expected: NDArray[np.float64]
+    """The same from vectors.csv."""
+    names: tuple[str, ...]
+    """The outputs' names, from the header of vectors.csv."""
+    instructions: NDArray[np.int64]
+    """Of each call of autopilot_step, its return included."""
+    flash_bytes: int
+    """Code and constants of autopilot.c."""
+    library_bytes: int
+    """Code and constants that it draws from the C, mathematics and compiler libraries."""
+    ram_bytes: int
+    """The four structures, and static data of the libraries it draws on; autopilot.c itself must have none."""
+    stack_bytes: int
+    """How deep defaults, init and the steps wrote into a painted stack."""
+    image_bytes: int
+    """Flash of the whole image: autopilot, harness and inputs."""
+
+    @property
+    def instructions_per_step(self) -> tuple[int, int, int]:
+        """Least, median and most."""
+        return int(self.instructions.min()), int(np.median(self.instructions)), int(self.instructions.max())
+
+
+class Vectors(NamedTuple):
+    """The first steps of vectors.csv: inputs, expected outputs and the outputs' names."""
+
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    names: tuple[str, ...]
+
+
+class Said(NamedTuple):
+    """What the firmware said: see harness.c."""
+
+    sizes: list[int]
+    empty: int
+    loops: list[tuple[int, int]]
+    steps: list[tuple[int, list[int]]]
+    stack: int
+
+
+def missing_tools() -> list[str]:
+    """The Debian packages that are not there, of those that ``emulate`` needs."""
+    missing = []
+    if not shutil.which(PREFIX + "gcc"):
+        missing += ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"]
+    else:
+        asked = [PREFIX + "gcc", *TARGETS["cortex-m7"].processor, *FLAGS, "-print-file-name=libm.a"]
+        answer = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
+        if not Path(answer).is_absolute():  # a library that is not found comes back as it was asked for
+            missing.append("libnewlib-arm-none-eabi")
+    if not shutil.which(EMULATOR):
+        missing.append("qemu-system-arm")
+    return missing
+
+
+def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> Emulated:
+    """Build the autopilot of an exported folder for a target, fly its vectors there under QEMU, and read back.
+
+    Args:
+        folder: as ``trimtab export`` writes it: autopilot.h, .c, vectors.h, .c, .csv.
+        target: a key of TARGETS.
+        steps: at most so many steps of vectors.csv.
+        limit_s: the emulator is ended after so many seconds.
+    """
+    if target not in TARGETS:
+        raise InputError(f"target {target!r}", "is not one that can be emulated", choices=TARGETS)
+    if missing := missing_tools():
+        fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+        raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
+    folder, board = Path(folder).resolve(), TARGETS[target]
+    vectors = read_vectors(folder, steps)
+    with tempfile.TemporaryDirectory(prefix="trimtab-") as scratch:
+        build = Path(scratch)
+        flash, library, static, image = _build(folder, board, vectors, build)
+        said = _understood(_run(board, build, limit_s), folder)
+    bits = np.array([row for _, row in said.steps], dtype=np.uint64).reshape(len(said.steps), -1)
+    return Emulated(
+        target=target,
+        outputs=bits.view(np.float64),
+        expected=vectors.outputs,
+        names=vectors.names,
+        instructions=_instructions(said, board),
+        flash_bytes=flash,
+        library_bytes=library,
+        ram_bytes=sum(said.sizes) + static,
+        stack_bytes=said.stack,
+        image_bytes=image,
+    )
+
+
+def read_vectors(folder: Path, steps: int = STEPS) -> Vectors:
+    """The first steps of a folder's vectors.csv, divided as its vectors.h says."""
+    try:
+        header = (folder / "vectors.h").read_text()
+        with open(folder / "vectors.csv") as file:
+            names = file.readline().strip().split(",")
+            rows = [[float(cell) for cell in line.split(",")] for line in itertools.islice(file, steps)]
+    except (OSError, ValueError) as error:
+        fix = "write the folder anew with `trimtab export`"
+        raise InputError(str(folder), f"vectors cannot be read: {error}", fix=fix) from error
+    counts = dict(re.findall(r"\b(VECTORS_IN|VECTORS_OUT)\s*=\s*(\d+)", header))
+    n_in, n_out = int(counts.get("VECTORS_IN", -1)), int(counts.get("VECTORS_OUT", -1))
+    widths = sorted({len(names), *map(len, rows)})
+    if not rows or widths != [n_in + n_out]:
+        problem = (
+            f"vectors.csv has {len(rows)} steps, and header and rows of {' and '.join(map(str, widths))} columns; "
+        )
+        problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
+        raise InputError(str(folder), problem, fix="write the folder anew with `trimtab export`")
+    table = np.array(rows)
+    return Vectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
+
+
+def _build(folder: Path, board: Target, vectors: Vectors, build: Path) -> tuple[int, int, int, int]:
+    """Build image.elf; give the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
+    (build / "inputs.bin").write_bytes(np.ascontiguousarray(vectors.inputs, dtype="<f8").tobytes())
+    steps, n_in = vectors.inputs.shape
+    places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
+    places |= {"RAM_SIZE": board.ram[1], "AUTOPILOT_STACK": AUTOPILOT_STACK, "TIMER_VALUE": board.timer}
+    numbers = [f"-D{name}={value:#x}" for name, value in (places | {"STEPS": steps, "INPUTS": n_in}).items()]
+    code = ["-c", *EXACT, *WARNINGS, *numbers, f"-I{folder}", f"-I{FIRMWARE}"]
+    sources = [
+        folder / "autopilot.c",
+        folder / "vectors.c",
+        *(FIRMWARE / f for f in ("start.c", "harness.c", "calls.S")),
+    ]
+    _gcc([*code, *sources], board, build, folder)
+    (flash, data, bss), *_ = _sizes(["autopilot.o"], build)
+    if data or bss:
+        problem = f"has {data} bytes of static data and {bss} of static zeros: two autopilots would share them"
+        raise InputError(str(folder / "autopilot.c"), problem, fix="keep everything in autopilot_state")
+    link = ["-nostartfiles", "-specs=nano.specs", "-Wl,--gc-sections"]
+    script = [*(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()), f"-T{FIRMWARE / 'link.ld'}"]
+    objects = ["autopilot.o", "vectors.o", "start.o", "harness.o", "calls.o", "-lm"]
+    _gcc([*link, *script, *objects, "-o", "image.elf"], board, build, folder)
+    roots = [f"-Wl,--undefined=autopilot_{name}" for name in ("defaults", "init", "step")]
+    _gcc([*link, "-Wl,--entry=autopilot_step", *roots, "autopilot.o", "-lm", "-o", "alone.elf"], board, build, folder)
+    (alone, data, bss), (image, *_) = _sizes(["alone.elf", "image.elf"], build)
+    return flash, alone - flash, data + bss, image
+
+
+def _gcc(arguments: list[str | Path], board: Target, build: Path, folder: Path) -> None:
+    command = [PREFIX + "gcc", *board.processor, *FLAGS, *arguments]
+    done = subprocess.run(command, cwd=build, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if done.returncode:
+        first = "\n".join(done.stderr.strip().splitlines()[:8])
+        raise InputError(str(folder), f"does not build for the board:\n{first}")
+
+
+def _sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
+    """Of each file: code and constants, static data, static zeros; in bytes."""
+    done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
+    return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
+
+
+def _run(board: Target, build: Path, limit_s: float) -> str:
+    """What the firmware said until it left. The emulator has no network, monitor, display or disk."""
+    command = [EMULATOR, "-M", board.machine, "-kernel", "image.elf", "-nodefaults", "-no-reboot", "-display", "none"]
+    command += ["-monitor", "none", "-serial", "none", "-chardev", "file,id=said,path=said.txt"]
+    command += ["-semihosting-config", "enable=on,target=native,chardev=said"]
+    command += ["-icount", f"shift={NS_PER_INSTRUCTION_LOG2},sleep=off"]
+    with subprocess.Popen(
+        command, cwd=build, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as emulator:
+        try:
+            if sys.platform == "linux":  # it ends even if this process is killed first
+                import resource
+
+                seconds = 2 * int(limit_s) + 2
+                with contextlib.suppress(OSError):
+                    resource.prlimit(emulator.pid, resource.RLIMIT_CPU, (seconds, seconds))
+            _, errors = emulator.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            errors = f"it was ended after {limit_s:g} s"
+        finally:
+            emulator.kill()
+    said = build / "said.txt"
+    return (said.read_text() if said.exists() else "") + "\n" + re.sub(r"(?m)^.*: warning: .*\n", "", errors)
+
+
+def _understood(said: str, folder: Path) -> Said:
+    """The firmware's lines as numbers; an error that gives its last lines if it did not get to its end."""
+    lines = said.split("\n")
+    if "done" not in lines:
+        last = " / ".join([line for line in lines if line.strip()][-2:])
+        problem = f"the board did not get to the end of the flight; its last words: {last or 'none'}"
+        raise InputError(str(folder), problem, fix="fly the same folder on the computer: `trimtab export --verify`")
+    words: dict[str, list[list[int]]] = {}
+    for word, *numbers in (line.split() for line in lines[: lines.index("done")]):
+        words.setdefault(word, []).append([int(number, 16) for number in numbers])
+    loops = [(n, ticks) for n, ticks in words["loop"]]
+    steps = [(ticks, row) for ticks, *row in words["step"]]
+    return Said(words["sizes"][0], words["empty"][0][0], loops, steps, words["stack"][0][0])
+
+
+def _instructions(said: Said, board: Target) -> NDArray[np.int64]:
+    """Ticks of each step as instructions: the empty measurement off, its 1 instruction on; checked on known loops."""
+    ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
+
+    def count(ticks: list[int]) -> NDArray[np.int64]:
+        return np.rint((np.array(ticks) - said.empty) / ticks_per_instruction).astype(np.int64) + 1
+
+    known, found = [2 * n + 1 for n, _ in said.loops], count([ticks for _, ticks in said.loops]).tolist()
+    if found != known:
+        problem = f"counts {found} instructions for loops of {known}: its timer does not go as expected"
+        raise InputError(EMULATOR, problem, fix="use QEMU 7.2 or newer")
+    return count([ticks for ticks, _ in said.steps])

@@ -1,0 +1,194 @@
+"""Many runs of one scenario at once: compiled over lanes and threads; signals logged, or reduced while they fly."""
+
+import functools
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.float64 import jax
+from trimtab.core.time import Timetable, ms
+from trimtab.export.compiler import find_compiler, lanes
+from trimtab.export.library import Flown, fly, rows_of, threads_of
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import Walked, walk
+from trimtab.run import compiled
+from trimtab.run.prepare import check_signals, inputs, prepared, use_c
+from trimtab.run.program import Column, split, width_of
+
+ENOUGH = 64
+"""From so many runs on it pays to compile the program over lanes as well."""
+
+
+class Batch(NamedTuple):
+    """What came of many runs; dictionaries by path, arrays with the run as first axis.
+
+    seeds: (n,).  ticks: instants of the rows, 100 ns.  log: signals (n, rows, …), or empty.
+    least, most, mean, rms: of the logged rows of each run, (n, …).  final: last values of the truth, (n, …).
+    backend: "c", "c lanes" or "jax".
+    """
+
+    seeds: Any
+    ticks: Any
+    log: dict[str, Any]
+    least: dict[str, Any]
+    most: dict[str, Any]
+    mean: dict[str, Any]
+    rms: dict[str, Any]
+    final: dict[str, Any]
+    columns: list[Column]
+    backend: str
+
+
+def simulate_batch(
+    scenario: Scenario,
+    *,
+    seeds: Iterable[int],
+    spread: Mapping[str, Any] | None = None,
+    signals: tuple[str, ...] = (),
+    log_period: int = ms(10),
+    log: bool = False,
+    duration: int | None = None,
+    backend: str = "auto",
+    threads: int | None = None,
+) -> Batch:
+    """Fly a scenario with many seeds, and with parameters that differ from run to run.
+
+    Args:
+        scenario: what flies; checked whole before anything runs.
+        seeds: one for each run.
+        spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
+        signals: which are reduced, and logged when `log`; all when empty.
+        log_period: how often rows are taken; a multiple of it where some block is due.
+        log: keep the rows of every run; memory grows with runs x rows.
+        duration: integer time; the scenario's own when None.
+        backend: "auto", "c" or "jax", as in `simulate`.
+        threads: how many fly; as many as there are cores when None.
+
+    Returns:
+        Rows reduced to least, most, mean and rms, last values, and the log when wanted.
+
+    Raises:
+        InputError: what `simulate` refuses; a spread of an unknown path or of another shape.
+    """
+    chosen = list(seeds)
+    scenario, table, written = prepared(scenario, chosen, duration, log_period)
+    whole = inputs(scenario, 0, 0)
+    own = _own(whole, chosen, dict(spread or {}))
+    job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads))
+    names = _fly_c(job) if use_c(backend, lambda: _ready(job)) else _fly_jax(job)
+    flown, columns, last, used = names
+    return _batch(chosen, table.t[written], flown, columns, last, used)
+
+
+class _Job(NamedTuple):
+    fly: Any
+    own: dict[int, Any]
+    table: Timetable
+    row: Any
+    signals: tuple[str, ...]
+    log: bool
+    threads: int
+
+
+def _own(whole: Any, seeds: list[int], spread: dict[str, Any]) -> dict[int, Any]:
+    """Position of each input that differs -> its values, the run as first axis."""
+    known, found = compiled.paths(whole), jax.tree.leaves(whole)
+    own: dict[int, Any] = {known.index("key.seed"): np.asarray(seeds, np.uint32)}
+    for path, values in spread.items():
+        if path not in known or path.startswith("key."):
+            near = closest(path, known, 6) or known[:6]
+            raise InputError(f"spread {path!r}", "there is no such parameter", choices=near, fix=f"spread {near[0]!r}")
+        at = known.index(path)
+        array, wanted = np.asarray(values), (len(seeds), *np.shape(found[at]))
+        if array.shape != wanted:
+            problem = f"has shape {array.shape}, wanted is {wanted}: a value for each run"
+            raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
+        if not np.isfinite(array).all():
+            raise InputError(f"spread {path!r}", "not every value is finite", fix="leave NaN and infinity out")
+        own[at] = array.astype(found[at].dtype)
+    return dict(sorted(own.items()))
+
+
+def _lanes(job: _Job) -> int:
+    compiler = find_compiler("c++")
+    runs = len(next(iter(job.own.values())))
+    return lanes(compiler) if compiler is not None and runs >= ENOUGH else 1
+
+
+def _ready(job: _Job) -> Any:
+    """The library, scalar or over lanes, with the number of lanes."""
+    of = compiled.structure(job.fly, job.table.always, job.signals)
+    check_signals(compiled.lowered(of).signals, job.signals)
+    n = _lanes(job)
+    if n > 1:
+        try:
+            return compiled.library(of, n, frozenset(job.own)), n
+        except InputError:
+            pass  # numbers that lanes don't carry: scalar code flies them
+    return compiled.library(of, 0, frozenset(job.own)), 1
+
+
+def _fly_c(job: _Job) -> Any:
+    of = compiled.structure(job.fly, job.table.always, job.signals)
+    flight = compiled.lowered(of)
+    path, n = _ready(job)
+    columns, last = compiled.columns(flight, job.signals), compiled.last(flight)
+    runs = len(next(iter(job.own.values())))
+    own = np.concatenate([v.reshape(runs, -1).astype(np.float64) for v in job.own.values()], axis=1)
+    shared = compiled.flat(job.fly, frozenset(job.own))
+    widths = width_of(columns), width_of(last)
+    flown = fly(path, shared, own, job.table, job.row, widths, log=job.log, stats=True, threads=job.threads)
+    return flown, columns, last, "c lanes" if n > 1 else "c"
+
+
+def _fly_jax(job: _Job) -> Any:
+    of = compiled.structure(job.fly, job.table.always, job.signals)
+    flight = compiled.lowered(of)
+    check_signals(flight.signals, job.signals)
+    columns, last = compiled.columns(flight, job.signals), compiled.last(flight)
+    rows = int((job.row < len(job.row)).sum())
+    index = np.minimum(job.row, rows).astype(np.int32)
+    timing = (job.table.t, job.table.h, index)
+    walked = _vmapped(job.fly, list(job.own.values()), timing, tuple(job.own), rows, job.table.always, job.signals)
+    log = np.asarray(walked.rows)
+    stats = np.stack([log.min(1), log.max(1), log.sum(1), (log**2).sum(1)], axis=-1)
+    runs = len(log)
+    ends = [np.asarray(v).reshape(runs, -1).astype(np.float64) for v in jax.tree.leaves((walked.x, walked.sensors))]
+    return Flown(log if job.log else None, stats, np.concatenate(ends, axis=1)), columns, last, "jax"
+
+
+@functools.partial(jax.jit, static_argnums=(3, 4, 5, 6))
+def _vmapped(
+    whole: Any, own: Any, timing: Any, at: tuple[int, ...], rows: int, always: frozenset[int], signals: tuple[str, ...]
+) -> Walked:
+    found, tree = jax.tree.flatten(whole)
+
+    def one(values: Any) -> Walked:
+        mine = list(found)
+        for i, value in zip(at, values, strict=True):
+            mine[i] = value
+        world, autopilot, x, key = jax.tree.unflatten(tree, mine)
+        return walk(world, autopilot, x, key, timing, rows, always, signals)
+
+    return jax.vmap(one)(own)
+
+
+def _batch(seeds: list[int], ticks: Any, flown: Flown, columns: list[Column], last: list[Column], used: str) -> Batch:
+    real = [c._replace(dtype="float64") for c in columns]
+    count = max(len(ticks), 1)
+    reduced = [split(v, real) for v in (flown.stats[..., 2] / count, np.sqrt(flown.stats[..., 3] / count))]
+    final = {p: v for p, v in split(flown.final, last).items() if p.startswith("truth.")}
+    return Batch(
+        seeds=np.asarray(seeds),
+        ticks=ticks,
+        log=split(flown.log, columns) if flown.log is not None else {},
+        least=split(flown.stats[..., 0], columns),
+        most=split(flown.stats[..., 1], columns),
+        mean=reduced[0],
+        rms=reduced[1],
+        final=final,
+        columns=columns,
+        backend=used,
+    )

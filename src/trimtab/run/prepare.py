@@ -1,0 +1,77 @@
+"""What comes before every run: checks, timetable, inputs, and the choice of what flies it."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import numeric, replace
+from trimtab.core.rng import Key
+from trimtab.core.time import Timetable, show, timetable
+from trimtab.export.build import BuildFailed
+from trimtab.export.compiler import NoCompiler
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import Signals, logged
+
+MAX_INSTANTS = 200_000_000
+BACKENDS = ("auto", "c", "jax")
+_told: set[str] = set()
+
+
+def prepared(
+    scenario: Scenario, seeds: list[int], duration: int | None, log_period: int
+) -> tuple[Scenario, Timetable, Any]:
+    """The checked scenario, its instants, and which of them are logged."""
+    if duration is not None:
+        scenario = replace(scenario, duration=duration)
+    scenario.check()
+    for seed in seeds:
+        if not 0 <= seed < 2**32:
+            raise InputError("--seed", f"{seed} is not in 0 … {2**32 - 1}", fix="--seed 0")
+    if log_period < 1:
+        raise InputError("log_period", f"{show(log_period)} is too short", fix="log_period=ms(1)")
+    count = sum(scenario.duration // p for p in {*scenario.world.periods(), scenario.autopilot.period})
+    if count > MAX_INSTANTS:
+        problem = f"{show(scenario.duration)} takes about {count:.1e} instants, more than {MAX_INSTANTS:.0e}"
+        raise InputError("duration", problem, fix="a shorter duration, or longer periods")
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    table = timetable(periods, scenario.duration, scenario.world.max_step)
+    return scenario, table, table.t % log_period == 0
+
+
+def inputs(scenario: Scenario, seed: int, run: int) -> Any:
+    """World, autopilot, first state and key: all that a run starts from, as numbers of fixed types."""
+    key = Key(np.uint32(seed), np.uint32(run))
+    return numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial), key
+
+
+def check_signals(seen: Signals, wanted: tuple[str, ...]) -> None:
+    """Refuse names of signals that there are none of."""
+    known = [path for path, _, _ in logged(seen)]
+    for name in wanted:
+        if not any(path == name or path.startswith(name + ".") for path in known):
+            near = closest(name, known, 6) or sorted({p.split(".")[0] for p in known})
+            raise InputError("signals", f"there is no signal {name!r}", choices=near, fix=f"signals=({near[0]!r},)")
+
+
+def use_c(backend: str, ready: Callable[[], Any]) -> bool:
+    """Whether C flies: where it is asked for, or can be had; `ready` makes the program or says why not.
+
+    Without C, "auto" flies on JAX, about ten times slower, and says so once.
+    """
+    if backend not in BACKENDS:
+        raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
+    if backend == "jax":
+        return False
+    try:
+        ready()
+    except InputError as error:
+        if backend == "c" or not (isinstance(error, NoCompiler | BuildFailed) or error.part == "export"):
+            raise
+        if error.part not in _told:
+            _told.add(error.part)
+            print(f"note: flying on JAX, about ten times slower: {error}", file=sys.stderr)
+        return False
+    return True

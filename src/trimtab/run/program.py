@@ -1,0 +1,94 @@
+"""A scenario ready to fly in C: library, inputs, and the meaning of what comes out. Needs no JAX, so it can be kept."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import timetable, to_seconds
+from trimtab.export.library import Flown, fly, rows_of
+from trimtab.logs.log import Log
+
+
+class Column(NamedTuple):
+    """One signal of a row, or one of the last values."""
+
+    path: str
+    shape: tuple[int, ...]
+    dtype: str
+    declared: Quantity | None = None
+
+
+class Program(NamedTuple):
+    """A compiled scenario.
+
+    library: scalar C.  shared: its inputs, float64, with the key words (seed, run) at `words` to be filled in.
+    periods, duration, max_step: what the timetable follows from.  columns: of a row.  final: the last values.
+    metadata: what a log says besides seed and backend.
+    """
+
+    library: Path
+    shared: Any
+    words: tuple[int, int]
+    periods: tuple[int, ...]
+    duration: int
+    max_step: int
+    columns: list[Column]
+    final: list[Column]
+    metadata: dict[str, Any]
+
+    def fly(self, seed: int, run: int, log_period: int) -> Log:
+        """One run, as `simulate` gives it."""
+        table = timetable(self.periods, self.duration, self.max_step)
+        written = table.t % log_period == 0
+        shared = self.shared.copy()
+        shared[list(self.words)] = seed, run
+        widths = width_of(self.columns), width_of(self.final)
+        flown = fly(self.library, shared, np.empty((1, 0)), table, rows_of(written), widths)
+        metadata = self.metadata | {"seed": seed, "run": run, "log_period_s": to_seconds(log_period)}
+        return log_of(self, flown, 0, table.t[written], metadata)
+
+
+def width_of(columns: list[Column]) -> int:
+    """How many numbers some columns take."""
+    return sum(int(np.prod(c.shape)) for c in columns)
+
+
+def split(rows: Any, columns: list[Column]) -> dict[str, Any]:
+    """Columns by path, each in its own type and shape; rows (..., width)."""
+    found, start = {}, 0
+    for c in columns:
+        stop = start + int(np.prod(c.shape))
+        found[c.path] = rows[..., start:stop].reshape((*rows.shape[:-1], *c.shape)).astype(c.dtype)
+        start = stop
+    return found
+
+
+def log_of(program: Program, flown: Flown, run: int, ticks: Any, metadata: dict[str, Any]) -> Log:
+    """The log of one of the runs."""
+    signals = split(flown.log[run], program.columns)
+    final = split(flown.final[run], program.final)
+    return Log(
+        t=to_seconds(ticks),
+        ticks=ticks,
+        signals=signals,
+        declared={c.path: c.declared for c in program.columns if c.declared is not None},
+        metadata=metadata | {"backend": "c"},
+        final={path: value[()] for path, value in final.items() if path.startswith("truth.")},
+    )
+
+
+def described(scenario: Any) -> dict[str, Any]:
+    """What a log says of its scenario."""
+    return {
+        "scenario": scenario.name,
+        "duration_s": to_seconds(scenario.duration),
+        "parameters": {p: _plain(v) for p, v, _ in leaves(scenario)},
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    return np.asarray(value).tolist()

@@ -1,0 +1,67 @@
+"""Folders of the user's cache."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from trimtab.core.cache_folder import cache_folder, is_ours
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("TRIMTAB_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_own_variable_comes_first_then_xdg_then_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cache_folder("a") == home / ".cache" / "trimtab" / "a"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home / "xdg"))
+    assert cache_folder("a") == home / "xdg" / "trimtab" / "a"
+    monkeypatch.setenv("TRIMTAB_CACHE", str(home / "own"))
+    assert cache_folder("a") == home / "own" / "a"
+
+
+def test_folder_is_absolute_and_its_owners_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(home)
+    monkeypatch.setenv("TRIMTAB_CACHE", "here")
+    folder = cache_folder("a")
+    assert folder == home / "here" / "a"
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+def test_folder_that_others_can_write_to_is_refused(home: Path, mode: int) -> None:
+    cache_folder("a").chmod(mode)
+    with pytest.raises(PermissionError, match="others can write"):
+        cache_folder("a")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give files away")
+def test_somebody_elses_folder_is_refused(home: Path) -> None:
+    os.chown(cache_folder("a"), 12345, -1)
+    with pytest.raises(PermissionError, match="somebody else"):
+        cache_folder("a")
+
+
+def test_others_may_read(home: Path) -> None:
+    cache_folder("a").chmod(0o755)
+    assert is_ours(cache_folder("a").stat())
+
+
+def test_file_in_its_place_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (home / "file").write_text("")
+    monkeypatch.setenv("TRIMTAB_CACHE", str(home / "file"))
+    with pytest.raises(OSError, match="file"):
+        cache_folder("a")
+
+
+def test_unknown_home_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", unknown)
+    with pytest.raises(FileNotFoundError, match="home"):
+        cache_folder("a")
