@@ -49,29 +49,40 @@ def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[st
     return found
 
 
-def compiled(function: Callable[..., Any], sets: list[tuple[Any, ...]], lanes: int, *flags: str) -> list[list[Any]]:
-    """Results for each set of arguments, of the compiled function; lanes 0 for scalar C."""
-    text = lowered(function, sets[0]).text("go", lanes)
-    library = load(build(text, "c++" if lanes else "c", extra=("-O1", "-w", *flags)))
-    like = jax.tree.leaves(jax.eval_shape(function, *sets[0]))
-    flat = [[np.ascontiguousarray(a) for a in jax.tree.leaves(s)] for s in sets]
-    if not lanes:
-        return [[o[0] for o in _called(library, f, [np.zeros((1, *a.shape), a.dtype) for a in like], 1)] for f in flat]
+def compiled(cases: list[Case], lanes: int, *flags: str) -> list[list[Any]]:
+    """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C."""
+    if lanes:
+        texts = [_spaced(lowered(c.function, c.sets[0]).text(f"go{k}", lanes), k) for k, c in enumerate(cases)]
+        library = load(build(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
+        parts = [_run(getattr(library, f"go{k}"), c, lanes) for k, c in enumerate(cases)]
+        return [[leaf for part in row for leaf in part] for row in zip(*parts, strict=True)]
+    function, sets = together(cases)
+    library = load(build(lowered(function, sets[0]).text("go", 0), "c", extra=("-O1", "-w", *flags)))
+    return _run(library.go, Case("all", function, sets), 1)
+
+
+INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stdint.h>\n#include <string.h>\n"
+INCLUDES += "#if defined __x86_64__\n#include <immintrin.h>\n#endif\n"
+
+
+def _spaced(text: str, k: int) -> str:
+    """C++ text in a space of names of its own: several programs in one file, which has included all before."""
+    return f"namespace program{k} {{\n{text}\n}}\n"
+
+
+def _run(go: Any, case: Case, runs: int) -> list[list[Any]]:
+    """The leaves of the results for each set, `runs` sets in one call."""
+    like = jax.tree.leaves(jax.eval_shape(case.function, *case.sets[0]))
+    flat = [[np.ascontiguousarray(a) for a in jax.tree.leaves(s)] for s in case.sets]
     found = []
-    for first in range(0, len(flat), lanes):
-        some = flat[first : first + lanes]
+    for first in range(0, len(flat), runs):
+        some = flat[first : first + runs]
         together = [np.stack(arrays) for arrays in zip(*some, strict=True)]
         outs = [np.zeros((len(some), *a.shape), a.dtype) for a in like]
-        _called(library, together, outs, len(some))
-        found += [[o[lane] for o in outs] for lane in range(len(some))]
+        given = (ctypes.c_void_p * (len(together) + 1))(*[a.ctypes.data for a in together], None)
+        go(given, (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None), len(some))
+        found += [[o[i] for o in outs] for i in range(len(some))]
     return found
-
-
-def _called(library: Any, ins: list[Any], outs: list[Any], runs: int) -> list[Any]:
-    given = (ctypes.c_void_p * (len(ins) + 1))(*[a.ctypes.data for a in ins], None)
-    results = (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None)
-    library.go(given, results, runs)
-    return outs
 
 
 def reference(function: Callable[..., Any], sets: list[tuple[Any, ...]]) -> list[list[Any]]:
@@ -92,9 +103,9 @@ def differences(cases: list[Case]) -> list[str]:
     with ThreadPoolExecutor() as pool:  # compilers run beside JAX's own
         wanted = pool.submit(reference, *together(cases))
         wide = [c for c in cases if c.lanes]
-        tries = [(0, cases, pool.submit(compiled, *together(cases), 0))]
+        tries = [(0, cases, pool.submit(compiled, cases, 0))]
         if wide:
-            tries.append((LANES, wide, pool.submit(compiled, *together(wide), LANES)))
+            tries.append((LANES, wide, pool.submit(compiled, wide, LANES)))
         return [line for lanes, some, got in tries for line in _lines(cases, some, lanes, wanted.result(), got.result())]
 
 

@@ -73,7 +73,8 @@ def arithmetic() -> list[Case]:
         found += _typed(op.__name__, op, 2, ("bool", *numbers))
     one_zero = edges("f64")[~np.signbit(edges("f64")) | (edges("f64") != 0)]
     for values in (one_zero, edges("i32"), edges("u32")):
-        found += spread(f"lt_to {values.dtype}", lambda x, y: lax.lt_to_p.bind(x, y), [values, values])
+        for op in (lax.lt_to_p, lax.le_to_p, lax.eq_to_p):
+            found += spread(f"{op} {values.dtype}", lambda x, y, op=op: op.bind(x, y), [values, values])
     found += _typed("max of bools", lambda x, y: (lax.max(x, y), lax.min(x, y)), 2, ("bool",))
     return found + [c for t in INTEGERS for c in _known_operands(t)]
 

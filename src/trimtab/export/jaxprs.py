@@ -68,14 +68,14 @@ def literal(atom: Any) -> Any:
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
-def source(equation: Any) -> str:
-    """file:line of the Python that made an equation."""
+def source(equation: Any) -> str | None:
+    """file:line of the Python that made an equation, or None where all of it is JAX's own."""
     try:
         frame: Any = source_info_util.user_frame(equation.source_info.traceback)
     except (AttributeError, TypeError):
         frame = source_info_util.user_frame(equation.source_info)
     if frame is None:
-        return "an unknown line"
+        return None
     return f"{os.path.basename(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
 
 

@@ -45,7 +45,7 @@ class Site:
         self.params: dict[str, Any] = equation.params
         aval = equation.outvars[0].aval if equation.outvars else None
         self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
-        self.dtype: str = lowering.type_of(aval.dtype, equation) if aval is not None else ""
+        self.dtype: str = lowering.type_of(aval.dtype) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
         """The results of another program on these operands; those that die may be changed in place."""
@@ -57,20 +57,29 @@ class Lowering:
 
     def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
         self.b, self.rules, self.real = b, rules, real
+        self.around: list[Any] = []
 
-    def type_of(self, dtype: Any, equation: Any = None) -> str:
+    def source(self) -> str:
+        """file:line of the innermost Python that made what is lowered now and is not JAX's own."""
+        for equation in reversed(self.around):
+            found = jaxprs.source(equation)
+            if found is not None:
+                return found
+        return "an unknown line"
+
+    def type_of(self, dtype: Any) -> str:
         """Our name of a JAX type."""
         try:
             name = type_name(dtype)
         except (KeyError, TypeError):
-            where = "" if equation is None else f" at {jaxprs.source(equation)}"
+            where = f", from {self.source()}," if self.around else ""
             fix = "use float64, float32, integers or bool"
             raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
         return self.real if name == "f64" else name
 
-    def array_like(self, aval: Any, equation: Any) -> Array:
+    def array_like(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
-        dtype = self.type_of(aval.dtype, equation)
+        dtype = self.type_of(aval.dtype)
         return Array(aval.shape, dtype, buffer=self.b.local(dtype, math.prod(aval.shape)))
 
     def program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
@@ -84,14 +93,16 @@ class Lowering:
             env[var], doomed[var] = operand, dies
         last = _last_uses(inner)
         for k, equation in enumerate(inner.eqns):
-            given = [self._atom(a, env, equation) for a in equation.invars]
+            self.around.append(equation)
+            given = [self._atom(a, env) for a in equation.invars]
             dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
             env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
+            self.around.pop()
         return [self._atom(a, env) for a in inner.outvars]
 
-    def _atom(self, atom: Any, env: dict[Any, Array], equation: Any = None) -> Array:
+    def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:
         number = jaxprs.literal(atom)
-        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype, equation))
+        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype))
 
     def _dies(self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]) -> bool:
         """Whether the buffer of an operand is read by nobody after equation k, under any name."""
@@ -110,7 +121,7 @@ class Lowering:
         name = equation.primitive.name
         rule = self.rules.get(name)
         if rule is None:
-            where = jaxprs.source(equation)
+            where = self.source()
             fix = f"write {INSTEAD[name]}" if name in INSTEAD else "write it with what trimtab.export.coverage lists"
             raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
         site = Site(self, equation, operands, dying)
