@@ -45,11 +45,11 @@ def signs(w: Any, env: list[Var]) -> Made:
 
 def elementary(w: Any, env: list[Var]) -> Made:
     x, y, shape = _two(w, env, "f")
-    a, b = (f"jnp.clip({v.name}, -1.0, 1.0)" for v in (x, y))
+    a, b = (f"jnp.clip({w.whole(v, shape)}, -1.0, 1.0)" for v in (x, y))
     texts = ["jnp.sin({0})", "jnp.cos({0})", "jnp.tanh({0})", "jnp.exp({0} - 1)", "jnp.sqrt(1 + {0} * {0}) - 1"]
     texts += ["{0} / (1 + {1} * {1})", "jnp.arctan2({0}, 2 + {1})", "jnp.log1p(jnp.abs({0}))", "0.5 * {0} ** 3 + 0.25 * {1}"]
     texts += ["jnp.arcsin(0.5 * {0})", "jax.nn.sigmoid({0}) * {1}", "lax.rsqrt(1 + {0} * {0})"]
-    return w.one(texts).format(a, b), _float(shape, x, y, factor=2.0)._replace(shape=shape if x.shape != y.shape else shape)
+    return w.one(texts).format(a, b), _float(shape, x, y, factor=2.0)
 
 
 def roundings(w: Any, env: list[Var]) -> Made:
@@ -162,7 +162,8 @@ def moved(w: Any, env: list[Var]) -> Made:
     v = _any(w, env, shape)
     x, k = w.whole(v, shape), int(w.rng.integers(0, shape[0]))
     texts = [f"{x}[::-1]", f"jnp.roll({x}, {k}, 0)", f"jnp.concatenate([{x}[{k}:], {x}[:{k}]])", f"jnp.flip({x})"]
-    texts += [f"{x}.reshape(-1)[::-1].reshape({shape})", f"jnp.pad({x}[{k}:], ({'(0, ' + str(k) + ')' + (', (0, 0)' if len(shape) == 2 else ''),}))".replace("('", "(").replace("',)", ")")] if 0 else []
+    texts += [f"{x}.reshape(-1)[::-1].reshape({shape})"]
+    texts += [f"lax.pad({x}, jnp.zeros((), {x}.dtype), [({-k}, {k}, 0){', (1, -1, 0)' * (len(shape) - 1)}])"]
     if len(shape) == 2:
         texts += [f"{x}.T.reshape({shape})", f"jnp.stack([{x}[:, i] for i in range({w.m})], 1)", f"jnp.tile({x}[:1], ({w.n}, 1))"]
     return w.one(texts), v._replace(shape=shape)

@@ -101,7 +101,7 @@ class Writer:
         fits = [v for v in env if v.kind == kind and (shape is None or v.shape in (shape, ()))]
         fits = [v for v in fits if exact is None or v.exact == exact]
         if not fits:
-            return Var({"f": "1.5", "b": "True"}.get(kind, f"np.{DTYPES[kind]}(3)"), kind, (), size=1, fine=1)
+            return Var(f"jnp.asarray(1, '{DTYPES[kind]}')", kind, (), size=1, fine=1)
         weights = np.arange(1, len(fits) + 1.0)
         return fits[int(self.rng.choice(len(fits), p=weights / weights.sum()))]
 

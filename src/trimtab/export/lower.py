@@ -32,6 +32,7 @@ INSTEAD = {
     "erf_inv": "core.rng.normal2 for normal numbers",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a logged signal: flight code cannot call back into Python",
+    "debug_print": "a logged signal: flight code cannot print",
     "debug_callback": "a logged signal: flight code cannot print",
 }
 

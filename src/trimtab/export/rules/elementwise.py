@@ -203,7 +203,6 @@ RULES |= {
     "name": _same_array,
     "optimization_barrier": _same_array,
     "stop_gradient": _same_array,
-    "sharding_constraint": _same_array,
 }
 
 __all__ = ["RULES", "convert", "each", "select_n"]
