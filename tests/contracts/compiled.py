@@ -106,7 +106,9 @@ def differences(cases: list[Case]) -> list[str]:
         tries = [(0, cases, pool.submit(compiled, cases, 0))]
         if wide:
             tries.append((LANES, wide, pool.submit(compiled, wide, LANES)))
-        return [line for lanes, some, got in tries for line in _lines(cases, some, lanes, wanted.result(), got.result())]
+        return [
+            line for lanes, some, got in tries for line in _lines(cases, some, lanes, wanted.result(), got.result())
+        ]
 
 
 def _lines(cases: list[Case], some: list[Case], lanes: int, wanted: list[Any], got: list[Any]) -> list[str]:

@@ -71,7 +71,7 @@ def old_arrays() -> list[Case]:
         z = (jnp.abs(x) * 4).astype(np.int32) % x.shape[0]
         w = z + 1
         shifted = lax.dynamic_update_slice(z * 2, (z * 2)[1:4], (k,))
-        same = w.at[w].set(w, mode="drop") if 0 else w.at[z % 3].max(w)
+        same = w.at[z % 3].max(w)
         u = z * 3 % x.shape[0]
         return shifted, same, u.at[u].add(1), lax.dynamic_update_slice(u, u, (k,))
 
@@ -142,7 +142,7 @@ def scans() -> list[Case]:
 
     def _swapped(x: Any, y: Any, k: Any, n: Any) -> Any:
         def turn(c: Any, u: Any) -> Any:
-            a, b, d = c
+            a, b, _ = c
             return (b.at[k].add(u), a, a), b[0]
 
         z = x + 1
@@ -160,7 +160,9 @@ def scans() -> list[Case]:
 
     def _table(x: Any, y: Any, k: Any, n: Any) -> Any:
         few = x[:5] * 2
-        return lax.fori_loop(0, 20, lambda i, s: s + few[(i * k) % 5], 0.0), lax.fori_loop(2, 5, lambda i, a: a.at[i].set(a[i - 1]), x)
+        return lax.fori_loop(0, 20, lambda i, s: s + few[(i * k) % 5], 0.0), lax.fori_loop(
+            2, 5, lambda i, a: a.at[i].set(a[i - 1]), x
+        )
 
     return _cases(_carried, _its_own_slices, _swapped, _rows, _table)
 
@@ -181,7 +183,7 @@ def whiles() -> list[Case]:
         z = jnp.abs(x)
 
         def test(c: Any) -> Any:
-            a, b, i = c
+            a, _b, i = c
             return (a.sum() < 60.0) & (i < 9 + n)
 
         return lax.while_loop(test, lambda c: (c[1].at[k].add(z[k] + 1.0), c[0], c[2] + 1), (z, z * 2, 0)), z

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from contracts.programs import DTYPES, INTEGERS, Var
+from contracts.variables import DTYPES, INTEGERS, Var
 
 Made = tuple[str, Var]
 
@@ -22,7 +22,9 @@ def _two(w: Any, env: list[Var], kind: str, exact: bool | None = None) -> tuple[
 
 def sums(w: Any, env: list[Var]) -> Made:
     x, y, shape = _two(w, env, "f")
-    return f"{x.name} {w.one('+-')} {y.name}", _float(shape, x, y, size=max(x.size, y.size) + 1, fine=max(x.fine, y.fine))
+    return f"{x.name} {w.one('+-')} {y.name}", _float(
+        shape, x, y, size=max(x.size, y.size) + 1, fine=max(x.fine, y.fine)
+    )
 
 
 def products(w: Any, env: list[Var]) -> Made:
@@ -47,7 +49,12 @@ def elementary(w: Any, env: list[Var]) -> Made:
     x, y, shape = _two(w, env, "f")
     a, b = (f"jnp.clip({w.whole(v, shape)}, -1.0, 1.0)" for v in (x, y))
     texts = ["jnp.sin({0})", "jnp.cos({0})", "jnp.tanh({0})", "jnp.exp({0} - 1)", "jnp.sqrt(1 + {0} * {0}) - 1"]
-    texts += ["{0} / (1 + {1} * {1})", "jnp.arctan2({0}, 2 + {1})", "jnp.log1p(jnp.abs({0}))", "0.5 * {0} ** 3 + 0.25 * {1}"]
+    texts += [
+        "{0} / (1 + {1} * {1})",
+        "jnp.arctan2({0}, 2 + {1})",
+        "jnp.log1p(jnp.abs({0}))",
+        "0.5 * {0} ** 3 + 0.25 * {1}",
+    ]
     texts += ["jnp.arcsin(0.5 * {0})", "jax.nn.sigmoid({0}) * {1}", "lax.rsqrt(1 + {0} * {0})"]
     return w.one(texts).format(a, b), _float(shape, x, y, factor=2.0)
 
@@ -64,8 +71,20 @@ def integers(w: Any, env: list[Var]) -> Made:
     x, y = (w.whole(v, shape) for v in (x, y))
     texts = ["{0} + {1}", "{0} - {1}", "{0} * {1}", "lax.div({0}, {1})", "lax.rem({0}, {1})", "{0} & {1}", "{0} ^ {1}"]
     texts += ["{0} | {1}", "lax.shift_left({0}, {1} % 40)", "lax.shift_right_logical({0}, {1} % 40)", "{0} // {1}"]
-    texts += ["lax.shift_right_arithmetic({0}, {1} % 40)", "jnp.maximum({0}, {1})", "jnp.minimum({0}, {1})", "{0} % {1}"]
-    texts += ["~{0}", "jnp.sign({0})", "lax.population_count({0})", "lax.clz({0})", "{0} * 3 - 7", "lax.div({0}, {0} * 0 + 5)"]
+    texts += [
+        "lax.shift_right_arithmetic({0}, {1} % 40)",
+        "jnp.maximum({0}, {1})",
+        "jnp.minimum({0}, {1})",
+        "{0} % {1}",
+    ]
+    texts += [
+        "~{0}",
+        "jnp.sign({0})",
+        "lax.population_count({0})",
+        "lax.clz({0})",
+        "{0} * 3 - 7",
+        "lax.div({0}, {0} * 0 + 5)",
+    ]
     return w.one(texts).format(x, y), Var("", kind, shape)
 
 
@@ -94,7 +113,9 @@ def selects(w: Any, env: list[Var]) -> Made:
     kind, shape = w.one(["f", "f", "b", *INTEGERS]), w.one(w.shapes)
     test, x, y = w.pick(env, "b", shape), w.pick(env, kind, shape), w.pick(env, kind, shape)
     shape = max(test.shape, x.shape, y.shape, key=len)
-    made = _float(shape, x, y, size=max(x.size, y.size), fine=max(x.fine, y.fine)) if kind == "f" else Var("", kind, shape)
+    made = (
+        _float(shape, x, y, size=max(x.size, y.size), fine=max(x.fine, y.fine)) if kind == "f" else Var("", kind, shape)
+    )
     if w.chance(0.3):
         which = w.pick(env, "i32", shape)
         shape = max(which.shape, shape, key=len)
@@ -165,7 +186,11 @@ def moved(w: Any, env: list[Var]) -> Made:
     texts += [f"{x}.reshape(-1)[::-1].reshape({shape})"]
     texts += [f"lax.pad({x}, jnp.zeros((), {x}.dtype), [({-k}, {k}, 0){', (1, -1, 0)' * (len(shape) - 1)}])"]
     if len(shape) == 2:
-        texts += [f"{x}.T.reshape({shape})", f"jnp.stack([{x}[:, i] for i in range({w.m})], 1)", f"jnp.tile({x}[:1], ({w.n}, 1))"]
+        texts += [
+            f"{x}.T.reshape({shape})",
+            f"jnp.stack([{x}[:, i] for i in range({w.m})], 1)",
+            f"jnp.tile({x}[:1], ({w.n}, 1))",
+        ]
     return w.one(texts), v._replace(shape=shape)
 
 
@@ -174,9 +199,17 @@ def part(w: Any, env: list[Var]) -> Made:
     v, i = _any(w, env, shape), w.pick(env, w.one(INTEGERS), ())
     x = w.whole(v, shape)
     if len(shape) == 1:
-        texts = [(f"{x}[{i.name}]", ()), (f"{x}.at[{i.name}].get(mode='clip')", ()), (f"{x}[{int(w.rng.integers(shape[0]))}]", ())]
+        texts = [
+            (f"{x}[{i.name}]", ()),
+            (f"{x}.at[{i.name}].get(mode='clip')", ()),
+            (f"{x}[{int(w.rng.integers(shape[0]))}]", ()),
+        ]
     else:
-        texts = [(f"{x}[{i.name}]", (w.m,)), (f"{x}[:, {i.name} % {w.m}]", (w.n,)), (f"lax.dynamic_slice({x}, ({i.name}, {i.name}), (1, {w.m}))[0]", (w.m,))]
+        texts = [
+            (f"{x}[{i.name}]", (w.m,)),
+            (f"{x}[:, {i.name} % {w.m}]", (w.n,)),
+            (f"lax.dynamic_slice({x}, ({i.name}, {i.name}), (1, {w.m}))[0]", (w.m,)),
+        ]
     text, made = w.one(texts)
     return text, v._replace(shape=made)
 
@@ -198,11 +231,17 @@ def updated(w: Any, env: list[Var]) -> Made:
     x = w.whole(v, shape)
     new, i = w.pick(env, v.kind, shape[1:]), w.pick(env, w.one(INTEGERS), ())
     value = w.whole(new, shape[1:])
-    both = _float(shape, v, new, size=max(v.size, new.size), fine=max(v.fine, new.fine)) if v.kind == "f" else v._replace(shape=shape)
+    both = (
+        _float(shape, v, new, size=max(v.size, new.size), fine=max(v.fine, new.fine))
+        if v.kind == "f"
+        else v._replace(shape=shape)
+    )
     sum_ = _float(shape, v, new, size=both.size + 7, fine=both.fine) if v.kind == "f" else both
     at = f"{x}.at[{i.name}]"
     texts = [(f"{at}.set({value})", both), (f"{x}.at[{int(w.rng.integers(shape[0]))}].set({value})", both)]
-    texts += [(f"lax.dynamic_update_slice({x}, {value}[None], ({i.name}{', ' + i.name if len(shape) == 2 else ''},))", both)]
+    texts += [
+        (f"lax.dynamic_update_slice({x}, {value}[None], ({i.name}{', ' + i.name if len(shape) == 2 else ''},))", both)
+    ]
     if v.kind != "b":
         texts += [(f"{at}.add({value}, mode='{w.one(['drop', 'clip'])}')", sum_), (f"{at}.max({value})", both)]
         if v.kind != "f" or v.exact:
@@ -212,5 +251,18 @@ def updated(w: Any, env: list[Var]) -> Made:
 
 
 EXPRESSIONS = [sums, products, extremes, signs, elementary, elementary, roundings, integers, integers, truths, truths]
-EXPRESSIONS += [conversions, selects, selects, reductions, positions, running, dots, moved, part, taken, updated, updated]
+EXPRESSIONS += [
+    conversions,
+    selects,
+    selects,
+    reductions,
+    positions,
+    running,
+    dots,
+    moved,
+    part,
+    taken,
+    updated,
+    updated,
+]
 EXPRESSIONS += [updated, integers]

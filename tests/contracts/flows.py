@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from contracts.programs import Var
+from contracts.variables import DTYPES, Var
 
 Statements = list[tuple[str, str]]
 
@@ -33,14 +33,14 @@ def _result(w: Any, inner: list[Var], like: Var) -> tuple[str, Var]:
 
 
 def _dtype(v: Var) -> str:
-    from contracts.programs import DTYPES
-
     return DTYPES[v.kind]
 
 
 def _carried(w: Any, env: list[Var]) -> list[Var]:
     """Variables that a branch takes or a loop carries: mostly arrays, sometimes one twice."""
-    found = [w.pick(env, w.one(["f", "f", "i32", "i64", "u32", "b"]), w.one(w.shapes[1:])) for _ in range(w.one([1, 2, 3]))]
+    found = [
+        w.pick(env, w.one(["f", "f", "i32", "i64", "u32", "b"]), w.one(w.shapes[1:])) for _ in range(w.one([1, 2, 3]))
+    ]
     return found if w.chance(0.7) else [*found, found[0]]
 
 
@@ -82,7 +82,6 @@ def branch(w: Any, env: list[Var], statements: Statements, depth: int) -> None:
             v = v._replace(exact=exact, size=max(e.size for e in ends), fine=max(e.fine for e in ends))
             v = v._replace(growth=max(e.growth for e in ends))
         made.append(v)
-    made = [v if v.kind != "f" or v.exact else v for v in made]
     whole = w.fresh()
     statements.append((whole, text))
     for k, v in enumerate(made):
@@ -94,7 +93,9 @@ def branch(w: Any, env: list[Var], statements: Statements, depth: int) -> None:
         env.append(v._replace(name=name))
 
 
-def _turn(w: Any, env: list[Var], depth: int, extra: list[Var]) -> tuple[list[Var], list[Var], Statements, list[str], list[Var]]:
+def _turn(
+    w: Any, env: list[Var], depth: int, extra: list[Var]
+) -> tuple[list[Var], list[Var], Statements, list[str], list[Var]]:
     """What one turn of a loop does to what it carries; floats that are carried are bounded and not exact."""
     starts = _carried(w, env)
     carried = [_named(w, v)._replace(exact=v.kind != "f", growth=1.0) for v in starts]
@@ -141,7 +142,9 @@ def repeat(w: Any, env: list[Var], statements: Statements, depth: int) -> None:
     tests = ["True"]
     for k, v in enumerate(carried):
         if v.kind != "f":
-            tests.append(f"(c[1][{k}]{'.ravel()[0]' if v.shape else ''} % 3 != 0)" if v.kind != "b" else f"jnp.any(c[1][{k}])")
+            tests.append(
+                f"(c[1][{k}]{'.ravel()[0]' if v.shape else ''} % 3 != 0)" if v.kind != "b" else f"jnp.any(c[1][{k}])"
+            )
     most = w.one(["4", f"{w.pick(env, 'i64', ()).name} % 5"])
     test = f"lambda c: (c[0] < {most}) & {w.one(tests)}"
     _give(w, env, statements, f"lax.while_loop({test}, {turn}, (0, ({_starting(starts)})))[1]", _after(carried, 4))

@@ -13,24 +13,13 @@ from jax import lax
 from jax import numpy as jnp
 
 from contracts.compiled import LANES, Case
+from contracts.expressions import EXPRESSIONS
+from contracts.flows import FLOWS
+from contracts.variables import DTYPES, Var
 
 TOLERANCE = 1e-9
 MOST_GROWTH = 1e4
 BITS = 50
-INTEGERS = ("i32", "i64", "u32")
-DTYPES = {"f": "float64", "i32": "int32", "i64": "int64", "u32": "uint32", "b": "bool"}
-
-
-class Var(NamedTuple):
-    """A variable. kind: "f", "i32", "i64", "u32" or "b".  size, fine: of an exact float, |x| <= 2^size in steps 2^-fine."""
-
-    name: str
-    kind: str
-    shape: tuple[int, ...]
-    exact: bool = True
-    size: int = 0
-    fine: int = 0
-    growth: float = 1.0
 
 
 class Program(NamedTuple):
@@ -82,7 +71,19 @@ class Writer:
         self.m = int(self.rng.choice([2, 3, 9]))
         self.shapes = [(), (), (self.n,), (self.n,), (self.m,), (self.n, self.m)]
         kinds = ["f", "f", "f", "f", "i32", "i32", "i64", "i64", "u32", "b", "b"]
-        shapes = [(), (self.n,), (self.m,), (self.n, self.m), (), (self.n,), (), (self.n, self.m), (self.n,), (), (self.n,)]
+        shapes = [
+            (),
+            (self.n,),
+            (self.m,),
+            (self.n, self.m),
+            (),
+            (self.n,),
+            (),
+            (self.n, self.m),
+            (self.n,),
+            (),
+            (self.n,),
+        ]
         self.inputs = [Var(f"a{i}", k, s, size=5, fine=2) for i, (k, s) in enumerate(zip(kinds, shapes, strict=True))]
         self.seed = seed
 
@@ -120,9 +121,6 @@ class Writer:
 
     def statement(self, env: list[Var], statements: list[tuple[str, str]], depth: int) -> None:
         """One more variable, or several that a branch or a loop gives."""
-        from contracts.expressions import EXPRESSIONS
-        from contracts.flows import FLOWS
-
         if depth < 3 and self.chance(0.3 if depth == 0 else 0.22):
             self.one(FLOWS)(self, env, statements, depth)
             return
