@@ -105,6 +105,9 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
+@click.option(
+    "--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True, help="What flies it."
+)
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of all signals.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for log (MCAP) and picture.")
 @JSON
@@ -115,6 +118,7 @@ def run(
     seed: int,
     duration: str | None,
     ideal: bool,
+    backend: str,
     plot: Path | None,
     out: Path | None,
     as_json: bool,
@@ -133,7 +137,44 @@ def run(
 
     if duration is not None:
         settings["duration"] = duration
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json))
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend))
+
+
+@main.command()
+@click.argument("scenario", metavar="[SCENARIO]", required=False)
+@click.option("--target", type=click.Choice(("c", "cortex-m4", "cortex-m7")), default="c", show_default=True)
+@click.option(
+    "--float",
+    "real",
+    type=click.Choice(("double", "single")),
+    help="Precision.  [default: single on cortex-m4]",
+)
+@click.option("--part", type=click.Choice(("autopilot", "loop")), default="autopilot", show_default=True)
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the C, its test and its vectors."
+)
+@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
+@click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
+@click.option("--verify", "check", type=click.Path(path_type=Path), metavar="DIR", help="Check an exported folder.")
+@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting.")
+@click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+@JSON
+def export(as_json: bool, **asked: Any) -> None:
+    """Write a scenario's autopilot as C for a microcontroller, and prove that it computes the same.
+
+    \b
+    trimtab export hovercraft/zero-velocity --out autopilot
+    trimtab export --verify autopilot
+    trimtab export hovercraft/heading-bang-bang --float single --out flash/
+    trimtab export hovercraft/zero-velocity --target cortex-m7 --run
+    trimtab export hovercraft/spin --part loop --out whole-loop
+    """
+    from trimtab.commands.export import Request
+    from trimtab.commands.export import export as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -1,23 +1,27 @@
-"""`trimtab run` and `trimtab demo`: fly a scenario, ideal beside real, and show what came of it."""
+"""`trimtab run` and `trimtab demo`: fly a scenario, ideal beside real, and show what came of it.
+
+A run that was flown before is found again with its compiled programs; only then JAX is not imported.
+"""
 
 import contextlib
 import json
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from trimtab.commands.cache import use_cache
+from trimtab.commands.warm import Ready, key_of, recall, remember
 from trimtab.core.errors import InputError
+from trimtab.core.time import ms
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import metrics, mode_switches
-from trimtab.loop.scenario import Scenario
-from trimtab.loop.settings import with_settings
-from trimtab.run.simulate import simulate
-from trimtab.scenarios import catalogue
+from trimtab.logs.metrics import Target, metrics, mode_switches
+from trimtab.run.program import check_seed
+
+if TYPE_CHECKING:
+    from trimtab.loop.scenario import Scenario
 
 
 class Request(NamedTuple):
@@ -31,26 +35,35 @@ class Request(NamedTuple):
     plot: Path | None = None
     out: Path | None = None
     as_json: bool = False
+    backend: str = "auto"
+
+
+class Flown(NamedTuple):
+    """The runs, and what is shown of them."""
+
+    name: str
+    real: Log
+    ideal: Log | None
+    targets: tuple[Target, ...]
+    wall_s: float
 
 
 def fly(request: Request) -> None:
     """Everything is checked before anything runs; files appear whole or not at all."""
-    scenario = build(request)
+    check_seed(request.seed)
+    flown = _again(request) or _first(request)
     picture, log_file = _outputs(request)
-    use_cache()
-    started = time.perf_counter()
-    real = simulate(scenario, seed=request.seed)
-    ideal = simulate(scenario.ideal(), seed=request.seed) if request.ideal else None
+    real, ideal = flown.real, flown.ideal
     result = {
         "scenario": request.scenario,
         "seed": request.seed,
-        "backend": "jax",
+        "backend": real.metadata["backend"],
         "duration_s": real.metadata["duration_s"],
-        "wall_s": round(time.perf_counter() - started, 4),
-        "real": summary(real, scenario),
-        "ideal": None if ideal is None else summary(ideal, scenario),
+        "wall_s": round(flown.wall_s, 4),
+        "real": summary(real, flown.targets),
+        "ideal": None if ideal is None else summary(ideal, flown.targets),
     }
-    written = [*_write_log(real, ideal, log_file), *_draw(real, ideal, scenario, picture)]
+    written = [*_write_log(real, ideal, log_file), *_draw(flown, picture)]
     if request.as_json:
         click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
         return
@@ -61,8 +74,62 @@ def fly(request: Request) -> None:
         click.echo(f"wrote {file}")
 
 
-def build(request: Request) -> Scenario:
+def _again(request: Request) -> Flown | None:
+    """The runs from programs that were kept, or None."""
+    if request.backend == "jax":
+        return None
+    ready = recall(key_of(request.scenario, request.settings, request.without, request.ideal))
+    if ready is None:
+        return None
+    _outputs(request)
+    return _fly(ready, request.seed)
+
+
+def _fly(ready: Ready, seed: int) -> Flown:
+    started = time.perf_counter()
+    real = ready.real.fly(seed, 0, ms(1))
+    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, ms(1))
+    return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
+
+
+def _first(request: Request) -> Flown:
+    """The runs from the scenario itself; its programs are kept for the next time."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from trimtab.commands.cache import use_cache
+    from trimtab.commands.sources import files_read, loaded_files
+    from trimtab.run.prepare import use_c
+    from trimtab.run.simulate import compile_scenario, simulate
+
+    with files_read() as read:
+        scenario = build(request)
+    _outputs(request)
+    use_cache()
+    targets = tuple(scenario.targets)
+    started = time.perf_counter()
+    programs: list[Ready] = []
+
+    def compiled() -> None:
+        with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
+            real = other.submit(compile_scenario, scenario)
+            twin = compile_scenario(scenario.ideal()) if request.ideal else None
+            programs.append(Ready(scenario.name, real.result(), twin, targets))
+
+    if use_c(request.backend, compiled):
+        files = [*loaded_files(), *read]
+        remember(key_of(request.scenario, request.settings, request.without, request.ideal), programs[0], files)
+        return _fly(programs[0], request.seed)
+    real = simulate(scenario, seed=request.seed, backend="jax")
+    ideal = simulate(scenario.ideal(), seed=request.seed, backend="jax") if request.ideal else None
+    return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
+
+
+def build(request: Request) -> "Scenario":
     """The scenario with its settings, checked."""
+    from trimtab.loop.scenario import Scenario
+    from trimtab.loop.settings import with_settings
+    from trimtab.scenarios import catalogue
+
     scenario, rest = catalogue.load(request.scenario, request.settings)
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
@@ -74,13 +141,13 @@ def build(request: Request) -> Scenario:
     return scenario
 
 
-def summary(log: Log, scenario: Scenario) -> dict[str, Any]:
+def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     """Metrics, last state and mode switches of one run."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.")]
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
     shown = [s for s in preferred if s in signals] or signals
     final = {path.removeprefix("truth."): float(value) for path, value in log.final.items()}
-    found = metrics(log, scenario.targets, shown)
+    found = metrics(log, targets, shown)
     return {"metrics": found, "final": final, "mode_switches": mode_switches(log)}
 
 
@@ -132,11 +199,11 @@ def _write_log(real: Log, ideal: Log | None, file: Path | None) -> list[Path]:
     return [file, twin]
 
 
-def _draw(real: Log, ideal: Log | None, scenario: Scenario, file: Path | None) -> list[Path]:
+def _draw(flown: Flown, file: Path | None) -> list[Path]:
     if file is None:
         return []
     from trimtab.plots.run import plot_run
 
     file.parent.mkdir(parents=True, exist_ok=True)
-    plot_run(real, ideal, file, title=scenario.name, targets=scenario.targets)
+    plot_run(flown.real, flown.ideal, file, title=flown.name, targets=flown.targets)
     return [file]

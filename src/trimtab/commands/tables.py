@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich import box
-from rich.console import Console
-from rich.table import Table
+
+if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
+    from rich.console import Console
+    from rich.table import Table
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -18,13 +19,18 @@ METRICS = {
 }
 
 
-def console() -> Console:
+def console() -> "Console":
     """Standard output; wide enough for a table when it is not a terminal."""
+    from rich.console import Console
+
     found = Console(highlight=False, soft_wrap=False)
     return found if found.is_terminal else Console(highlight=False, width=140)
 
 
-def _table(**options: Any) -> Table:
+def _table(**options: Any) -> "Table":
+    from rich import box
+    from rich.table import Table
+
     return Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", **options)
 
 
@@ -44,7 +50,7 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
 
 def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, ...]], as_json: bool) -> None:
     """Every setting of a scenario: path, value, unit, meaning; and what can be switched off."""
-    from trimtab.core.record import leaves  # brings JAX along, which a list of names does not need
+    from trimtab.core.record import leaves  # brings numpy along, which a list of names does not need
 
     faults = sorted(scenario.imperfections())
     rows = [(path, _value(value, d), _unit(d), d.doc) for path, value, d in leaves(scenario)]

@@ -3,7 +3,6 @@
 Inside the loop nothing raises; staleness, rejection and saturation are signals.
 """
 
-import difflib
 from collections.abc import Iterable
 from functools import partial
 from typing import Any
@@ -35,6 +34,8 @@ class InputError(ValueError):
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
     """Up to n choices that look like name, best first; empty when none does."""
+    import difflib  # only after a mistake
+
     names = list(choices)
     by_tail = [c for c in names if c.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]]
     near = difflib.get_close_matches(name, names, n=n, cutoff=0.5)

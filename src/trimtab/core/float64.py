@@ -1,12 +1,58 @@
-"""JAX, switched to float64: states are integrated and time is counted in 64 bits everywhere.
+"""JAX, in float64 and with records as pytrees: states are integrated and time is counted in 64 bits everywhere.
 
-Part of importing any record, so that the switch is on before anything is computed; not part of importing `trimtab`
-itself, so that commands which compute nothing don't wait for JAX.
+Everything that computes imports this first, so that the switch is on before anything is computed. What only declares,
+reads or draws does not, and so doesn't wait for JAX.
 """
+
+import os
+import threading
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-jax.config.update("jax_enable_x64", True)
+from trimtab.core.record import SWITCH, SWITCHED, WAITING, Option, declarations
 
-__all__ = ["jax", "jnp"]
+__all__ = ["jax", "jnp", "register_waiting"]
+
+_LOCK = threading.RLock()
+
+
+def register_waiting() -> None:
+    """Make every record that waits a pytree: quantities and parts are its children, options its structure."""
+    with _LOCK:
+        while WAITING:
+            _register(WAITING[0])
+            del WAITING[0]  # afterwards: who finds the list empty can rely on it
+
+
+def _register(made: Any) -> None:
+    declared = declarations(made)
+    dynamic = tuple(n for n, d in declared.items() if not isinstance(d, Option))
+    static = tuple(n for n, d in declared.items() if isinstance(d, Option))
+    keys = tuple(jax.tree_util.GetAttrKey(n) for n in dynamic)
+
+    def aux(r: Any) -> tuple[Any, ...]:
+        return tuple(getattr(r, n) for n in static)
+
+    def flatten(r: Any) -> tuple[Any, Any]:
+        return [getattr(r, n) for n in dynamic], aux(r)
+
+    def flatten_with_keys(r: Any) -> tuple[Any, Any]:
+        return [(k, getattr(r, n)) for k, n in zip(keys, dynamic, strict=True)], aux(r)
+
+    def unflatten(meta: Any, children: Any) -> Any:
+        r = object.__new__(made)
+        for n, v in zip(dynamic, children, strict=True):
+            object.__setattr__(r, n, v)
+        for n, v in zip(static, meta, strict=True):
+            object.__setattr__(r, n, v)
+        return r
+
+    jax.tree_util.register_pytree_with_keys(made, flatten_with_keys, unflatten, flatten)
+
+
+jax.config.update("jax_enable_x64", True)
+if SWITCHED and os.environ.get(SWITCH) == "1":
+    del os.environ[SWITCH]
+register_waiting()

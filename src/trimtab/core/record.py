@@ -7,15 +7,19 @@ Three kinds of field:
 - ``option``    a choice or a period; it shapes the program, so changing it compiles again.
 
 What is declared here is the name of the same thing in ``--set``, the log, the plots and the exported code.
+
+This module does not import JAX, so that what only reads logs starts without it. `core.float64`, which everything that
+computes imports, makes the records pytrees; a program that imports JAX itself gets them as soon as it makes one.
 """
 
 import dataclasses
+import importlib
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
-
-from trimtab.core.float64 import jax
 
 T = TypeVar("T")
 Scalar = Any
@@ -32,6 +36,13 @@ DTYPES = {
 }
 KINDS = tuple(DTYPES)
 MISSING = dataclasses.MISSING
+WAITING: list[Any] = []
+"""Records that are not pytrees yet, because nothing had imported JAX when they were made."""
+SWITCH = "JAX_ENABLE_X64"
+SWITCHED = "jax" not in sys.modules and SWITCH not in os.environ
+"""Whether JAX was told here to start in float64, should it be imported; `core.float64` takes the note away again."""
+if SWITCHED:
+    os.environ[SWITCH] = "1"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,35 +131,34 @@ def _field(declared: Declaration, default: Any) -> Any:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
 def record(cls: type[T]) -> type[T]:
-    """Make a class a record: a frozen dataclass, registered as a pytree with the field names as path."""
+    """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
+    if "jax" not in sys.modules:
+        _look_when_made(cls)
     made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    fields = dataclasses.fields(made)
-    for f in fields:
+    for f in dataclasses.fields(made):
         if "declared" not in f.metadata:
             raise TypeError(f"{cls.__name__}.{f.name} is not declared: use quantity(), part(), option() or period()")
-    dynamic = tuple(f.name for f in fields if not isinstance(f.metadata["declared"], Option))
-    static = tuple(f.name for f in fields if isinstance(f.metadata["declared"], Option))
-    keys = tuple(jax.tree_util.GetAttrKey(n) for n in dynamic)
-
-    def aux(r: Any) -> tuple[Any, ...]:
-        return tuple(getattr(r, n) for n in static)
-
-    def flatten(r: Any) -> tuple[Any, Any]:
-        return [getattr(r, n) for n in dynamic], aux(r)
-
-    def flatten_with_keys(r: Any) -> tuple[Any, Any]:
-        return [(k, getattr(r, n)) for k, n in zip(keys, dynamic, strict=True)], aux(r)
-
-    def unflatten(meta: Any, children: Any) -> Any:
-        r = object.__new__(made)
-        for n, v in zip(dynamic, children, strict=True):
-            object.__setattr__(r, n, v)
-        for n, v in zip(static, meta, strict=True):
-            object.__setattr__(r, n, v)
-        return r
-
-    jax.tree_util.register_pytree_with_keys(made, flatten_with_keys, unflatten, flatten)
+    WAITING.append(made)
+    _tell_jax()
     return made
+
+
+def _tell_jax() -> None:
+    """Make the records that wait pytrees, once the program has imported JAX."""
+    if WAITING and "jax" in sys.modules:
+        importlib.import_module("trimtab.core.float64").register_waiting()
+
+
+def _look_when_made(cls: Any) -> None:
+    """Let each new one of a class look whether JAX has been imported since the class was made."""
+    finish = getattr(cls, "__post_init__", None)
+
+    def __post_init__(self: Any) -> None:
+        _tell_jax()
+        if finish is not None:
+            finish(self)
+
+    cls.__post_init__ = __post_init__
 
 
 def is_record(value: Any) -> bool:
@@ -243,3 +253,7 @@ def numeric(tree: T) -> T:
         return value
 
     return convert(tree)
+
+
+if "jax" in sys.modules:
+    importlib.import_module("trimtab.core.float64")

@@ -23,11 +23,11 @@ from trimtab.loop.world import World
 
 
 class Flight(NamedTuple):
-    """A lowered closed loop.
+    """A lowered walk over instants.
 
     blocks: what is computed once, and the start with the loop.  inputs: parameters, first state and key, flat.
-    loop: over the instants.  final: truth and states of the sensors at the end.
-    width: numbers in a row of the log.  signals: what is logged, with every number abstract.  live: what is needed.
+    loop: over the instants.  final: the first parts of the state at the end.  width: numbers in a row of the log.
+    signals: structure of what is logged.  end: structure of the last values.  live: what is needed.
     """
 
     blocks: list[Block]
@@ -48,8 +48,19 @@ def lower_flight(
     world: World, autopilot: Autopilot, x: Any, key: Any, always: frozenset[int], wanted: tuple[str, ...] = ()
 ) -> Flight:
     """Trace and lower a closed loop; only structure and types of the arguments matter."""
-    fly = (world, autopilot, x, key)
-    begin, step, seen, end = _trace(fly, always, wanted)
+    begin, step, seen, end = _trace((world, autopilot, x, key), always, wanted)
+    return lower_walk(begin, step, len(jax.tree.leaves(end)), end)._replace(signals=seen)
+
+
+def lower_walk(begin: Any, step: Any, kept: int, end: Any = None) -> Flight:
+    """Lower a walk.
+
+    Args:
+        begin: jaxpr, inputs -> state.
+        step: jaxpr, (inputs, state, t, h) -> (state, row of float64).
+        kept: how many leaves of the state, from the first, are its last values.
+        end: their structure.
+    """
     b = Builder(fold, hoist=True)
     lowering = Lowering(b, RULES)
     avals = [v.aval for v in begin.jaxpr.invars]
@@ -69,14 +80,14 @@ def lower_flight(
         dying = [False] * n + [True] * len(first) + [False] * 2
         found = lowering.program(step, arrays, dying)
         row = [v for a in found[len(first) :] for v in values(b, a)]
-        _record(b, loop.index, row)
+        if row:
+            _record(b, loop.index, row)
         nexts = carried.close(found[: len(first)])
     loop.carries = list(zip(variables, carried.values, nexts, strict=True))
     b.block.items.append(loop)
-    count = len(jax.tree.leaves(end))
-    final = [v for a in carried.arrays(variables)[:count] for v in values(b, a)]
+    final = [v for a in carried.arrays(variables)[:kept] for v in values(b, a)]
     live = prune([b.prologue, b.top], final, [])
-    return Flight([b.prologue, b.top], inputs, loop, final, len(row), seen, end, live)
+    return Flight([b.prologue, b.top], inputs, loop, final, len(row), None, end, live)
 
 
 def _trace(fly: Any, always: frozenset[int], wanted: tuple[str, ...]) -> tuple[Any, Any, Any, Any]:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from trimtab.export.helpers import C_TYPES
+from trimtab.export.c_functions import C_TYPES
 from trimtab.export.ir import Buffer, Value
 from trimtab.export.preamble import preamble
 from trimtab.export.uniform import spread

@@ -7,8 +7,8 @@ from typing import Any
 from trimtab.core.float64 import jax
 from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, scalars, small
+from trimtab.export.c_functions import C_TYPES
 from trimtab.export.fold import fold
-from trimtab.export.helpers import C_TYPES
 from trimtab.export.ir import Buffer, Builder, Value
 from trimtab.export.live import prune
 from trimtab.export.lower import Lowering

@@ -1,7 +1,7 @@
 """C++ text of one operation over lanes: GCC vector extensions, one run in each lane, truth values as masks."""
 
 from trimtab.core.errors import InputError
-from trimtab.export.helpers import vector
+from trimtab.export.c_functions import vector
 from trimtab.export.ir import Buffer, Value, is_float
 from trimtab.export.scalar_text import (
     COMPARE,

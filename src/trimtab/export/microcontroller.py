@@ -119,6 +119,13 @@ def missing_tools() -> list[str]:
     return missing
 
 
+def require_tools(target: str) -> None:
+    """Refuse, with what to type, where a package is missing."""
+    if missing := missing_tools():
+        fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+        raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
+
+
 def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> Emulated:
     """Build the autopilot of an exported folder for a target, fly its vectors there under QEMU, and read back.
 
@@ -130,9 +137,7 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
     """
     if target not in TARGETS:
         raise InputError(f"target {target!r}", "is not one that can be emulated", choices=TARGETS)
-    if missing := missing_tools():
-        fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
-        raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
+    require_tools(target)
     folder, board = Path(folder).resolve(), TARGETS[target]
     vectors = read_vectors(folder, steps)
     with tempfile.TemporaryDirectory(prefix="trimtab-") as scratch:

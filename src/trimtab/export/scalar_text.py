@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.export.helpers import C_TYPES, LIMITS
+from trimtab.export.c_functions import C_TYPES, LIMITS
 from trimtab.export.ir import Value, is_float
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^"}

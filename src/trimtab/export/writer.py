@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.export.helpers import C_TYPES, helper, lane_helper, needs, vector
+from trimtab.export.c_functions import C_TYPES, helper, lane_helper, needs, vector
 from trimtab.export.ir import Block, Buffer, Define, If, Local, Loop, Record, Store, Value
 from trimtab.export.lane_text import check_type, lane_expression, mask_for
 from trimtab.export.scalar_text import expression, literal

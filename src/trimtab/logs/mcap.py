@@ -16,12 +16,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
@@ -29,8 +26,13 @@ from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log, plain
 from trimtab.logs.schema import Fields, schema_of, topics_of
 
+if TYPE_CHECKING:  # the library is imported when a file is read or written, not by who only draws
+    from mcap.writer import Writer
+
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
 """Names of the two metadata records, and the version of what this module writes."""
+MAGIC = b"\x89MCAP0\r\n"
+"""At both ends of a file."""
 NS_PER_TICK = 100
 CHUNK_BYTES = 64 * 1024
 """Uncompressed; a file that is cut short loses the chunk at the cut."""
@@ -40,6 +42,8 @@ BLOCK_ROWS = 4096
 
 def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
     """Write a log; the file appears whole or not at all. Returns its path."""
+    from mcap.writer import CompressionType, Writer
+
     with replacing(path) as stream:
         writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(library="trimtab")
@@ -130,7 +134,7 @@ def _tree(log: Log, fields: Fields) -> dict[str, Any]:
     return root
 
 
-def _write_rows(writer: Writer, log: Log, channels: list[tuple[int, dict[str, Any]]], rows: slice) -> None:
+def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, dict[str, Any]]], rows: slice) -> None:
     """Messages are one template a topic, filled with the ready texts of the numbers: much faster than json.dumps."""
     texts: list[tuple[int, list[bytes]]] = []
     for channel, tree in channels:
@@ -180,15 +184,18 @@ def _bytes(path: Path) -> bytes:
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
         raise InputError(f"log file '{path}'", problem, fix="check the path, or run write_mcap first") from None
-    if not data.startswith(MCAP0_MAGIC):
+    if not data.startswith(MAGIC):
         raise InputError(f"log file '{path}'", "is not an MCAP file", fix="give a file that write_mcap wrote")
     return data
 
 
 def _scan(path: Any, data: bytes) -> tuple[_Contents, bool]:
     """Everything up to the end or to the cut, and whether there was a cut."""
+    from mcap.records import Channel, Message, Metadata
+    from mcap.stream_reader import StreamReader
+
     found, channels = _Contents(), dict[int, str]()
-    cut = len(data) < 2 * len(MCAP0_MAGIC) or not data.endswith(MCAP0_MAGIC)
+    cut = len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC)
     try:
         for item in StreamReader(BytesIO(data), validate_crcs=True, record_size_limit=len(data)).records:
             if isinstance(item, Message):

@@ -9,19 +9,17 @@ import os
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import replacing
 from trimtab.logs.metrics import Target, full_path, turned
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
 
 BLUE, VERMILION, GREY, GREEN = "#0072B2", "#D55E00", "#707070", "#009E73"
 SEVERAL = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", VERMILION, "#000000")
@@ -50,7 +48,7 @@ def plot_run(
     title: str = "",
     *,
     targets: Iterable[Target] = (),
-) -> Figure:
+) -> "Figure":
     """Draw a run; with a path also save it (PNG, or what the suffix says; the file appears whole or not at all).
 
     Args:
@@ -60,6 +58,10 @@ def plot_run(
         title: what to write above; without it the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
     """
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import GridSpec
+    from matplotlib.ticker import MaxNLocator
+
     wanted = {full_path(t.path): t for t in targets}
     for target in wanted:
         real[target]
@@ -170,6 +172,8 @@ def _draw(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: Target 
             low = 0.1 if panel.kind == "mode" else 0.0  # so that both can be seen where they agree
             _line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
     if len(panel.paths) > 1:
+        from matplotlib.lines import Line2D
+
         handles = [Line2D([], [], color=SEVERAL[i % len(SEVERAL)], label=p) for i, p in enumerate(panel.paths)]
         axes.legend(handles=handles, loc="lower right", fontsize=8, framealpha=0.8, handlelength=1.2)
 
@@ -198,6 +202,8 @@ def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
 
 
 def _dress(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+
     path = panel.paths[0]
     axes.set_title(panel.title, loc="left", fontsize=10, weight="bold", y=1.02, pad=0)
     where = f"{panel.demanded}, {path}" if panel.demanded else path
@@ -228,6 +234,9 @@ def _dress(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
 
 
 def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
     handles: list[Any] = [Line2D([], [], color=BLUE, lw=2, label="real")]
     if ideal:
         handles.append(Line2D([], [], color=VERMILION, lw=2, label="ideal"))
@@ -239,7 +248,7 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
     return handles
 
 
-def _save(figure: Figure, path: Path) -> None:
+def _save(figure: "Figure", path: Path) -> None:
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:

@@ -34,7 +34,8 @@ def structure(fly: Any, always: frozenset[int], wanted: tuple[str, ...]) -> Stru
 def lowered(of: Structure) -> Flight:
     """The flight of a structure; the numbers of its inputs play no part."""
     zeros = [np.zeros(shape, dtype) for shape, dtype in of.shapes]
-    return lower_flight(*jax.tree.unflatten(of.tree, zeros), of.always, of.wanted)
+    world, autopilot, x, key = jax.tree.unflatten(of.tree, zeros)
+    return lower_flight(world, autopilot, x, key, of.always, of.wanted)
 
 
 @functools.lru_cache(maxsize=64)

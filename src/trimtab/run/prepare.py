@@ -14,6 +14,7 @@ from trimtab.export.build import BuildFailed
 from trimtab.export.compiler import NoCompiler
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, logged
+from trimtab.run.program import check_seed
 
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
@@ -28,8 +29,7 @@ def prepared(
         scenario = replace(scenario, duration=duration)
     scenario.check()
     for seed in seeds:
-        if not 0 <= seed < 2**32:
-            raise InputError("--seed", f"{seed} is not in 0 … {2**32 - 1}", fix="--seed 0")
+        check_seed(seed)
     if log_period < 1:
         raise InputError("log_period", f"{show(log_period)} is too short", fix="log_period=ms(1)")
     count = sum(scenario.duration // p for p in {*scenario.world.periods(), scenario.autopilot.period})

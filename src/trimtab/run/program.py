@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import timetable, to_seconds
 from trimtab.export.library import Flown, fly, rows_of
@@ -48,6 +49,12 @@ class Program(NamedTuple):
         flown = fly(self.library, shared, np.empty((1, 0)), table, rows_of(written), widths)
         metadata = self.metadata | {"seed": seed, "run": run, "log_period_s": to_seconds(log_period)}
         return log_of(self, flown, 0, table.t[written], metadata)
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a number that is no seed, or no number of a run."""
+    if not 0 <= seed < 2**32:
+        raise InputError("--seed", f"{seed} is not in 0 … {2**32 - 1}", fix="--seed 0")
 
 
 def width_of(columns: list[Column]) -> int:

@@ -59,7 +59,7 @@ def simulate(
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
-    """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or without a compiler."""
+    """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
     scenario, table, _ = prepared(scenario, [], duration, ms(1))
     return _program(scenario, inputs(scenario, 0, 0), table.always, signals)
 

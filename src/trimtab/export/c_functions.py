@@ -115,10 +115,7 @@ def vector(t: str) -> str:
 
 
 def _any() -> str:
-    fast = "#if LANES == 8 && defined __AVX512DQ__\n    return _mm512_movepi64_mask((__m512i)m) != 0;\n"
-    fast += "#elif LANES == 4 && defined __AVX2__\n    return _mm256_movemask_pd((__m256d)m) != 0;\n#else\n"
-    slow = "    int64_t r = 0; EACH_LANE r |= m[l]; return r != 0;\n#endif"
-    return f"static inline bool tv_any(vi64 m)\n{{\n{fast}{slow}\n}}\n"
+    return "static inline bool tv_any(vi64 m)\n{\n    return ttv_any(m);\n}\n"
 
 
 def _by_lane(name: str) -> str:

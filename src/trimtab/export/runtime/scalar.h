@@ -1,0 +1,114 @@
+/* Elementary functions of trimtab, the same bits in scalar C and in vectors. Free to use, change and give away,
+ * with or without this notice and under any licence; no warranty. Compile with -ffp-contract=off, never -ffast-math. */
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#if defined(__FAST_MATH__)
+#error "these functions need IEEE arithmetic: compile without -ffast-math"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD == 2 || FLT_EVAL_METHOD == -1)
+#error "these functions need double arithmetic without excess precision (x86: -mfpmath=sse -msse2)"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+#ifndef TT_FMA /* 1: fused multiply-add where the text says ma; 0: the same bits on machines that have none as well */
+#if defined(__FP_FAST_FMA) || defined(__FMA__)
+#define TT_FMA 1
+#else
+#define TT_FMA 0
+#endif
+#endif
+#ifndef TT_INLINE
+#if defined(__GNUC__)
+#define TT_INLINE static inline __attribute__((unused))
+#define TT_COLD static __attribute__((noinline, cold, unused))
+#else
+#define TT_INLINE static inline
+#define TT_COLD static
+#endif
+#endif
+
+TT_INLINE uint64_t tt_bits(double x)
+{
+    uint64_t u;
+    memcpy(&u, &x, sizeof u);
+    return u;
+}
+
+TT_INLINE double tt_from_bits(uint64_t u)
+{
+    double x;
+    memcpy(&x, &u, sizeof x);
+    return x;
+}
+
+TT_INLINE double tt_splat(double x)
+{
+    return x;
+}
+
+/* a b + c */
+TT_INLINE double tt_ma(double a, double b, double c)
+{
+#if TT_FMA
+    return fma(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+
+TT_INLINE int tt_within(double a, double limit)
+{
+    return tt_all(a <= limit);
+}
+
+TT_INLINE int tt_all(int m)
+{
+#if defined(__GNUC__)
+    return (int)__builtin_expect(m, 1);
+#else
+    return m;
+#endif
+}
+
+/* exchanges *u and *v where the highest bit is set */
+TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
+{
+    double pair[2];
+    pair[bit >> 63] = *u;
+    pair[bit >> 63 ^ 1] = *v;
+    *u = pair[0];
+    *v = pair[1];
+}
+
+TT_INLINE double tt_sqrt(double x)
+{
+    return sqrt(x);
+}
+
+TT_INLINE double tt_floor(double x)
+{
+    return floor(x);
+}
+
+TT_INLINE double tt_ceil(double x)
+{
+    return ceil(x);
+}
+
+TT_INLINE double tt_trunc(double x)
+{
+    return trunc(x);
+}
+
+TT_INLINE double tt_round_even(double x)
+{
+    return rint(x);
+}
+
+TT_INLINE double tt_round_away(double x)
+{
+    return round(x);
+}

@@ -1,0 +1,127 @@
+"""Whether an exported folder computes what was simulated: compiled without a warning, checked, compared by sample."""
+
+import json
+import os
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.export.compiler import find_compiler
+
+WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+EXACT = ("-O2", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
+
+
+class Verdict(NamedTuple):
+    """What a check found.
+
+    good: whether every sample is within its tolerance, and the sanitizers found nothing.
+    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first that is not.
+    stack_bytes: of the step and what it calls, as the compiler counts.  sanitized: False where there are none.
+    """
+
+    good: bool
+    steps: int
+    worst: dict[str, tuple[float, float]]
+    first: tuple[int, str, float, float] | None
+    stack_bytes: int
+    sanitized: bool
+
+
+def verify(folder: Path) -> Verdict:
+    """Compile and replay a folder that `trimtab export` wrote, and compare sample by sample.
+
+    Raises InputError where the folder is not one, there is no compiler, or the text does not compile cleanly.
+    """
+    about = _manifest(folder)
+    compiler = find_compiler("c")
+    if compiler is None:
+        raise InputError("export --verify", "there is no C compiler", fix="install gcc or clang, or name one in CC")
+    cc = [compiler.path, *compiler.options]
+    wanted = np.loadtxt(folder / "vectors.csv", delimiter=",", skiprows=1, ndmin=2)[:, len(about["inputs"]) :]
+    with tempfile.TemporaryDirectory() as scratch:
+        got = _replayed(cc, folder, about["name"], Path(scratch), ())
+        stack = _stack(Path(scratch))
+        sanitized = _sanitized(cc, folder, about["name"], Path(scratch), got)
+    tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
+    worst, first = compare(got, wanted, about["outputs"], tolerance)
+    return Verdict(first is None, len(wanted), worst, first, stack, sanitized)
+
+
+def compare(
+    got: Any, wanted: Any, names: list[str], tolerance: Any
+) -> tuple[dict[str, tuple[float, float]], tuple[int, str, float, float] | None]:
+    """Largest difference of each output, and the first sample that is too far off; NaN equals NaN."""
+    if got.shape != wanted.shape:
+        problem = f"the replay printed {got.shape[0]} x {got.shape[1]} numbers, wanted are {wanted.shape}"
+        raise InputError("export --verify", problem, fix="export the folder again")
+    same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
+    off = np.where(same, 0.0, np.abs(got - wanted))
+    off = np.where(np.isnan(off), np.inf, off)
+    worst = {n: (float(off[:, k].max(initial=0.0)), float(tolerance[k])) for k, n in enumerate(names)}
+    bad = np.argwhere(off > tolerance)
+    if not len(bad):
+        return worst, None
+    step, k = bad[0]
+    return worst, (int(step), names[k], float(got[step, k]), float(wanted[step, k]))
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    try:
+        about = json.loads((folder / "export.json").read_text())
+        if not re.fullmatch(r"[a-z_]\w*", about["name"]):
+            raise ValueError("name")
+        for key in ("inputs", "outputs", "tolerance"):
+            about[key]
+        return about
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        problem = f"{str(folder)!r} is not a folder that trimtab export wrote ({error})"
+        raise InputError("export --verify", problem, fix="trimtab export SCENARIO --out DIR") from None
+
+
+def _replayed(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
+    program = scratch / f"replay{len(extra)}"
+    sources = [os.path.abspath(folder / f) for f in (f"{name}.c", "vectors.c", "replay.c")]
+    flags = ["-fstack-usage"] if not extra else []
+    command = [*cc, *WARNINGS, *EXACT, *flags, *extra, *sources, "-o", str(program), "-lm"]
+    built = subprocess.run(command, capture_output=True, text=True, cwd=scratch, stdin=subprocess.DEVNULL, check=False)
+    if built.returncode:
+        said = "\n".join(built.stderr.splitlines()[:20])
+        raise InputError("export --verify", f"the compiler refused it:\n{said}", fix="export the folder again")
+    vectors = os.path.abspath(folder / "vectors.csv")
+    ran = subprocess.run([program, vectors], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
+    if ran.returncode:
+        said = "\n".join(ran.stderr.splitlines()[:20])
+        raise InputError("export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report it")
+    return np.array([[float(x) for x in line.split(",")] for line in ran.stdout.splitlines()], ndmin=2)
+
+
+def _sanitized(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
+    """Run it under the address and undefined-behaviour sanitizers; False where the compiler has none."""
+    probe = scratch / "probe.c"
+    probe.write_text("int main(void) { return 0; }\n")
+    command = [*cc, *SANITIZERS, str(probe), "-o", str(scratch / "probe")]
+    if subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False).returncode:
+        return False
+    again = _replayed(cc, folder, name, scratch, SANITIZERS)
+    same = (again == got) | (np.isnan(again) & np.isnan(got))
+    if not same.all():
+        raise InputError("export --verify", "it computes otherwise under the sanitizers", fix="report it")
+    return True
+
+
+def _stack(scratch: Path) -> int:
+    """The deepest function, as -fstack-usage counts it; all calls are inlined or leaves of the mathematics library."""
+    found = [0]
+    for file in scratch.glob("*.su"):
+        for line in file.read_text().splitlines():
+            where, size, kind = line.rsplit("\t", 2)
+            if "_step" in where:
+                found.append(int(size) if "dynamic" not in kind or "bounded" in kind else 0)
+    return max(found)

@@ -1,0 +1,112 @@
+"""The compiled step of an autopilot, called from Python in well under a microsecond of its own: what `fly` runs."""
+
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.export.build import build, load
+from trimtab.export.folder import vectors_source
+from trimtab.export.members import Member
+from trimtab.export.step import Exported
+from trimtab.loop.scenario import Scenario
+from trimtab.run.export_c import autopilot_step
+
+ENTRY = """
+typedef struct {
+    autopilot_params p;
+    autopilot_state s;
+    autopilot_in in;
+    autopilot_out out;
+    double inputs[VECTORS_IN], outputs[VECTORS_OUT];
+} autopilot_held;
+
+int64_t autopilot_size(void) { return sizeof(autopilot_held); }
+double *autopilot_inputs(autopilot_held *a) { return a->inputs; }
+double *autopilot_outputs(autopilot_held *a) { return a->outputs; }
+void autopilot_begin(autopilot_held *a)
+{
+    memset(a, 0, sizeof *a);
+    autopilot_defaults(&a->p);
+    autopilot_init(&a->p, &a->s);
+}
+void autopilot_fast(autopilot_held *a)
+{
+    vectors_set_in(a->inputs, &a->in);
+    autopilot_step(&a->p, &a->s, &a->in, &a->out);
+    vectors_get_out(&a->out, a->outputs);
+}
+"""
+
+
+class FastStep:
+    """An autopilot whose step is compiled: write `inputs`, call `step()`, read `outputs`.
+
+    inputs, outputs: float64 arrays that the compiled code reads and writes in place; truth values are 0 and 1, times
+    integers of 100 ns.  reads, writes: path -> where in them, e.g. ``inputs[reads["t"]] = now``.
+    """
+
+    def __init__(self, exported: Exported) -> None:
+        """Compile the C text of an exported autopilot; it is the text that `trimtab export` writes."""
+        library = load(build(_text(exported)))
+        library.autopilot_size.restype = ctypes.c_int64
+        self._held = ctypes.create_string_buffer(library.autopilot_size() + 64)
+        start = -ctypes.addressof(self._held) % 64 + ctypes.addressof(self._held)
+        self._at = ctypes.c_void_p(start)
+        self._begin = library.autopilot_begin
+        self._step = library.autopilot_fast
+        self.reads, self.writes = _places(exported.inputs), _places(exported.outputs)
+        self.inputs = self._view(library.autopilot_inputs, exported.inputs)
+        self.outputs = self._view(library.autopilot_outputs, exported.outputs)
+        self.reset()
+
+    def _view(self, where: Any, held: list[Member]) -> Any:
+        where.restype = ctypes.POINTER(ctypes.c_double)
+        return np.ctypeslib.as_array(where(self._at), shape=(sum(m.size for m in held),))
+
+    def reset(self) -> None:
+        """Back to the state before the first step, with the scenario's parameters."""
+        self._begin(self._at)
+
+    def step(self) -> None:
+        """One control period: from `inputs` to `outputs`."""
+        self._step(self._at)
+
+    def give(self, values: Mapping[str, Any]) -> None:
+        """Write inputs by path; convenient, and slower than writing `inputs` itself."""
+        for path, value in values.items():
+            if path not in self.reads:
+                near = closest(path, self.reads, 6) or list(self.reads)[:6]
+                problem = f"the autopilot has no input {path!r}"
+                raise InputError("fast step", problem, choices=near, fix=f"give({{{near[0]!r}: …}})")
+            self.inputs[self.reads[path]] = value
+
+    def result(self, path: str) -> Any:
+        """An output by path."""
+        if path not in self.writes:
+            near = closest(path, self.writes, 6) or list(self.writes)[:6]
+            problem = f"the autopilot has no output {path!r}"
+            raise InputError("fast step", problem, choices=near, fix=f"result({near[0]!r})")
+        return self.outputs[self.writes[path]]
+
+
+def fast_step(scenario: Scenario, *, seed: int = 0) -> FastStep:
+    """The autopilot of a scenario as a compiled step; refused as `export_c` refuses, or without a C compiler."""
+    scenario.check()
+    return FastStep(autopilot_step(scenario, "autopilot", "f64", seed).exported)
+
+
+def _text(exported: Exported) -> str:
+    source = exported.source.replace(f'#include "{exported.name}.h"\n', "")
+    vectors = vectors_source(exported)
+    return "\n".join([exported.header, vectors, source, ENTRY])
+
+
+def _places(held: list[Member]) -> dict[str, Any]:
+    found, k = {}, 0
+    for m in held:
+        found[m.path] = slice(k, k + m.size) if m.shape else k
+        k += m.size
+    return found

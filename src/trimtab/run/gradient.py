@@ -1,0 +1,146 @@
+"""Gradients of a whole run with respect to parameters: the derivative is carried along with the state, in C."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.float64 import jax
+from trimtab.core.time import Clock, ms, to_seconds
+from trimtab.export.build import build
+from trimtab.export.compiler import find_compiler, lanes
+from trimtab.export.flight import Flight, lower_walk
+from trimtab.export.library import fly, rows_of, threads_of
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import Signals, instant, start
+from trimtab.run import compiled
+from trimtab.run.prepare import inputs, prepared
+
+Cost = Callable[[Signals], Any]
+
+
+class Gradient(NamedTuple):
+    """cost: its integral over the run (unit of the cost x s).  slope: path -> derivative of it, shape of the parameter.
+
+    It is the derivative of this one run: where the loop switches on data, the cost jumps, and no derivative sees that.
+    """
+
+    cost: float
+    slope: dict[str, Any]
+
+
+def gradient(
+    scenario: Scenario, cost: Cost, paths: tuple[str, ...], *, seed: int = 0, duration: int | None = None
+) -> Gradient:
+    """The integral of a running cost over one run, and its derivative along parameters, by forward mode in C.
+
+    Args:
+        scenario: what flies; checked whole before anything runs.
+        cost: signals of an instant (`loop.walk.Signals`) -> scalar, in JAX, e.g.
+            ``lambda s: s.truth.yaw_rate**2``. A function defined once: each new function compiles anew.
+        paths: of parameters that are real numbers, e.g. ("autopilot.law.k1", "autopilot.law.k2").
+        seed: of the random numbers.
+        duration: integer time; the scenario's own when None.
+
+    Raises:
+        InputError: what `simulate` refuses, a path that is no real parameter, or no C compiler.
+    """
+    scenario, table, _ = prepared(scenario, [seed], duration, ms(1))
+    whole = inputs(scenario, seed, 0)
+    at = _positions(whole, paths)
+    found, tree = jax.tree.flatten(whole)
+    shapes = tuple((np.shape(v), str(np.asarray(v).dtype)) for v in found)
+    flight = _lowered(tree, shapes, table.always, at, cost)
+    sizes = [int(np.size(found[i])) for i in at]
+    directions = np.eye(sum(sizes))
+    own = frozenset(range(len(found), len(found) + len(at)))
+    compiler = find_compiler("c++")
+    n = lanes(compiler) if compiler is not None and len(directions) > 1 else 1
+    path = build(flight.text(n if n > 1 else 0, own), "c++" if n > 1 else "c", extra=("-pthread",))
+    nowhere = rows_of(np.zeros(len(table.t), bool))
+    flown = fly(path, compiled.flat(whole), directions, table, nowhere, (1, 2), log=False, threads=threads_of(None))
+    slope = np.split(flown.final[:, 1], np.cumsum(sizes)[:-1])
+    by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
+    return Gradient(float(flown.final[0, 0]), by_path)
+
+
+def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
+    known, found = compiled.paths(whole), jax.tree.leaves(whole)
+    real = [p for p, v in zip(known, found, strict=True) if np.asarray(v).dtype == np.float64]
+    if not paths:
+        raise InputError("gradient", "no parameter is named", choices=real[:8], fix=f"paths=({real[0]!r},)")
+    for path in paths:
+        if path not in real:
+            near = closest(path, real, 6) or real[:6]
+            problem = f"{path!r} is not the path of a real parameter"
+            raise InputError("gradient", problem, choices=near, fix=f"paths=({near[0]!r},)")
+    return tuple(known.index(p) for p in paths)
+
+
+@functools.lru_cache(maxsize=16)
+def _lowered(tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost) -> Flight:
+    """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
+    example = [np.zeros(shape, dtype) for shape, dtype in shapes]
+    dual = _Dual(tree, always, at, cost)
+    direction = [example[i] for i in at]
+    begin, state = jax.make_jaxpr(dual.begin, return_shape=True)(example, direction)
+    t = np.int64(0)
+    return lower_walk(begin, jax.make_jaxpr(dual.step)(example, direction, state, t, t), 2)
+
+
+class _Dual:
+    """A run with its derivative along a direction; what is not real has none, and is carried as it is."""
+
+    def __init__(self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost) -> None:
+        self.tree, self.always, self.at, self.cost = tree, always, at, cost
+        self.structure: Any = None
+
+    def whole(self, leaves: list[Any], chosen: list[Any]) -> Any:
+        mine = list(leaves)
+        for i, value in zip(self.at, chosen, strict=True):
+            mine[i] = value
+        return jax.tree.unflatten(self.tree, mine)
+
+    def split(self, state: Any) -> tuple[list[Any], list[Any]]:
+        """Real leaves of a state, and the others; remembers how to put them together."""
+        found, tree = jax.tree.flatten(state)
+        real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in found]
+        self.structure = tree, real
+        pairs = list(zip(found, real, strict=True))
+        return [v for v, r in pairs if r], [v for v, r in pairs if not r]
+
+    def together(self, reals: list[Any], others: list[Any]) -> Any:
+        tree, real = self.structure
+        a, b = iter(reals), iter(others)
+        return jax.tree.unflatten(tree, [next(a) if r else next(b) for r in real])
+
+    def lean(self, world: Any, autopilot: Any, s: Any, a: Any) -> Any:
+        return world.lean(s, self.always), autopilot.lean(a, self.always)
+
+    def begin(self, leaves: list[Any], direction: list[Any]) -> Any:
+        def first(chosen: list[Any]) -> Any:
+            world, autopilot, x, key = self.whole(leaves, chosen)
+            return self.split(self.lean(world, autopilot, *start(world, autopilot, x, key)))
+
+        chosen = [leaves[i] for i in self.at]
+        reals, slopes, others = jax.jvp(first, (chosen,), (direction,), has_aux=True)
+        return 0.0, 0.0, reals, slopes, others
+
+    def step(self, leaves: list[Any], direction: list[Any], state: Any, t: Any, h: Any) -> Any:
+        total, slope, reals, slopes, others = state
+
+        def one(chosen: list[Any], reals: list[Any]) -> Any:
+            world, autopilot, _, _ = self.whole(leaves, chosen)
+            s, a = self.together(reals, others)
+            s, a, seen = instant(world, autopilot, Clock(t, self.always), h, s, a)
+            now = jax.numpy.asarray(self.cost(seen), np.float64) * to_seconds(h)
+            new, rest = self.split(self.lean(world, autopilot, s, a))
+            new = [jax.numpy.asarray(v, np.float64) for v in new]
+            rest = [jax.numpy.asarray(v, old.dtype) for v, old in zip(rest, others, strict=True)]
+            return (now, new), rest
+
+        chosen = [leaves[i] for i in self.at]
+        (now, new), (rate, change), rest = jax.jvp(one, (chosen, reals), (direction, slopes), has_aux=True)
+        return (total + now, slope + rate, new, change, rest), []

@@ -1,0 +1,71 @@
+"""What starts without JAX: everything that declares, reads, counts, prints or draws, but computes no run."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+USE = """
+import sys
+import numpy as np
+from click.testing import CliRunner
+import trimtab.core.errors, trimtab.core.record, trimtab.core.signals, trimtab.core.time
+import trimtab.cli, trimtab.commands.tables, trimtab.logs.schema, trimtab.plots.run, trimtab.scenarios.catalogue
+from trimtab.core.record import Quantity
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import Target, metrics, mode_switches
+from trimtab.logs.mcap import read_mcap, write_mcap
+
+HEAVY = ("jax", "jaxlib", "scipy", "pandas", "xarray", "matplotlib", "PIL", "rich", "mcap", "difflib")
+def absent(*names):
+    found = [n for n in names if n in sys.modules]
+    assert not found, found
+
+absent(*HEAVY)
+ticks = np.arange(0, 50) * 10_000
+yaw = np.exp(-np.arange(50) / 10.0)
+log = Log(
+    t=to_seconds(ticks), ticks=ticks, signals={"truth.yaw_rate": yaw, "law.mode": np.zeros(50, np.int32)},
+    declared={"truth.yaw_rate": Quantity("rad/s", "Rate."), "law.mode": Quantity("1", "M.", kind="mode", modes=("a",))},
+    metadata={"scenario": "hand-made", "seed": 1}, final={"truth.yaw_rate": 0.0},
+)
+target = Target("yaw_rate", 0.0, 0.1)
+found = metrics(log, [target], ["yaw_rate"])
+assert found["yaw_rate"]["settling_s"] == 0.024, found
+assert mode_switches(log) == 0
+assert len(trimtab.plots.run.panels_of(log.between(0, 0.02))) == 2
+absent(*HEAVY)
+listed = CliRunner().invoke(trimtab.cli.main, ["list", "--json"])
+assert "hovercraft/spin" in listed.stdout
+absent(*HEAVY)
+flown = {"metrics": found, "final": {"yaw_rate": 0.0}, "mode_switches": 0}
+result = {"scenario": "x", "seed": 1, "duration_s": 1.0, "ideal": None, "real": flown}
+trimtab.commands.tables.print_result(result, {"yaw_rate": "rad/s"})
+assert "rich" in sys.modules
+file = write_mcap(log, sys.argv[1] + "/log.mcap")
+assert (read_mcap(file)["truth.yaw_rate"] == yaw).all()
+absent("jax", "jaxlib", "scipy", "pandas", "xarray", "matplotlib")
+trimtab.plots.run.plot_run(log, None, sys.argv[1] + "/log.png", targets=[target])
+assert "matplotlib" in sys.modules
+absent("jax", "jaxlib", "scipy", "pandas", "xarray")
+"""
+
+
+def run(text, *words):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("COV_", "COVERAGE"))}
+    return subprocess.run([sys.executable, "-c", text, *words], env=environment, capture_output=True, text=True)
+
+
+def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
+    done = run(USE, str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "yaw_rate (rad/s)" in done.stdout
+
+
+@pytest.mark.parametrize("module", ["trimtab.cli", "trimtab.commands.plan", "trimtab.commands.sources"])
+def test_the_command_starts_without_numpy(module):
+    heavy = ("numpy", "jax", "rich", "importlib.metadata")
+    done = run(f"import sys, {module}\nprint([m for m in {heavy} if m in sys.modules])")
+    assert done.stdout == "[]\n", done.stderr
