@@ -121,7 +121,7 @@ def _lines(cases: list[Case], some: list[Case], lanes: int, wanted: list[Any], g
         for lane, (w, g) in enumerate(zip(wanted, got, strict=True)):
             wrong = disagreement(of_case[k], w[k], g[j])
             if wrong is not None:
-                place = tuple(int(a[0]) for a in np.nonzero(wrong))
+                place = tuple(int(a[0]) for a in np.nonzero(np.atleast_1d(wrong)))[: wrong.ndim]
                 shape = f"lane {lane} of {lanes}" if lanes else f"set {lane}"
                 line = f"{of_case[k].name}, result {k - first[id(of_case[k])]}{place}, {shape}: {g[j][place]!r}"
                 found.append(f"{line}, not {w[k][place]!r}; {int(wrong.sum())} such")

@@ -73,7 +73,11 @@ def old_arrays() -> list[Case]:
         shifted = lax.dynamic_update_slice(z * 2, (z * 2)[1:4], (k,))
         same = w.at[z % 3].max(w)
         u = z * 3 % x.shape[0]
-        return shifted, same, u.at[u].add(1), lax.dynamic_update_slice(u, u, (k,))
+        places = u.astype(np.uint32) + 0
+        numbers = lax.ScatterDimensionNumbers((), (0,), (0,))
+        added = lax.scatter_add(places, lax.reshape(places, (len(x), 1)), places, numbers, mode="clip")
+        itself = (u + 1).at[z].add(u + 1)
+        return shifted, same, u.at[u].add(1), lax.dynamic_update_slice(u, u, (k,)), added, itself
 
     def _chain(x: Any, y: Any, k: Any, n: Any) -> Any:
         z = x - 1
