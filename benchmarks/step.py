@@ -1,6 +1,6 @@
 """Time one step of the hovercraft's autopilot called from Python: compiled to C, beside jitted by JAX, in turns.
 
-    python benchmarks/step.py
+python benchmarks/step.py
 """
 
 import argparse
