@@ -3,6 +3,7 @@
 A run walks the ordered instants at which some block is due. Due predicates depend on time alone.
 """
 
+import functools
 import re
 from collections.abc import Iterable
 from decimal import Decimal
@@ -93,7 +94,11 @@ def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable
         duration: end of the run, not itself an instant.
         max_step: longest integration step.
     """
-    distinct = sorted({int(p) for p in periods})
+    return _timetable(tuple(sorted({int(p) for p in periods})), int(duration), int(max_step))
+
+
+@functools.lru_cache(maxsize=8)
+def _timetable(distinct: tuple[int, ...], duration: int, max_step: int) -> Timetable:
     due = [np.arange(0, duration, p, dtype=np.int64) for p in distinct]
     t = np.unique(np.concatenate([np.zeros(1, np.int64), *due]))
     gaps = np.diff(np.append(t, duration))
@@ -103,4 +108,5 @@ def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable
         index = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
         t = first + index * np.repeat(gaps, parts) // np.repeat(parts, parts)
     h = np.diff(np.append(t, duration))
+    t.flags.writeable = h.flags.writeable = False
     return Timetable(t, h, frozenset(p for p in distinct if not (t % p).any()))

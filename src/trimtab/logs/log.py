@@ -132,11 +132,16 @@ class Log:
         return "\n".join(lines)
 
 
+PLAIN = (float, int, str, bool)
+
+
 def plain(part: str, value: Any) -> Any:
     """The same value in plain Python (dict, list, str, float, int, bool, None); refused where JSON has none."""
     if isinstance(value, Mapping):
         return {_key(part, k): plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
+        if all(type(v) in PLAIN for v in value):  # a long table of numbers
+            return list(value)
         return [plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
     if value is None or (isinstance(value, str | bool | int | float) and not isinstance(value, np.generic)):
         return value

@@ -48,8 +48,9 @@ def simulate(
     """
     scenario, table, written = prepared(scenario, [seed, run], duration, log_period)
     whole = inputs(scenario, seed, run)
-    if use_c(backend, lambda: _program(scenario, whole, table.always, signals)):
-        return _program(scenario, whole, table.always, signals).fly(seed, run, log_period)
+    made: list[Program] = []
+    if use_c(backend, lambda: made.append(_program(scenario, whole, table.always, signals))):
+        return made[0].fly(seed, run, log_period)
     rows = int(written.sum())
     index = np.where(written, np.cumsum(written) - 1, rows).astype(np.int32)
     walked = _compiled(whole, (table.t, table.h, index), rows, table.always, signals)
