@@ -182,7 +182,7 @@ def _readme(made: Exported, about: dict[str, Any]) -> str:
     return f"""# {about["scenario"]}: {about["part"]} as C
 
 `{n}.h` and `{n}.c` are all that a vehicle needs: C99, {real} precision, no memory allocation, no variables outside
-the structs that you hand over, no recursion, every loop bounded. This text may be used under any licence, or none.
+the structs that you hand over, no recursion. This text may be used under any licence, or none.
 
 ```c
 {n}_params p; {n}_state s; {n}_in in; {n}_out out;

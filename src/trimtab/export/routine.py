@@ -6,7 +6,7 @@ from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, copied, copy_into, scalars, small
 from trimtab.export.c_functions import C_TYPES
 from trimtab.export.fold import fold
-from trimtab.export.ir import Buffer, Builder, Value
+from trimtab.export.ir import Block, Buffer, Builder, If, Loop, Value
 from trimtab.export.live import prune
 from trimtab.export.lower import Lowering
 from trimtab.export.members import Member
@@ -73,6 +73,10 @@ class Routine:
         for target, source in moves:
             copy_into(self.b, target, source)
 
+    def ends_on_data(self) -> bool:
+        """Whether some loop runs as long as a condition holds."""
+        return _while([self.b.prologue, self.b.top])
+
     def lines(self, w: Writer) -> list[str]:
         """The body of the function."""
         blocks = [self.b.prologue, self.b.top]
@@ -98,6 +102,15 @@ class Routine:
                     text = w.name(v)
                     w.line(f"{m.at(base, k)} = {text};")
         return w.lines[start:]
+
+
+def _while(blocks: list[Block]) -> bool:
+    for item in (i for block in blocks for i in block.items):
+        if isinstance(item, If) and _while([item.first, item.second]):
+            return True
+        if isinstance(item, Loop) and (item.count is None or _while([item.body])):
+            return True
+    return False
 
 
 def _operand(m: Member, place: Place, indexed: bool) -> Array:

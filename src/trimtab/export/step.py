@@ -54,7 +54,8 @@ def export_step(
     stepping = Routine(each, sources, [Place("s->", S), Place("out->", OUT)], real)
     w = Writer({}, set())
     bodies = starting.lines(w), stepping.lines(w)
-    header = _header(name, doc, real, {"params": P, "state": S, "in": IN, "out": OUT})
+    bounded = not any(r.ends_on_data() for r in (starting, stepping))
+    header = _header(name, doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded)
     tables, defaults = _defaults(P, [np.asarray(v) for v in jax.tree.leaves(params)])
     parts = [
         FREE,
@@ -77,7 +78,7 @@ def _function(head: str, lines: list[str], unused: list[str]) -> str:
     return "\n".join([f"void {head}", "{", *lines, f"    {silence}", "}\n"])
 
 
-def _header(name: str, doc: str, real: str, held: dict[str, list[Member]]) -> str:
+def _header(name: str, doc: str, real: str, held: dict[str, list[Member]], bounded: bool) -> str:
     guard = f"{name.upper()}_H"
     docs = {
         "params": "Parameters; the defaults are those of the scenario.",
@@ -85,11 +86,12 @@ def _header(name: str, doc: str, real: str, held: dict[str, list[Member]]) -> st
         "in": "What a step is given.",
         "out": "What a step gives.",
     }
+    loops = "every loop is bounded" if bounded else "some loops end on data, so its time has no bound known here"
     structs = [struct(f"{name}_{kind}", m, docs[kind]) for kind, m in held.items()]
     calls = [
         f"/* Set all parameters to their defaults. */\nvoid {name}_defaults({name}_params *p);\n",
         f"/* Begin: the state before the first step. */\nvoid {name}_init(const {name}_params *p, {name}_state *s);\n",
-        f"/* One step. No memory is allocated, nothing is kept outside *s, every loop is bounded. */\nvoid {name}_step("
+        f"/* One step. No memory is allocated, nothing is kept outside *s, {loops}. */\nvoid {name}_step("
         f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out);\n",
     ]
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
