@@ -3,14 +3,15 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
+import functools
 import math
 from typing import Any
 
 import numpy as np
 
 from trimtab.core.float64 import jnp
-from trimtab.core.record import Scalar, option, part, period, quantity, record
-from trimtab.core.second_order import Section, SectionState, at_rest, filtered, low_pass
+from trimtab.core.record import Scalar, option, period, quantity, record
+from trimtab.core.second_order import Section, SectionState, at_rest, filtered
 from trimtab.core.time import ms, to_seconds
 
 TICK = ms("6.5536")
@@ -47,15 +48,19 @@ class IdentifiedGyro:
 
 @record
 class DelayedGyroState:
-    """Rates on their way and the low-pass's memory. Source: this module."""
+    """Rates and outputs of the ticks before, newest first. Source: this module."""
 
-    line: Any = quantity("rad/s", "Rates of the ticks before, newest first.")
-    memory: Any = part("Memory of the low-pass.")
+    u: Any = quantity("rad/s", "Rates (k, …).")
+    y: Any = quantity("rad/s", "Outputs (2, …).")
 
 
 @record
 class DelayedGyro:
     """What may stand behind the source's measured gains and phases: a delay of whole samples and a low-pass.
+
+        Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
+
+    as a difference equation whose gain and phase are right to 0.006 (rad) up to 50 Hz.
 
     Reconstructed: within 0.05 of the gains of [1, table 6.5] at all its frequencies; the phase is right at 5 and 15 Hz
     but lags too much above (0.3 rad at 20 Hz). Below 20 Hz only.
@@ -63,27 +68,46 @@ class DelayedGyro:
     Source:  [1] table 6.5 (fit reconstructed, see docs Errata).
     """
 
-    samples: int = option("Delay, in samples.", default=2)
-    bandwidth: Scalar = quantity("Hz", "-3 dB of the second-order Butterworth.", default=30.0, above=0)
-    sampling: int = period("Time between samples.", default=TICK)
+    samples: int = option("Delay D, in samples; at least 2.", default=2)
+    bandwidth: float = option("-3 dB of the second-order Butterworth (Hz).", default=30.0)
+    sampling: int = period("Time T between samples.", default=TICK)
 
-    def section(self) -> Section:
-        """The low-pass."""
-        return low_pass(self.bandwidth, math.sqrt(0.5), to_seconds(self.sampling))
+    def coefficients(self) -> tuple[Any, Any]:
+        """Of the rates, newest first (D + 3,), and of the outputs before (2,)."""
+        return _fitted(self.samples, self.bandwidth, to_seconds(self.sampling))
 
     def start(self, u: Any) -> DelayedGyroState:
         """The state after a constant rate u for all time."""
-        return DelayedGyroState(jnp.stack([jnp.asarray(u)] * self.samples), at_rest(self.section(), u))
+        u = jnp.asarray(u)
+        return DelayedGyroState(u=jnp.stack([u] * (self.samples + 2)), y=jnp.stack([u, u]))
 
     def respond(self, state: DelayedGyroState, u: Any) -> tuple[DelayedGyroState, Any]:
         """The next state, and the output for the newest rate u."""
-        memory, y = filtered(self.section(), state.memory, state.line[-1])
-        line = jnp.concatenate([jnp.asarray(u)[None], state.line[:-1]])
-        return DelayedGyroState(line, memory), y
+        b, a = self.coefficients()
+        rates = jnp.concatenate([jnp.asarray(u)[None], state.u])
+        y = sum((b[k] * rates[k] for k in range(1, len(b))), b[0] * rates[0]) - a[0] * state.y[0] - a[1] * state.y[1]
+        return DelayedGyroState(u=rates[:-1], y=jnp.stack([y, state.y[0]])), y
 
 
-def frequency_response(section: Section, frequency: Any, sampling_period: float, delay: int = 0) -> Any:
-    """Complex gain of a section and a delay of whole samples, at frequencies (Hz); for design and tests."""
+@functools.lru_cache(maxsize=16)
+def _fitted(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
+    """Poles of the low-pass mapped by e^{sT}; the weights of the rates by least squares on its response to 60 Hz."""
+    pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
+    z = np.exp(pole * T)
+    a = np.array([-2 * z.real, abs(z) ** 2])
+    f = np.linspace(0, 0.4 / T, 300)
+    z1, s = np.exp(-2j * np.pi * f * T), 1j * f / bandwidth
+    below = 1 + a[0] * z1 + a[1] * z1**2
+    columns = np.stack([z1**k / below for k in range(samples + 3)], 1)
+    wanted = z1**samples / (s * s + math.sqrt(2) * s + 1)
+    b = np.linalg.lstsq(np.concatenate([columns.real, columns.imag]), np.concatenate([wanted.real, wanted.imag]), None)[
+        0
+    ]
+    return b * (1 + a.sum()) / b.sum(), a
+
+
+def frequency_response(b: Any, a: Any, frequency: Any, sampling_period: float) -> Any:
+    """Complex gain, at frequencies (Hz), of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - …; for design and tests."""
     z1 = np.exp(-2j * np.pi * np.asarray(frequency) * sampling_period)
-    over = section.b0 + section.b1 * z1 + section.b2 * z1**2
-    return z1**delay * over / (1 + section.a1 * z1 + section.a2 * z1**2)
+    above = sum(c * z1**k for k, c in enumerate(b))
+    return above / (1 + sum(c * z1 ** (k + 1) for k, c in enumerate(a)))
