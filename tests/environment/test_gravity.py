@@ -1,4 +1,4 @@
-"""Against the printed numbers of WGS84 and the gradient of its potential, in closed form, differentiated numerically."""
+"""Against the printed numbers of WGS84, and the gradient of its potential in closed form."""
 
 import jax.numpy as jnp
 import numpy as np

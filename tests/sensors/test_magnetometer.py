@@ -70,7 +70,7 @@ def test_hard_iron_errs_once_a_turn_and_soft_iron_twice():
 
 
 def test_dipole_against_biot_savart():
-    """Oracle: a ring of current, summed; ten radii away it is a dipole to 1 %. The size is left out by taking it tiny."""
+    """Oracle: a ring of current, summed; ten radii away it is a dipole to 2 %; the size is tiny."""
     radius, current, n = 0.01, 5.0, 2000
     a = 2 * np.pi * np.arange(n) / n
     ring = radius * np.stack([np.cos(a), np.sin(a), 0 * a], 1)

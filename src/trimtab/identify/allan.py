@@ -1,4 +1,4 @@
-"""Allan variance of a still sensor: from a log to its noise coefficients with their uncertainty, and to a filter's Q, R.
+"""Allan variance of a still sensor: from a log to noise coefficients with their uncertainty, and to a filter's Q, R.
 
 A still sensor's output is taken as white noise, flicker and random walk, all Gaussian:
 
@@ -60,7 +60,7 @@ class AllanFit:
 
 @record
 class FilterNoise:
-    """What a Kalman filter that steps with the sensor needs, of one axis; U is the sensor's unit. Source: this module."""
+    """What a filter that steps with the sensor needs, of one axis; U is the sensor's unit. Source: this module."""
 
     sample_variance: Scalar = quantity("U^2", "R, where the sample is a measurement: N²/dt.")
     integral_variance: Scalar = quantity("(U s)^2", "Q of the integrated state in one step: N² dt.")
@@ -139,8 +139,8 @@ def interval(fit: AllanFit, confidence: float = 0.95) -> tuple[Any, Any]:
 def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
     """The discrete noise of a filter that steps each `sampling_period` (s), by default that of the log.
 
-    Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white noise
-    falls below it: tau = N²/(0.44 B²). The filter then trusts its bias no longer than that time.
+    Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white
+    noise falls below it: tau = N²/(0.44 B²). The filter then trusts its bias no longer than that time.
     """
     dt = fit.sampling_period if sampling_period is None else float(sampling_period)
     N2, B2, K2 = fit.white.value**2, fit.flicker.value**2, fit.walk.value**2
