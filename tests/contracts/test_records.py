@@ -12,7 +12,9 @@ ROOT = Path(__file__).parents[2]
 FOLDERS_WITH_PAGES = ("environment", *FOLDERS, "design", "identify", "logs", "plots")
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(records, ("environment", *FOLDERS, "core", "loop", "logs", "design", "identify")))
+@pytest.mark.parametrize(
+    ("folder", "cls"), every(records, ("environment", *FOLDERS, "core", "loop", "logs", "design", "identify"))
+)
 def test_record_declares_source_units_and_meaning(folder, cls):
     assert_declared(cls)
 

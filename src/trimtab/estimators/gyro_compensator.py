@@ -24,8 +24,9 @@ class GyroCompensator:
 
         u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0          [1, eq. 6.2 inverted]
 
-    It needs no look-ahead and is always stable. It raises the noise, by a factor of 7 at half the sampling rate; and
-    above 15 Hz, where the identified model is too weak, it gives more than the true rate: 1.5 times at 20 Hz.
+    It needs no look-ahead and is always stable. It raises the noise: 4.4 times in standard deviation, 7 times at half
+    the sampling rate; and above 15 Hz, where the identified model is too weak, it gives more than the true rate: 1.5
+    times at 20 Hz.
 
     Valid:   samples each 6.5536 ms.    Source: [1] eq. 6.2 and table 6.5.
     """

@@ -98,11 +98,10 @@ def _fitted(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
     f = np.linspace(0, 0.4 / T, 300)
     z1, s = np.exp(-2j * np.pi * f * T), 1j * f / bandwidth
     below = 1 + a[0] * z1 + a[1] * z1**2
-    columns = np.stack([z1**k / below for k in range(samples + 3)], 1)
-    wanted = z1**samples / (s * s + math.sqrt(2) * s + 1)
-    b = np.linalg.lstsq(np.concatenate([columns.real, columns.imag]), np.concatenate([wanted.real, wanted.imag]), None)[
-        0
-    ]
+    columns: Any = np.stack([z1**k / below for k in range(samples + 3)], 1)
+    wanted: Any = z1**samples / (s * s + math.sqrt(2) * s + 1)
+    both = [np.concatenate([c.real, c.imag]) for c in (columns, wanted)]
+    b = np.linalg.lstsq(both[0], both[1], None)[0]
     return b * (1 + a.sum()) / b.sum(), a
 
 
