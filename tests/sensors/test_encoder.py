@@ -42,9 +42,9 @@ def test_the_angle_is_within_half_a_count_and_without_mean_error():
 
 def test_a_disc_off_its_centre_errs_once_a_turn():
     psi = np.linspace(0, 2 * np.pi, 100)
-    value, _ = readings(Encoder(eccentricity=0.01).without("quantisation"), psi)
+    value, _ = readings(Encoder(eccentricity=0.01).without("encoder-quantisation"), psi)
     np.testing.assert_allclose(value.angle, psi + 0.01 * np.sin(psi), atol=1e-14)
-    clean, _ = readings(Encoder(eccentricity=0.01).without("quantisation").without("eccentricity"), psi)
+    clean, _ = readings(Encoder(eccentricity=0.01).without("encoder-quantisation").without("encoder-eccentricity"), psi)
     np.testing.assert_allclose(clean.angle, psi, atol=1e-15)
     with pytest.raises(InputError, match="no imperfection"):
         Encoder().without("play")

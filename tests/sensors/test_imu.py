@@ -116,7 +116,7 @@ def test_the_unit_of_the_source():
     assert isinstance(imu, Sensor)
     imu.check()
     assert imu.period == 65536
-    values = logged(imu.without("bias-walk"), 200, range(60))
+    values = logged(imu.without("imu-bias-walk"), 200, range(60))
     rate, force = np.asarray(values.angular_rate), np.asarray(values.specific_force)
     assert np.std(rate - rate.mean(1, keepdims=True)) / DEG == pytest.approx(0.72, rel=0.02)
     assert np.std(force - force.mean(1, keepdims=True)) == pytest.approx(0.082, rel=0.02)
@@ -150,8 +150,8 @@ def test_scale_factor_and_misalignment_are_one_matrix_a_run():
 
 
 def test_saturation_is_flagged_and_only_that_triad():
-    imu = Imu.microstrain_3dm_gx1().without("noise").without("turn-on-bias").without("scale-factor")
-    imu = imu.without("misalignment").without("bias-walk").without("quantisation")
+    imu = Imu.microstrain_3dm_gx1().without("imu-noise").without("imu-turn-on-bias").without("imu-scale-factor")
+    imu = imu.without("imu-misalignment").without("imu-bias-walk").without("imu-quantisation")
     values = logged(imu, 40, at=lambda k: still(rate=jnp.array([0.0, 0.0, 6.4 * k / 39])))
     rate, full = np.asarray(values.angular_rate)[0, :, 2], np.asarray(values.gyro_saturated)[0]
     assert rate.max() == pytest.approx(300 * DEG, abs=1e-15)
@@ -159,7 +159,7 @@ def test_saturation_is_flagged_and_only_that_triad():
     assert full[-1]
     assert not full[:20].any()
     assert not np.asarray(values.accelerometer_saturated).any()
-    free = logged(imu.without("saturation"), 40, at=lambda k: still(rate=jnp.array([0.0, 0.0, 6.4 * k / 39])))
+    free = logged(imu.without("imu-saturation"), 40, at=lambda k: still(rate=jnp.array([0.0, 0.0, 6.4 * k / 39])))
     assert np.asarray(free.angular_rate).max() > 6
     assert not np.asarray(free.gyro_saturated).any()
 
@@ -193,8 +193,8 @@ def test_gyro_dynamics_take_the_place_of_the_low_pass():
 
 
 def test_switching_one_error_off_leaves_the_others_as_they_were():
-    imu = Imu.microstrain_3dm_gx1().without("quantisation")
-    whole, less = (np.asarray(logged(i, 20).angular_rate)[0] for i in (imu, imu.without("turn-on-bias")))
+    imu = Imu.microstrain_3dm_gx1().without("imu-quantisation")
+    whole, less = (np.asarray(logged(i, 20).angular_rate)[0] for i in (imu, imu.without("imu-turn-on-bias")))
     np.testing.assert_allclose(whole - less, np.tile((whole - less)[0], (20, 1)), atol=1e-13)
     assert np.abs(whole - less).max() > 1e-4
     clean = imu

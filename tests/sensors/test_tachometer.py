@@ -40,7 +40,7 @@ def test_sections_are_scipys_bessel():
 
 def test_a_sine_at_the_bandwidth_comes_out_3_db_down():
     t = np.arange(1500) * 1e-3
-    y = followed(Tachometer().without("noise"), np.sin(2 * np.pi * 5 * t))
+    y = followed(Tachometer().without("tachometer-noise"), np.sin(2 * np.pi * 5 * t))
     basis = np.stack([np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)], 1)[700:]
     assert np.linalg.norm(np.linalg.lstsq(basis, y[700:], rcond=None)[0]) == pytest.approx(np.sqrt(0.5), abs=1e-3)
 

@@ -39,11 +39,11 @@ class Encoder:
     eccentricity: Scalar = quantity("rad", "Greatest error of a disc off its centre.", default=0.0, low=0)
     period: int = period("Time between samples.", default=ms(1))
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("quantisation", "eccentricity")
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("encoder-quantisation", "encoder-eccentricity")
 
     def without(self, name: str) -> "Encoder":
         """A copy with one of IMPERFECTIONS switched off; without steps the count stays zero."""
-        off = {"quantisation": "counts", "eccentricity": "eccentricity"}
+        off = {"encoder-quantisation": "counts", "encoder-eccentricity": "eccentricity"}
         if name not in off:
             raise InputError("Encoder", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
         return replace(self, **{off[name]: 0.0})

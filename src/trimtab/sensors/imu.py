@@ -15,14 +15,14 @@ from trimtab.sensors.imu_errors import UNIT_DRAWS, AccelerometerErrors, GyroErro
 
 DEG = math.pi / 180
 SWITCHES: dict[str, tuple[str, ...]] = {
-    "noise": ("noise",),
-    "turn-on-bias": ("turn_on_bias", "bias"),
-    "bias-walk": ("bias_walk",),
-    "scale-factor": ("scale_factor",),
-    "misalignment": ("misalignment",),
-    "bandwidth": ("bandwidth", "response"),
-    "quantisation": ("resolution",),
-    "saturation": ("range",),
+    "imu-noise": ("noise",),
+    "imu-turn-on-bias": ("turn_on_bias", "bias"),
+    "imu-bias-walk": ("bias_walk",),
+    "imu-scale-factor": ("scale_factor",),
+    "imu-misalignment": ("misalignment",),
+    "imu-bandwidth": ("bandwidth", "response"),
+    "imu-quantisation": ("resolution",),
+    "imu-saturation": ("range",),
 }
 
 
@@ -70,7 +70,7 @@ class Imu:
     )
     period: int = period("Time between samples.", default=ms("6.5536"))
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (*SWITCHES, "mounting")
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (*SWITCHES, "imu-mounting")
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
@@ -106,7 +106,7 @@ class Imu:
 
     def without(self, name: str) -> "Imu":
         """A copy with one of IMPERFECTIONS switched off in both triads; the noise of the others stays as it was."""
-        if name == "mounting":
+        if name == "imu-mounting":
             return replace(self, mounting=(0.0, 0.0, 0.0))
         if name not in SWITCHES:
             raise InputError("Imu", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)

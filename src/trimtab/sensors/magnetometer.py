@@ -103,7 +103,8 @@ class Magnetometer:
     period: int = period("Time between samples.", default=ms("6.5536"))
 
     IMPERFECTIONS: ClassVar[tuple[str, ...]] = (
-        *("noise", "hard-iron", "soft-iron", "disturbances", "mounting", "quantisation", "saturation"),
+        *("magnetometer-noise", "magnetometer-quantisation", "magnetometer-saturation", "magnetometer-mounting"),
+        *("hard-iron", "soft-iron", "magnetic-disturbances"),
     )
 
     @classmethod
@@ -120,13 +121,13 @@ class Magnetometer:
     def without(self, name: str) -> "Magnetometer":
         """A copy with one of IMPERFECTIONS switched off."""
         off: dict[str, dict[str, Any]] = {
-            "noise": {"noise": 0.0},
+            "magnetometer-noise": {"noise": 0.0},
             "hard-iron": {"hard_iron": (0.0, 0.0, 0.0)},
             "soft-iron": {"soft_iron": IDENTITY},
-            "disturbances": {"disturbances": ()},
-            "mounting": {"mounting": (0.0, 0.0, 0.0)},
-            "quantisation": {"resolution": 0.0},
-            "saturation": {"range": 0.0},
+            "magnetic-disturbances": {"disturbances": ()},
+            "magnetometer-mounting": {"mounting": (0.0, 0.0, 0.0)},
+            "magnetometer-quantisation": {"resolution": 0.0},
+            "magnetometer-saturation": {"range": 0.0},
         }
         if name not in off:
             raise InputError("Magnetometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)

@@ -62,13 +62,15 @@ class Tachometer:
     bandwidth: Scalar = quantity("Hz", "-3 dB of the low-pass; 0: none.", default=5.0, low=0, source="[1] sec. 6.2.1")
     period: int = period("Time between samples.", default=ms(1))
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("noise", "scale-factor", "offset", "bandwidth")
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = tuple(
+        f"tachometer-{fault}" for fault in ("noise", "scale-factor", "offset", "bandwidth")
+    )
 
     def without(self, name: str) -> "Tachometer":
         """A copy with one of IMPERFECTIONS switched off."""
         if name not in self.IMPERFECTIONS:
             raise InputError("Tachometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **{name.replace("-", "_"): 0.0})
+        return replace(self, **{name.removeprefix("tachometer-").replace("-", "_"): 0.0})
 
     def check(self) -> None:
         """Both sections lie below half the sampling rate."""
