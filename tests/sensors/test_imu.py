@@ -7,9 +7,9 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Sensor
-from trimtab.core.record import replace
+from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
-from trimtab.core.rotation import from_euler
+from trimtab.core.rotation import from_euler, from_rotation_vector
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms
 from trimtab.environment.earth_rate import earth_rate
@@ -31,12 +31,14 @@ def attitude(s):
     return jnp.stack([0.3 * jnp.sin(s), -0.2 * jnp.cos(2 * s), 0.9 * s])
 
 
+@jax.jit
 def spin(s):
     """w_WB_B from R' = R [w ×]."""
     S = from_euler(*attitude(s)).T @ jax.jacfwd(lambda s: from_euler(*attitude(s)))(s)
     return jnp.stack([S[2, 1], S[0, 2], S[1, 0]])
 
 
+@jax.jit
 def motion(s):
     R = from_euler(*attitude(s))
     v, a = jax.jacfwd(path)(s), jax.jacfwd(jax.jacfwd(path))(s)
@@ -48,19 +50,27 @@ def still(roll=0.0, pitch=0.0, yaw=0.0, rate=(0.0, 0.0, 0.0)):
     return Motion(0, o, jnp.array([roll, pitch, yaw]), o, jnp.array(rate), o, o)
 
 
-def logged(imu, n, seeds=(0,), at=None):
-    """Readings (seeds, n, …) of a unit that stands still, or of the motion at(k); one compilation a call."""
-    at = at or (lambda k: still())
-
-    def run(imu, seed):
-        def body(state, k):
-            state, sample = imu.step(k * TICK, state, at(k))
+@jax.jit
+def _logged(imu, seeds, rates):
+    def run(seed):
+        def body(state, both):
+            k, rate = both
+            state, sample = imu.step(k * TICK, state, replace(still(), w_WB_B=rate))
             return state, sample.value
 
-        first = imu.init(replace(key(0), seed=seed))
-        return jax.lax.scan(body, first, jnp.arange(n))[1]
+        return jax.lax.scan(body, imu.init(replace(key(0), seed=seed)), (jnp.arange(len(rates)), rates))[1]
 
-    return jax.jit(jax.vmap(run, in_axes=(None, 0)))(imu, jnp.asarray(seeds, np.uint32))
+    return jax.vmap(run)(seeds)
+
+
+def logged(imu, rates, seeds=(0,)):
+    """Readings (seeds, n, …) of a unit that stands level and turns at rates (n, 3); compiled once for each shape."""
+    return jax.tree.map(np.asarray, _logged(numeric(imu), np.asarray(seeds, np.uint32), np.asarray(rates, float)))
+
+
+N = 60
+COUNT = np.arange(N)
+YAW = np.array([0.0, 0.0, 1.0])
 
 
 def test_it_feels_the_acceleration_of_its_own_place():
@@ -71,7 +81,7 @@ def test_it_feels_the_acceleration_of_its_own_place():
     def place(s):
         return path(s) + from_euler(*attitude(s)) @ arm
 
-    felt = from_euler(*attitude(s)).T @ (jax.jacfwd(jax.jacfwd(place))(s) - np.array([0, 0, G]))
+    felt = from_euler(*attitude(s)).T @ (jax.jit(jax.jacfwd(jax.jacfwd(place)))(s) - np.array([0, 0, G]))
     reading = jax.jit(imu.measure)(motion(s))
     np.testing.assert_allclose(reading.specific_force, felt, atol=1e-12)
     np.testing.assert_allclose(reading.angular_rate, spin(s), atol=1e-14)
@@ -98,10 +108,9 @@ def test_on_the_turning_earth():
     W, s = np.array([0.03, -0.02, 0.05]), 0.9  # a fast earth, for the digits
 
     def turned(s):
-        U = jnp.array([[0, -W[2], W[1]], [W[2], 0, -W[0]], [-W[1], W[0], 0]])
-        return jax.scipy.linalg.expm(U * s)
+        return from_rotation_vector(jnp.asarray(W) * s)
 
-    inertial = jax.jacfwd(jax.jacfwd(lambda s: turned(s) @ path(s)))(s)
+    inertial = jax.jit(jax.jacfwd(jax.jacfwd(lambda s: turned(s) @ path(s))))(s)
     in_body = from_euler(*attitude(s)).T @ (turned(s).T @ inertial)
     centrifugal = -np.cross(W, np.cross(W, path(s)))
     reading = Imu(earth_rate=W, gravity=centrifugal).measure(motion(s))
@@ -116,7 +125,7 @@ def test_the_unit_of_the_source():
     assert isinstance(imu, Sensor)
     imu.check()
     assert imu.period == 65536
-    values = logged(imu.without("imu-bias-walk"), 200, range(60))
+    values = logged(imu.without("imu-bias-walk"), np.zeros((200, 3)), range(60))
     rate, force = np.asarray(values.angular_rate), np.asarray(values.specific_force)
     assert np.std(rate - rate.mean(1, keepdims=True)) / DEG == pytest.approx(0.72, rel=0.02)
     assert np.std(force - force.mean(1, keepdims=True)) == pytest.approx(0.082, rel=0.02)
@@ -131,7 +140,7 @@ def test_the_bias_walks():
     """After n ticks the bias has the variance K² n dt; different seeds, axes alike."""
     K, n = 0.01, 400
     imu = Imu(gyro=GyroErrors(bias_walk=K))
-    end = np.asarray(logged(imu, n, range(200)).angular_rate)[:, -1]
+    end = np.asarray(logged(imu, np.zeros((n, 3)), range(200)).angular_rate)[:, -1]
     assert np.std(end) == pytest.approx(K * np.sqrt((n - 1) * DT), rel=0.1)
     assert np.abs(end).max() < 5 * K * np.sqrt(n * DT)
 
@@ -139,10 +148,7 @@ def test_the_bias_walks():
 def test_scale_factor_and_misalignment_are_one_matrix_a_run():
     imu = Imu(gyro=GyroErrors(scale_factor=0.01, misalignment=0.02), gravity=(0.0, 0.0, 0.0))
 
-    def at(k):
-        return still(rate=jnp.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]])[k])
-
-    columns = np.asarray(logged(imu, 4, range(300), at).angular_rate)
+    columns = logged(imu, [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]], range(300)).angular_rate
     diagonal = columns[:, [0, 1, 2], [0, 1, 2]] - 1
     assert np.std(diagonal) == pytest.approx(0.01, rel=0.1)
     assert np.std(columns[:, 0, 1:]) == pytest.approx(0.02, rel=0.12)
@@ -152,14 +158,15 @@ def test_scale_factor_and_misalignment_are_one_matrix_a_run():
 def test_saturation_is_flagged_and_only_that_triad():
     imu = Imu.microstrain_3dm_gx1().without("imu-noise").without("imu-turn-on-bias").without("imu-scale-factor")
     imu = imu.without("imu-misalignment").without("imu-bias-walk").without("imu-quantisation")
-    values = logged(imu, 40, at=lambda k: still(rate=jnp.array([0.0, 0.0, 6.4 * k / 39])))
+    rates = YAW * 6.4 * COUNT[:, None] / 59
+    values = logged(imu, rates)
     rate, full = np.asarray(values.angular_rate)[0, :, 2], np.asarray(values.gyro_saturated)[0]
     assert rate.max() == pytest.approx(300 * DEG, abs=1e-15)
     np.testing.assert_array_equal(full, rate >= 300 * DEG)
     assert full[-1]
     assert not full[:20].any()
     assert not np.asarray(values.accelerometer_saturated).any()
-    free = logged(imu.without("imu-saturation"), 40, at=lambda k: still(rate=jnp.array([0.0, 0.0, 6.4 * k / 39])))
+    free = logged(imu.without("imu-saturation"), rates)
     assert np.asarray(free.angular_rate).max() > 6
     assert not np.asarray(free.gyro_saturated).any()
 
@@ -167,43 +174,39 @@ def test_saturation_is_flagged_and_only_that_triad():
 def test_quantisation():
     step = 0.01
     imu = Imu(gyro=GyroErrors(resolution=step))
-    values = logged(imu, 50, at=lambda k: still(rate=jnp.array([0.1, -0.1, 0.003]) * (k - 20)))
-    got = np.asarray(values.angular_rate)[0]
-    wanted = np.array([0.1, -0.1, 0.003]) * (np.arange(50) - 20)[:, None]
+    wanted = np.array([0.1, -0.1, 0.003]) * (COUNT - 20)[:, None]
+    got = logged(imu, wanted).angular_rate[0]
     np.testing.assert_allclose(got / step, np.round(got / step), atol=1e-9)
     assert np.abs(got - wanted).max() <= step / 2 + 1e-12
 
 
 def test_bandwidth_is_the_3_db_frequency():
-    imu, f, n = Imu(gyro=GyroErrors(bandwidth=12.0)), 12.0, 500
-    values = logged(imu, n, at=lambda k: still(rate=jnp.array([0, 0, 1.0]) * jnp.sin(2 * np.pi * f * k * DT)))
-    t = np.arange(n) * DT
-    basis = np.stack([np.sin(2 * np.pi * f * t), np.cos(2 * np.pi * f * t)], 1)[200:]
-    found = np.linalg.lstsq(basis, np.asarray(values.angular_rate)[0, 200:, 2], rcond=None)[0]
-    assert np.linalg.norm(found) == pytest.approx(np.sqrt(0.5), abs=1e-6)
+    """A sine at the bandwidth, after its transient: projected on sine and cosine."""
+    phase = 2 * np.pi * 12.0 * np.arange(400) * DT
+    y = logged(Imu(gyro=GyroErrors(bandwidth=12.0)), YAW * np.sin(phase)[:, None]).angular_rate[0, 200:, 2]
+    basis = np.stack([np.sin(phase), np.cos(phase)], 1)[200:]
+    assert np.linalg.norm(np.linalg.lstsq(basis, y, rcond=None)[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
 
 
-def test_gyro_dynamics_take_the_place_of_the_low_pass():
-    u = np.sin(0.3 * np.arange(60))
-    for response in (IdentifiedGyro(), DelayedGyro()):
-        imu = Imu(gyro=GyroErrors(response=response))
-        got = logged(imu, 60, at=lambda k: still(rate=jnp.array([0, 0, 1.0]) * jnp.sin(0.3 * k)))
-        wanted = jax.lax.scan(response.respond, response.start(0.0), jnp.asarray(u))[1]
-        np.testing.assert_allclose(np.asarray(got.angular_rate)[0, :, 2], wanted, atol=1e-12)
+@pytest.mark.parametrize("response", [IdentifiedGyro(), DelayedGyro()], ids=["identified", "delayed"])
+def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
+    u = np.sin(0.3 * COUNT)
+    got = logged(Imu(gyro=GyroErrors(response=response)), YAW * u[:, None])
+    wanted = jax.lax.scan(response.respond, response.start(0.0), jnp.asarray(u))[1]
+    np.testing.assert_allclose(got.angular_rate[0, :, 2], wanted, atol=1e-12)
 
 
 def test_switching_one_error_off_leaves_the_others_as_they_were():
-    imu = Imu.microstrain_3dm_gx1().without("imu-quantisation")
-    whole, less = (np.asarray(logged(i, 20).angular_rate)[0] for i in (imu, imu.without("imu-turn-on-bias")))
-    np.testing.assert_allclose(whole - less, np.tile((whole - less)[0], (20, 1)), atol=1e-13)
+    imu, turning = Imu.microstrain_3dm_gx1().without("imu-quantisation"), np.tile(0.5 * YAW, (N, 1))
+    whole, less = (logged(i, turning).angular_rate[0] for i in (imu, imu.without("imu-turn-on-bias")))
+    np.testing.assert_allclose(whole - less, np.tile((whole - less)[0], (N, 1)), atol=1e-13)
     assert np.abs(whole - less).max() > 1e-4
     clean = imu
     for name in Imu.IMPERFECTIONS:
         clean = clean.without(name)
-    reading = jax.tree.map(lambda a: a[0, 0], logged(clean, 1, at=lambda k: motion(0.4)))
-    truth = clean.measure(motion(0.4))
-    np.testing.assert_allclose(reading.specific_force, truth.specific_force, atol=1e-13)
-    np.testing.assert_allclose(reading.angular_rate, truth.angular_rate, atol=1e-13)
+    reading = logged(clean, turning)
+    np.testing.assert_allclose(reading.specific_force[0], np.tile([0, 0, -9.80665], (N, 1)), atol=1e-13)
+    np.testing.assert_allclose(reading.angular_rate[0], turning, atol=1e-13)
     with pytest.raises(InputError, match="no imperfection 'rust'"):
         imu.without("rust")
 
