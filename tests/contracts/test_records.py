@@ -9,10 +9,12 @@ from contracts.parts import FOLDERS, blocks, every, modules, records, vehicles
 from trimtab.core.record import Scalar, quantity, record
 
 ROOT = Path(__file__).parents[2]
-FOLDERS_WITH_PAGES = (*FOLDERS, "design", "identify", "logs", "plots")
+FOLDERS_WITH_PAGES = ("environment", *FOLDERS, "design", "identify", "logs", "plots")
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(records, (*FOLDERS, "core", "loop", "logs", "design", "identify")))
+@pytest.mark.parametrize(
+    ("folder", "cls"), every(records, ("environment", *FOLDERS, "core", "loop", "logs", "design", "identify"))
+)
 def test_record_declares_source_units_and_meaning(folder, cls):
     assert_declared(cls)
 

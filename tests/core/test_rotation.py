@@ -128,3 +128,101 @@ def test_half_turn():
 
 def test_a_tiny_negative_angle_stays_below_a_full_turn():
     assert r.wrap_positive(-1e-17) == 0.0
+
+
+TURN = np.array([0.05, -0.08, 0.12])
+"""A turn of 0.15 rad: ten ticks of the hovercraft's unit at 130 deg/s."""
+
+
+def _printed_update(R, turn):
+    """E as printed in [1] eq. 3.4, applied from the left."""
+    v = -turn
+    U = np.cross(np.eye(3), v)
+    n = np.linalg.norm(v)
+    return (np.eye(3) + np.sin(n) / n**2 * U + (1 - np.cos(n)) / n**2 * U @ U) @ R
+
+
+def test_matrix_update_turns_in_the_body():
+    """Spec 2.1: B(k) = B(k-1) Eᵀ to rounding; E B, and the printed first term over |v|², are wrong by much more.
+
+    Oracle: the product of scipy's rotations, the turn in the body after the attitude.
+    """
+    worst = []
+    for attitude in RANDOM[:10]:
+        wanted = (attitude * Rotation.from_rotvec(TURN)).as_matrix()
+        R = jnp.asarray(attitude.as_matrix())
+        np.testing.assert_allclose(r.updated(R, jnp.asarray(TURN)), wanted, atol=5e-16)
+        E = np.asarray(r.from_rotation_vector(jnp.asarray(-TURN)))
+        worst.append(np.abs(E @ attitude.as_matrix() - wanted).max())
+        assert np.abs(_printed_update(attitude.as_matrix(), TURN) - wanted).max() > 0.5
+    assert 0.1 < max(worst) < 0.3
+    assert min(worst) > 0.05
+
+
+def test_matrix_and_quaternion_updates_are_the_limit_of_small_turns():
+    """R' = R [w ×]: against scipy's integration of a rate that changes its axis."""
+    from scipy.integrate import solve_ivp
+
+    def rate(t):
+        return np.array([0.9 * np.sin(t), 0.7 * np.cos(2 * t), 1.2])
+
+    def slope(t, y):
+        return (y.reshape(3, 3) @ np.cross(np.eye(3), rate(t))).ravel()
+
+    start = RANDOM[4].as_matrix()
+    wanted = solve_ivp(slope, (0, 2), start.ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(3, 3)
+    n = 2000
+    turns = jnp.asarray([rate((k + 0.5) * 2 / n) * 2 / n for k in range(n)])
+
+    def both(carry, turn):
+        R, q = carry
+        return (r.updated(R, turn), r.quaternion_updated(q, turn)), None
+
+    first = (jnp.asarray(start), r.quaternion_from_matrix(jnp.asarray(start)))
+    (R, q), _ = jax.jit(lambda c: jax.lax.scan(both, c, turns))(first)
+    np.testing.assert_allclose(R, wanted, atol=2e-6)
+    np.testing.assert_allclose(r.quaternion_to_matrix(q), R, atol=1e-12)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+
+
+def test_orthonormalised_squares_the_error():
+    R = RANDOM[2].as_matrix() + 1e-4 * np.random.default_rng(0).normal(size=(3, 3))
+    before, once = (np.abs(A.T @ A - np.eye(3)).max() for A in (R, np.asarray(r.orthonormalised(jnp.asarray(R)))))
+    assert once < before**2 * 2
+    twice = r.orthonormalised(r.orthonormalised(jnp.asarray(R)))
+    np.testing.assert_allclose(twice.T @ twice, np.eye(3), atol=1e-14)
+
+
+def test_quaternion_from_matrix_and_from_euler_against_scipy():
+    half_turns = [Rotation.from_rotvec(np.pi * np.eye(3)[i]) for i in range(3)]
+    for rotation in [*RANDOM, *half_turns, Rotation.identity()]:
+        q = np.asarray(r.quaternion_from_matrix(jnp.asarray(rotation.as_matrix())))
+        assert abs(q @ _scipy_quaternion(rotation)) == pytest.approx(1, abs=1e-14)
+        assert q[0] >= 0
+        v = jnp.array([0.3, -1.0, 2.0])
+        np.testing.assert_allclose(r.quaternion_rotate(jnp.asarray(q), v), rotation.as_matrix() @ v, atol=1e-14)
+    yaw, pitch, roll = RANDOM[0].as_euler("ZYX")
+    q = np.asarray(r.quaternion_from_euler(roll, pitch, yaw))
+    assert abs(q @ _scipy_quaternion(RANDOM[0])) == pytest.approx(1, abs=1e-14)
+    np.testing.assert_array_equal(r.quaternion_normalised(jnp.zeros(4)), [1, 0, 0, 0])
+    np.testing.assert_allclose(r.quaternion_normalised(3 * jnp.asarray(q)), q, atol=1e-15)
+
+
+@pytest.mark.parametrize("pitch", [0.0, 1.2, -1.5, 2.5])
+def test_euler_rates_against_differences(pitch):
+    w, h = jnp.array([0.4, -0.7, 0.9]), 1e-6
+    rates, singular = r.euler_rates(0.3, pitch, w)
+    R = r.from_euler(0.3, pitch, 1.1)
+    slope = (np.asarray(r.from_euler(*(jnp.array([0.3, pitch, 1.1]) + h * rates))) - R) / h
+    np.testing.assert_allclose(slope, R @ np.cross(np.eye(3), w), atol=2e-5)
+    assert not singular
+
+
+def test_the_singularity_of_euler_angles_is_a_flag_and_stays_finite():
+    w = jnp.array([0.4, -0.7, 0.9])
+    for pitch, flagged in ((np.pi / 2, True), (-np.pi / 2 + 0.009, True), (np.pi / 2 - 0.011, False), (0.0, False)):
+        rates, singular = r.euler_rates(0.3, pitch, w)
+        assert bool(singular) is flagged
+        assert bool(r.vertical(r.from_euler(0.3, pitch, 0.2))) is flagged
+        assert np.isfinite(rates).all()
+        assert np.abs(rates).max() < 200

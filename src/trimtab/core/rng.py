@@ -75,6 +75,12 @@ def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
 
 
 def normals(key: Key, index: Any, n: int) -> Any:
-    """n independent standard normals, shape (n,); streams 0, 1, … of the key."""
-    pairs = [normal2(key, index, i) for i in range((n + 1) // 2)]
-    return jnp.stack([z for pair in pairs for z in pair][:n])
+    """n independent standard normals, shape (n,) before that of index; streams 0, 1, … of the key, all at once."""
+    pairs = (n + 1) // 2
+    counter = jnp.asarray(index).astype(np.uint32)
+    streams = np.array([(key.stream + i) % 2**32 for i in range(pairs)], np.uint32)
+    a, b = threefry2x32(key.seed, key.run, counter, streams.reshape(-1, *[1] * counter.ndim))
+    u, v = _uniform(a), _uniform(b)
+    r = jnp.sqrt(-2.0 * jnp.log(u))
+    both = jnp.stack([r * jnp.cos(2 * np.pi * v), r * jnp.sin(2 * np.pi * v)], axis=1)
+    return both.reshape(2 * pairs, *counter.shape)[:n]

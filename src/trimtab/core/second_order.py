@@ -1,0 +1,64 @@
+"""Second-order sections of digital filters: the difference equations that sensors respond with and flight code inverts.
+
+    y_k = b0 u_k + b1 u_{k-1} + b2 u_{k-2} - a1 y_{k-1} - a2 y_{k-2}
+
+Values may have any shape; each component is filtered alone.
+"""
+
+from typing import Any
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+
+
+@record
+class Section:
+    """Coefficients of one section. Source: Oppenheim, Schafer, "Discrete-time signal processing", section 6.3."""
+
+    b0: Scalar = quantity("1", "Of the newest input.")
+    b1: Scalar = quantity("1", "Of the input before.", default=0.0)
+    b2: Scalar = quantity("1", "Of the input two before.", default=0.0)
+    a1: Scalar = quantity("1", "Of the output before.", default=0.0)
+    a2: Scalar = quantity("1", "Of the output two before.", default=0.0)
+
+    def gain(self) -> Any:
+        """Output over a constant input."""
+        return (self.b0 + self.b1 + self.b2) / (1 + self.a1 + self.a2)
+
+
+@record
+class SectionState:
+    """What a section remembers, in transposed direct form II. Source: Oppenheim, Schafer, section 6.3."""
+
+    s1: Any = quantity("1", "First memory, in the unit of the signal.")
+    s2: Any = quantity("1", "Second memory, in the unit of the signal.")
+
+
+def at_rest(section: Section, u: Any) -> SectionState:
+    """The memory after a constant input u for all time."""
+    y = section.gain() * u
+    s2 = section.b2 * u - section.a2 * y
+    return SectionState(s1=section.b1 * u - section.a1 * y + s2, s2=s2)
+
+
+def filtered(section: Section, state: SectionState, u: Any) -> tuple[SectionState, Any]:
+    """The next memory, and the output for the newest input u."""
+    y = section.b0 * u + state.s1
+    s1 = section.b1 * u - section.a1 * y + state.s2
+    return SectionState(s1=s1, s2=section.b2 * u - section.a2 * y), y
+
+
+def low_pass(frequency: Any, damping: Any, sampling_period: Any) -> Section:
+    """w²/(s² + 2 z w s + w²) by the bilinear transform, exact at its natural frequency.
+
+    Args:
+        frequency: natural frequency (Hz), below half the sampling rate; for z = 1/√2 that is the -3 dB bandwidth.
+        damping: z.
+        sampling_period: time between samples (s).
+
+    Source: Oppenheim, Schafer, "Discrete-time signal processing", section 7.1, with the frequency prewarped.
+    """
+    g = jnp.tan(jnp.pi * frequency * sampling_period)
+    a0 = 1 + 2 * damping * g + g * g
+    b = g * g / a0
+    return Section(b0=b, b1=2 * b, b2=b, a1=2 * (g * g - 1) / a0, a2=(1 - 2 * damping * g + g * g) / a0)

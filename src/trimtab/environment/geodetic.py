@@ -1,0 +1,89 @@
+"""The WGS84 ellipsoid, and the plane tangent to it at a place: geodetic coordinates to local north-east-down and back.
+
+Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth-centred, earth-fixed, which turns with
+the earth and so is not inertial.
+
+Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., table 3.1 and chapter 3.
+"""
+
+from typing import Any
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+
+SEMI_MAJOR = 6378137.0
+FLATTENING = 1 / 298.257223563
+ECCENTRICITY2 = FLATTENING * (2 - FLATTENING)
+SEMI_MINOR = SEMI_MAJOR * (1 - FLATTENING)
+ITERATIONS = 3
+"""Bowring's, from the surface; two reach 1 mm below 1000 km of height."""
+
+
+def to_ecef(latitude: Any, longitude: Any, height: Any) -> Any:
+    """Earth-centred, earth-fixed coordinates (3,) (m) of a geodetic place. Source: TR8350.2, eq. 4-14."""
+    s, c = jnp.sin(latitude), jnp.cos(latitude)
+    N = SEMI_MAJOR / jnp.sqrt(1 - ECCENTRICITY2 * s * s)
+    across = (N + height) * c
+    up = (N * (1 - ECCENTRICITY2) + height) * s
+    return jnp.stack([across * jnp.cos(longitude), across * jnp.sin(longitude), up])
+
+
+def from_ecef(p: Any) -> tuple[Any, Any, Any]:
+    """Latitude, longitude (rad) and height (m) of a place (3,) (m), not near the earth's centre.
+
+    A fixed number of steps and no branch: flight code. Source: Bowring, Survey Review 23 (1976), iterated.
+    """
+    across = jnp.sqrt(p[0] ** 2 + p[1] ** 2)
+    second2 = ECCENTRICITY2 / (1 - ECCENTRICITY2)
+    sb, cb = p[2], across * (1 - FLATTENING)  # of the reduced latitude
+    s, c = sb, cb
+    for _ in range(ITERATIONS):
+        norm = jnp.sqrt(sb * sb + cb * cb)
+        sb, cb = sb / norm, cb / norm
+        s = p[2] + second2 * SEMI_MINOR * sb**3
+        c = across - ECCENTRICITY2 * SEMI_MAJOR * cb**3
+        sb, cb = (1 - FLATTENING) * s, c
+    norm = jnp.sqrt(s * s + c * c)
+    s, c = s / norm, c / norm
+    height = across * c + p[2] * s - SEMI_MAJOR * jnp.sqrt(1 - ECCENTRICITY2 * s * s)
+    return jnp.arctan2(s, c), jnp.arctan2(p[1], p[0]), height
+
+
+def ned_axes(latitude: Any, longitude: Any) -> Any:
+    """R_EN (3, 3): local north-east-down components to earth-fixed ones."""
+    s, c, sl, cl = jnp.sin(latitude), jnp.cos(latitude), jnp.sin(longitude), jnp.cos(longitude)
+    o = jnp.zeros_like(s * sl)
+    return jnp.stack([jnp.stack([-s * cl, -sl, -c * cl]), jnp.stack([-s * sl, cl, -c * sl]), jnp.stack([c, o, -s])])
+
+
+def curvature_radii(latitude: Any) -> tuple[Any, Any]:
+    """Radii of curvature of the ellipsoid (m): along the meridian, and across it. Source: TR8350.2, eqs. 4-15."""
+    w2 = 1 - ECCENTRICITY2 * jnp.sin(latitude) ** 2
+    across = SEMI_MAJOR / jnp.sqrt(w2)
+    return across * (1 - ECCENTRICITY2) / w2, across
+
+
+@record
+class TangentPlane:
+    """North-east-down coordinates with their origin at a geodetic place: the world frame W, put on the map.
+
+        p_W = R_NE (p_E - origin_E)
+
+    Frames:  W north-east-down at the origin; its axes don't turn with the place where the vehicle is.
+    Valid:   anywhere; that "down" is the plumb line holds near the origin only (1 arc second in 31 m).
+    Source:  Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., 2.1.3.
+    """
+
+    latitude: Scalar = quantity("rad", "Of the origin.", kind="angle")
+    longitude: Scalar = quantity("rad", "Of the origin.", kind="angle")
+    height: Scalar = quantity("m", "Of the origin, above the ellipsoid.", default=0.0)
+
+    def to_ned(self, latitude: Any, longitude: Any, height: Any) -> Any:
+        """North, east, down (3,) (m) of a geodetic place."""
+        origin = to_ecef(self.latitude, self.longitude, self.height)
+        return ned_axes(self.latitude, self.longitude).T @ (to_ecef(latitude, longitude, height) - origin)
+
+    def from_ned(self, p_W: Any) -> tuple[Any, Any, Any]:
+        """Latitude, longitude (rad) and height (m) of north, east, down (3,) (m)."""
+        origin = to_ecef(self.latitude, self.longitude, self.height)
+        return from_ecef(origin + ned_axes(self.latitude, self.longitude) @ p_W)

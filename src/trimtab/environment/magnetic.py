@@ -1,0 +1,73 @@
+"""The earth's magnetic field at a place and a date, evaluated once before a run; or a field given by numbers.
+
+Source: Chulliat et al., "The US/UK World Magnetic Model for 2020-2025", NOAA, 2020; coefficients and evaluation by the
+package pygeomag.
+"""
+
+import math
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
+"""First year of each model, which holds for five years."""
+LAST = 2030
+COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
+"""The field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at its earliest date here, 2010.0."""
+
+
+def earth_field(latitude: float, longitude: float, height: float, when: date | float) -> Any:
+    """The World Magnetic Model's field (3,) (T) in local north-east-down.
+
+    Args:
+        latitude: geodetic (rad), in [-pi/2, pi/2].
+        longitude: (rad).
+        height: above the ellipsoid (m).
+        when: a date, or a year with decimals from 2010 up to 2030.
+    """
+    year = _decimal_year(when)
+    if not min(MODELS) <= year < LAST:
+        problem = f"no World Magnetic Model here covers the year {year:g}"
+        fix = "give the field by numbers, field_from_angles(intensity, declination, inclination), or another date"
+        raise InputError("earth_field", problem, choices=[f"{y} to {y + 5}" for y in MODELS], fix=fix)
+    if not abs(latitude) <= math.pi / 2 or not math.isfinite(longitude) or not -1000 <= height <= 850e3:
+        problem = (
+            f"latitude {latitude} rad, longitude {longitude} rad, height {height} m is not a place the model covers"
+        )
+        raise InputError("earth_field", problem, fix="angles in radians, |latitude| <= pi/2, height -1 to 850 km")
+    try:
+        from pygeomag import GeoMag
+    except ImportError:
+        fix = 'pip install "trimtab[nav]"'
+        raise InputError("earth_field", "the package pygeomag is not installed", fix=fix) from None
+    model = GeoMag(coefficients_file=MODELS[max(y for y in MODELS if y <= year)])
+    found = model.calculate(math.degrees(latitude), math.degrees(longitude), height / 1000, year)
+    return np.array([found.x, found.y, found.z]) * 1e-9
+
+
+def field_from_angles(intensity: float, declination: float, inclination: float) -> Any:
+    """A field (3,) (T) in local north-east-down from intensity (T), declination (rad, east) and dip (rad, down)."""
+    level = intensity * math.cos(inclination)
+    down = intensity * math.sin(inclination)
+    return np.array([level * math.cos(declination), level * math.sin(declination), down])
+
+
+def declination(field_W: Any) -> Any:
+    """Angle from true to magnetic north (rad), positive east, of a field (3,) in north-east-down."""
+    return np.arctan2(field_W[1], field_W[0])
+
+
+def inclination(field_W: Any) -> Any:
+    """Dip below the horizon (rad) of a field (3,) in north-east-down."""
+    return np.arctan2(field_W[2], np.hypot(field_W[0], field_W[1]))
+
+
+def _decimal_year(when: date | float) -> float:
+    if not isinstance(when, date):
+        return float(when)
+    start, end = date(when.year, 1, 1), date(when.year + 1, 1, 1)
+    day = date(when.year, when.month, when.day)
+    return when.year + (day - start).days / (end - start).days

@@ -1,0 +1,207 @@
+"""Allan variance of a still sensor: from a log to noise coefficients with their uncertainty, and to a filter's Q, R.
+
+A still sensor's output is taken as white noise, flicker and random walk, all Gaussian:
+
+    sigma²(tau) = N²/tau + (2 ln 2/pi) B² + K² tau/3
+
+N: angle (velocity) random walk; B: bias instability; K: rate (acceleration) random walk. The estimates at different tau
+share the same data; their joint covariance follows exactly from the second differences of the summed output, and the
+coefficients are fitted with it. So the stated errors are those that repeated logs show.
+
+Source: IEEE Std 952-1997, annex C, for the coefficients; Greenhall, IEEE Trans. UFFC 38 (1991), and Riley, NIST SP 1065
+(2008), section 5, for the overlapping estimator and its covariance.
+"""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.stats import chi2
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record
+
+FLICKER = 2 * math.log(2) / math.pi
+NORMAL95 = 1.959963984540054
+ROUNDS = 8
+FINEST = 32
+"""Lags of a covariance are taken at least this often in the shorter averaging time."""
+
+
+@record
+class Coefficient:
+    """A noise coefficient with its uncertainty. Source: this module."""
+
+    value: Scalar = quantity("1", "Estimate; 0 where the log shows none.")
+    standard_error: Scalar = quantity("1", "Standard error; for an estimate near 0, that of its upper limit.")
+    low: Scalar = quantity("1", "Lower end of the 95 % interval.")
+    high: Scalar = quantity("1", "Upper end of the 95 % interval.")
+
+
+@record
+class AllanFit:
+    """Allan deviation of a still log and what was fitted to it; U is the unit of the log (rad/s or m/s²).
+
+    Source: IEEE Std 952-1997, annex C; this module.
+    """
+
+    white: Coefficient = part("N (U/Hz^0.5): angle or velocity random walk.")
+    flicker: Coefficient = part("B (U): bias instability.")
+    walk: Coefficient = part("K (U/s^0.5): random walk of rate or acceleration.")
+    tau: Any = quantity("s", "Averaging times (n,).")
+    deviation: Any = quantity("U", "Overlapping Allan deviation at each (n,).")
+    model: Any = quantity("U", "Deviation of the fitted model (n,).")
+    freedom: Any = quantity("1", "Equivalent degrees of freedom of each, under the model (n,).")
+    misfit: Scalar = quantity("1", "Weighted squares of the misfit over the degrees of freedom: 1 for a good model.")
+    sampling_period: Scalar = quantity("s", "Time between samples.")
+
+
+@record
+class FilterNoise:
+    """What a filter that steps with the sensor needs, of one axis; U is the sensor's unit. Source: this module."""
+
+    sample_variance: Scalar = quantity("U^2", "R, where the sample is a measurement: N²/dt.")
+    integral_variance: Scalar = quantity("(U s)^2", "Q of the integrated state in one step: N² dt.")
+    bias_variance: Scalar = quantity("U^2", "Q of the bias in one step: K² dt, with the flicker's share.")
+
+
+def overlapping_variance(y: Any, averages: Any) -> Any:
+    """Overlapping Allan variance of samples y (n,) at averages of m samples (k,); shape (k,).
+
+    Source: Riley, NIST SP 1065, eq. 9.
+    """
+    x = np.concatenate([[0.0], np.cumsum(np.asarray(y, np.float64) - np.mean(y))])
+    second = [x[2 * m :] - 2 * x[m:-m] + x[: -2 * m] for m in averages]
+    return np.array([np.mean(z * z) / (2.0 * m * m) for z, m in zip(second, averages, strict=True)])
+
+
+def octaves(samples: int) -> tuple[int, ...]:
+    """Averages 1, 2, 4, … samples up to an eighth of the log: longer ones say little."""
+    return tuple(2**k for k in range(max(int(math.log2(samples / 8)), 0) + 1))
+
+
+def allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = None) -> AllanFit:
+    """Allan deviation of a still log, and noise coefficients fitted to it by generalised least squares.
+
+    Args:
+        y: samples (n,) of one axis, evenly spaced, at least 128; the mean does not matter, a ramp does.
+        sampling_period: time between samples (s).
+        averages: numbers of samples to average over; octaves by default.
+    """
+    y = np.asarray(y, np.float64)
+    if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
+        problem = f"the log has shape {y.shape}, and {int((~np.isfinite(y)).sum())} values that are not finite"
+        raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
+    chosen = tuple(averages or octaves(len(y)))
+    if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
+        problem = f"averages over {chosen} samples of a log of {len(y)}"
+        raise InputError("allan", problem, fix=f"give at least 4 whole numbers from 1 to {len(y) // 3}")
+    if not np.ptp(y) > 0:
+        raise InputError("allan", "every sample is the same", fix="log at the sensor's full resolution")
+    m = np.array(chosen, np.float64)
+    variance = overlapping_variance(y, chosen)
+    basis, moments = _basis(m), _moments(len(y), chosen)
+    theta = nnls(basis / variance[:, None], np.ones(len(m)))[0]
+    covariance = _covariance(theta, moments)
+    for _ in range(ROUNDS):
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        theta = nnls(whiten @ basis, whiten @ variance)[0]
+        covariance = _covariance(theta, moments)
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    error = np.sqrt(np.diag(np.linalg.inv((whiten @ basis).T @ (whiten @ basis))))
+    rest = whiten @ (variance - basis @ theta)
+    dt = float(sampling_period)
+    units = (dt, 1.0, 1 / dt)
+    white, flicker, walk = (_coefficient(v * u, e * u) for v, e, u in zip(theta, error, units, strict=True))
+    model = basis @ theta
+    return AllanFit(
+        white=white,
+        flicker=flicker,
+        walk=walk,
+        tau=m * dt,
+        deviation=np.sqrt(variance),
+        model=np.sqrt(model),
+        freedom=2 * model**2 / np.diag(covariance),
+        misfit=float(rest @ rest) / (len(m) - len(theta)),
+        sampling_period=dt,
+    )
+
+
+def interval(fit: AllanFit, confidence: float = 0.95) -> tuple[Any, Any]:
+    """Lower and upper end (n,) of the confidence interval of each Allan deviation: the bars of the plot."""
+    tail = (1 - confidence) / 2
+    low, high = chi2.ppf(1 - tail, fit.freedom), chi2.ppf(tail, fit.freedom)
+    return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
+
+
+def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
+    """The discrete noise of a filter that steps each `sampling_period` (s), by default that of the log.
+
+    Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white
+    noise falls below it: tau = N²/(0.44 B²). The filter then trusts its bias no longer than that time.
+    """
+    dt = fit.sampling_period if sampling_period is None else float(sampling_period)
+    N2, B2, K2 = fit.white.value**2, fit.flicker.value**2, fit.walk.value**2
+    floor = FLICKER * B2
+    share = 3 * floor * min(floor / N2, 1 / fit.sampling_period) if N2 > 0 else 3 * floor / fit.sampling_period
+    return FilterNoise(sample_variance=N2 / dt, integral_variance=N2 * dt, bias_variance=(K2 + share) * dt)
+
+
+def _coefficient(square: float, error: float) -> Coefficient:
+    """A coefficient from its square: the interval is that of the square, its ends rooted."""
+    high = math.sqrt(square + NORMAL95 * error)
+    value = math.sqrt(square)
+    near_zero = square < error
+    return Coefficient(
+        value=value,
+        standard_error=high / NORMAL95 if near_zero else error / (2 * value),
+        low=math.sqrt(max(square - NORMAL95 * error, 0.0)),
+        high=high,
+    )
+
+
+def _kernels(lag: Any) -> Any:
+    """Generalised covariances (3, …) of the summed output, for a unit of white variance, B² and walk variance."""
+    size = np.abs(lag)
+    flicker = size**2 * np.log(np.where(size > 0, size, 1.0)) / (2 * math.pi)
+    return np.stack([-size / 2, flicker, (size**3 - size) / 12])
+
+
+def _basis(m: Any) -> Any:
+    """Allan variance (n, 3) of each kind of noise at averages of m samples (n,)."""
+    return ((2 * _kernels(2 * m) - 8 * _kernels(m)) / (2 * m * m)).T
+
+
+@functools.lru_cache(maxsize=8)
+def _moments(samples: int, averages: tuple[int, ...]) -> Any:
+    """T (n, n, 3, 3): the covariance of the variances at two averages is theta' T theta."""
+    n = len(averages)
+    T = np.zeros((n, n, 3, 3))
+    for i in range(n):
+        for j in range(i + 1):
+            T[i, j] = _pair(samples + 1, averages[i], averages[j])
+            T[j, i] = T[i, j]
+    return T
+
+
+def _pair(points: int, m1: int, m2: int) -> Any:
+    """(3, 3): 2/(4 m1² m2² M1 M2) times the sum over all pairs of second differences of products of covariances."""
+    M1, M2 = points - 2 * m1, points - 2 * m2
+    stride = max(1, min(m1, m2) // FINEST)
+    low, high = max(-(M2 - 1), -3 * m1 - m2), min(M1 - 1, 3 * m2 + m1)
+    lag = np.arange(low, high + 1, stride, dtype=np.float64)
+    covariance = np.zeros((3, len(lag)))
+    for p, a in enumerate((1, -2, 1)):
+        for q, b in enumerate((1, -2, 1)):
+            covariance += a * b * _kernels(lag + p * m1 - q * m2)
+    pairs = np.maximum(np.minimum(M1, M2 + lag) - np.maximum(0, lag), 0)
+    total = stride * (covariance * pairs) @ covariance.T
+    return total * 2 / (4.0 * m1**2 * m2**2 * M1 * M2)
+
+
+def _covariance(theta: Any, moments: Any) -> Any:
+    """Covariance (n, n) of the Allan variances under the model, kept positive definite."""
+    C = np.einsum("c,ijcd,d->ij", theta, moments, theta)
+    return C + np.diag(1e-9 * np.diag(C))

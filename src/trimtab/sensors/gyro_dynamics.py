@@ -1,0 +1,112 @@
+"""How a gyro of the hovercraft's inertial unit follows a changing rate: two models, as part `response` of `GyroErrors`.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, period, quantity, record
+from trimtab.core.second_order import Section, SectionState, at_rest, filtered
+from trimtab.core.time import ms, to_seconds
+
+TICK = ms("6.5536")
+
+
+@record
+class IdentifiedGyro:
+    """The source's identified model, a difference equation of its 6.5536 ms tick.
+
+        y_k = b0 u_k - a1 y_{k-1} - a2 y_{k-2}        y/u = 0.3236 z²/(z² - 0.9805 z + 0.2898)     [1, eq. 6.2]
+
+    Poles 0.490 ± 0.222 i. Its gain for a constant rate is 1.046; `normalised` scales b0 so that it is 1.
+
+    Valid:   below 20 Hz, sampled each 6.5536 ms.    Source: [1] eq. 6.2.
+    """
+
+    b0: Scalar = quantity("1", "Of the newest rate.", default=0.3236, above=0, source="[1] eq. 6.2")
+    a1: Scalar = quantity("1", "Of the output before.", default=-0.9805, source="[1] eq. 6.2")
+    a2: Scalar = quantity("1", "Of the output two before.", default=0.2898, source="[1] eq. 6.2")
+    normalised: bool = option("Scale b0 to a gain of 1 at rest.", default=True, choices=(True, False))
+
+    def section(self) -> Section:
+        """The difference equation."""
+        return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
+
+    def start(self, u: Any) -> SectionState:
+        """The memory after a constant rate u for all time."""
+        return at_rest(self.section(), u)
+
+    def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
+        """The next memory, and the output for the newest rate u."""
+        return filtered(self.section(), state, u)
+
+
+@record
+class DelayedGyroState:
+    """Rates and outputs of the ticks before, newest first. Source: this module."""
+
+    u: Any = quantity("rad/s", "Rates (k, …).")
+    y: Any = quantity("rad/s", "Outputs (2, …).")
+
+
+@record
+class DelayedGyro:
+    """What may stand behind the source's measured gains and phases: a delay of whole samples and a low-pass.
+
+        Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
+
+    as a difference equation whose gain and phase are right to 0.006 (rad) up to 50 Hz.
+
+    Reconstructed: within 0.05 of the gains of [1, table 6.5] at all its frequencies; the phase is right at 5 and 15 Hz
+    but lags too much above (0.3 rad at 20 Hz). Below 20 Hz only.
+
+    Source:  [1] table 6.5 (fit reconstructed, see docs Errata).
+    """
+
+    samples: int = option("Delay D, in samples; at least 2.", default=2)
+    bandwidth: float = option("-3 dB of the second-order Butterworth (Hz).", default=30.0)
+    sampling: int = period("Time T between samples.", default=TICK)
+
+    def coefficients(self) -> tuple[Any, Any]:
+        """Of the rates, newest first (D + 3,), and of the outputs before (2,)."""
+        return _fitted(self.samples, self.bandwidth, to_seconds(self.sampling))
+
+    def start(self, u: Any) -> DelayedGyroState:
+        """The state after a constant rate u for all time."""
+        u = jnp.asarray(u)
+        return DelayedGyroState(u=jnp.stack([u] * (self.samples + 2)), y=jnp.stack([u, u]))
+
+    def respond(self, state: DelayedGyroState, u: Any) -> tuple[DelayedGyroState, Any]:
+        """The next state, and the output for the newest rate u."""
+        b, a = self.coefficients()
+        rates = jnp.concatenate([jnp.asarray(u)[None], state.u])
+        y = sum((b[k] * rates[k] for k in range(1, len(b))), b[0] * rates[0]) - a[0] * state.y[0] - a[1] * state.y[1]
+        return DelayedGyroState(u=rates[:-1], y=jnp.stack([y, state.y[0]])), y
+
+
+@functools.lru_cache(maxsize=16)
+def _fitted(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
+    """Poles of the low-pass mapped by e^{sT}; the weights of the rates by least squares on its response to 60 Hz."""
+    pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
+    z = np.exp(pole * T)
+    a = np.array([-2 * z.real, abs(z) ** 2])
+    f = np.linspace(0, 0.4 / T, 300)
+    z1, s = np.exp(-2j * np.pi * f * T), 1j * f / bandwidth
+    below = 1 + a[0] * z1 + a[1] * z1**2
+    columns: Any = np.stack([z1**k / below for k in range(samples + 3)], 1)
+    wanted: Any = z1**samples / (s * s + math.sqrt(2) * s + 1)
+    both = [np.concatenate([c.real, c.imag]) for c in (columns, wanted)]
+    b = np.linalg.lstsq(both[0], both[1], None)[0]
+    return b * (1 + a.sum()) / b.sum(), a
+
+
+def frequency_response(b: Any, a: Any, frequency: Any, sampling_period: float) -> Any:
+    """Complex gain, at frequencies (Hz), of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - …; for design and tests."""
+    z1 = np.exp(-2j * np.pi * np.asarray(frequency) * sampling_period)
+    above = sum(c * z1**k for k, c in enumerate(b))
+    return above / (1 + sum(c * z1 ** (k + 1) for k, c in enumerate(a)))

@@ -1,0 +1,160 @@
+"""A three-axis inertial measurement unit with the errors of a micromachined one."""
+
+import math
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.rng import Key, normals
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.time import ms, show, to_seconds
+from trimtab.environment.gravity import STANDARD
+from trimtab.sensors.imu_errors import UNIT_DRAWS, AccelerometerErrors, GyroErrors, TriadState, corrupted, triad_state
+
+DEG = math.pi / 180
+SWITCHES: dict[str, tuple[str, ...]] = {
+    "imu-noise": ("noise",),
+    "imu-turn-on-bias": ("turn_on_bias", "bias"),
+    "imu-bias-walk": ("bias_walk",),
+    "imu-scale-factor": ("scale_factor",),
+    "imu-misalignment": ("misalignment",),
+    "imu-bandwidth": ("bandwidth", "response"),
+    "imu-quantisation": ("resolution",),
+    "imu-saturation": ("range",),
+}
+
+
+@record
+class InertialReading:
+    """What the unit gives each tick. Frames: the unit's axes, B's but for its mounting. Source: docs page, Imu."""
+
+    specific_force: Any = quantity("m/s^2", "Acceleration less gravity: at rest it points up.", frame="B", shape=(3,))
+    angular_rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,))
+    accelerometer_saturated: Scalar = quantity("1", "Whether an accelerometer is at its limit.", kind="flag")
+    gyro_saturated: Scalar = quantity("1", "Whether a gyro is at its limit.", kind="flag")
+
+
+@record
+class ImuState:
+    """Bias, low-pass and draws of each triad. Source: this module."""
+
+    key: Key = part("Of the noise.")
+    accelerometer: TriadState = part("The accelerometers'.")
+    gyro: TriadState = part("The gyros'.")
+
+
+@record
+class Imu:
+    """Three accelerometers and three gyros, fixed to the body.
+
+        f = R_SB (a + 2 W × v + alpha × l + w × (w × l) - g),    omega = R_SB (w + W)
+
+    with a the acceleration of the centre of mass, l the lever arm, g gravity (down), W the turning of the earth (all in
+    B), and R_SB the mounting. `measure` is this; `step` adds the errors of each triad.
+
+    Frames:  lever arm in B from the centre of mass; mounting as roll, pitch, yaw of the unit in B.
+    Not modelled: vibration, temperature, g-sensitivity, size effect; integration within a tick: values at the tick.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             eqs. 3.28-3.29, for the errors' form; Groves, 2nd ed., section 4.4, for the rest.
+    """
+
+    accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
+    gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
+    lever_arm: Any = quantity("m", "The unit's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(0.0, 0.0, 0.0), kind="angle", shape=(3,))
+    gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
+    earth_rate: Any = quantity(
+        "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=(0.0, 0.0, 0.0), shape=(3,)
+    )
+    period: int = period("Time between samples.", default=ms("6.5536"))
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (*SWITCHES, "imu-mounting")
+
+    @classmethod
+    def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
+        """The hovercraft's unit; other fields as settings.
+
+        Printed in [1]: ranges ±1.7 g (ADXL103) and ±300 deg/s, tick. Manufacturer's figures as transcribed in public
+        code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g and 10 rad/s full
+        scale. Reconstructed (docs Errata): bias walks, so that the Allan deviation at 15 s is 0.2 mg and 0.02 deg/s;
+        bandwidth 30 Hz as the gyros' measured gains; scale factors 0.2 %, misalignments 0.2 deg.
+        """
+        g = STANDARD
+        accelerometer = AccelerometerErrors(
+            noise=0.4 / 60,
+            turn_on_bias=0.010 * g,
+            bias_walk=4.2e-4,
+            scale_factor=0.002,
+            misalignment=0.2 * DEG,
+            bandwidth=30.0,
+            resolution=8.5 * g / 32768,
+            range=1.7 * g,
+        )
+        gyro = GyroErrors(
+            noise=3.5 * DEG / 60,
+            turn_on_bias=0.7 * DEG,
+            bias_walk=1.0e-4,
+            scale_factor=0.002,
+            misalignment=0.2 * DEG,
+            bandwidth=30.0,
+            resolution=10.0 / 32768,
+            range=300 * DEG,
+        )
+        return cls(**{"accelerometer": accelerometer, "gyro": gyro, **settings})
+
+    def without(self, name: str) -> "Imu":
+        """A copy with one of IMPERFECTIONS switched off in both triads; the noise of the others stays as it was."""
+        if name == "imu-mounting":
+            return replace(self, mounting=(0.0, 0.0, 0.0))
+        if name not in SWITCHES:
+            raise InputError("Imu", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        zero = {"bias": (0.0, 0.0, 0.0), "response": None}
+        off = {field: zero.get(field, 0.0) for field in SWITCHES[name]}
+        return replace(self, accelerometer=replace(self.accelerometer, **off), gyro=replace(self.gyro, **off))
+
+    def check(self) -> None:
+        """The bandwidths lie below half the sampling rate, and a response made for one tick is sampled at it."""
+        half = 0.5 / to_seconds(self.period)
+        for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
+            if not errors.bandwidth < half:
+                problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {show(self.period)}"
+                raise InputError(
+                    f"{name}.bandwidth", problem, fix=f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
+                )
+            tick = getattr(errors.response, "sampling", self.period)
+            if tick != self.period:
+                problem = f"it is made for samples each {show(tick)}, the unit's period is {show(self.period)}"
+                raise InputError(f"{name}.response", problem, fix=f"--set period='{show(tick)}'")
+
+    def init(self, key: Key) -> ImuState:
+        """The run's biases, scale factors and misalignments drawn; low-passes not yet started."""
+        draws = normals(key.at("unit"), 0, 2 * UNIT_DRAWS)
+        return ImuState(
+            key=key.at("noise"),
+            accelerometer=triad_state(self.accelerometer, draws[:UNIT_DRAWS]),
+            gyro=triad_state(self.gyro, draws[UNIT_DRAWS:]),
+        )
+
+    def measure(self, motion: Motion) -> InertialReading:
+        """The measurement h(x) of a motion, without error."""
+        R_WB, w, arm = from_euler(*motion.attitude), motion.w_WB_B, jnp.asarray(self.lever_arm)
+        turning = R_WB.T @ jnp.asarray(self.earth_rate)
+        acceleration = motion.a_WB_B + 2 * jnp.cross(turning, motion.v_WB_B)
+        swing = jnp.cross(motion.alpha_WB_B, arm) + jnp.cross(w, jnp.cross(w, arm))
+        R_BS = from_euler(*jnp.asarray(self.mounting))
+        return InertialReading(
+            specific_force=R_BS.T @ (acceleration + swing - R_WB.T @ jnp.asarray(self.gravity)),
+            angular_rate=R_BS.T @ (w + turning),
+            accelerometer_saturated=jnp.asarray(False),
+            gyro_saturated=jnp.asarray(False),
+        )
+
+    def step(self, t: Any, state: ImuState, motion: Motion) -> tuple[ImuState, Sample]:
+        """The sample at integer time t."""
+        true, dt = self.measure(motion), to_seconds(self.period)
+        z = normals(state.key, t // self.period, 12)
+        a, force, a_full = corrupted(self.accelerometer, state.accelerometer, true.specific_force, dt, z[:3], z[3:6])
+        g, rate, g_full = corrupted(self.gyro, state.gyro, true.angular_rate, dt, z[6:9], z[9:12])
+        return ImuState(state.key, a, g), measured(t, InertialReading(force, rate, a_full, g_full))

@@ -1,0 +1,158 @@
+"""A three-axis magnetometer, with the iron of the vehicle and what stands near it."""
+
+import math
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.rng import Key, normals
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.time import ms, seconds
+from trimtab.environment.magnetic import COLLEGE_PARK
+
+GAUSS = 1e-4
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+PERMEABILITY = 1e-7
+"""mu0/(4 pi) (T m/A)."""
+
+
+@record
+class FieldReading:
+    """What a magnetometer gives. Frames: B. Source: docs page, Magnetometer."""
+
+    field: Any = quantity("T", "Magnetic flux density.", frame="B", shape=(3,))
+    saturated: Scalar = quantity("1", "Whether an axis is at its limit.", kind="flag")
+
+
+def dipole_field(moment: Any, away: Any, size: Any) -> Any:
+    """Field (3,) (T) of a dipole (3,) (A m²) at a place `away` (3,) (m) from it; a body of radius `size` (m).
+
+        B = 1e-7 (3 (m·r) r/(r² + size²) - m)/(r² + size²)^(3/2)
+
+    Nearer than the body is large the field stays finite. Source: Jackson, "Classical electrodynamics", eq. 5.56.
+    """
+    r2 = away @ away + size * size
+    return PERMEABILITY * (3 * (moment @ away) * away / r2 - moment) / (r2 * jnp.sqrt(r2))
+
+
+@record
+class RunningMotor:
+    """A motor on the vehicle: a dipole fixed in the body, there while the motor draws current.
+
+    Frames: position and moment in B.    Not modelled: the ripple of the brushes, which the noise stands for.
+    Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
+    """
+
+    position: Any = quantity("m", "Place on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,))
+    moment: Any = quantity("A m^2", "Moment at the current drawn.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
+    size: Scalar = quantity("m", "Radius.", default=0.014, above=0)
+    begins: Scalar = quantity("100 ns", "When it starts.", kind="time", default=0)
+    ends: Scalar = quantity("100 ns", "When it stops.", kind="time", default=seconds(1e6))
+
+    def field(self, motion: Motion, place: Any) -> Any:
+        """Field (3,) (T) in B at a place (3,) (m) in B."""
+        running = (motion.t >= self.begins) & (motion.t < self.ends)
+        away = jnp.asarray(place) - jnp.asarray(self.position)
+        return jnp.where(running, dipole_field(jnp.asarray(self.moment), away, self.size), 0.0)
+
+
+@record
+class FloorSteel:
+    """A piece of steel in or under the floor: a dipole fixed in the world, felt when the vehicle passes over it.
+
+    Frames: position and moment in W.    Not modelled: that the piece is long (several of these make a beam).
+    Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
+    """
+
+    position: Any = quantity("m", "Place: north, east, down.", frame="W", default=(1.0, 1.0, 0.3), shape=(3,))
+    moment: Any = quantity("A m^2", "Moment, as magnetised.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,))
+    size: Scalar = quantity("m", "Radius.", default=0.1, above=0)
+
+    def field(self, motion: Motion, place: Any) -> Any:
+        """Field (3,) (T) in B at a place (3,) (m) in B."""
+        R_WB = from_euler(*motion.attitude)
+        away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
+        return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)
+
+
+@record
+class Magnetometer:
+    """Three-axis magnetometer fixed to the body.
+
+        h = R_SB R_BW m_W,    z = quantised( clip( S (h + d) + b + w ) )
+
+    with m_W the earth's field, S soft iron, b hard iron, d the field of what stands near, w white noise.
+
+    Frames:  north-east-down field in W, iron in the sensor's axes; mounting as roll, pitch, yaw of the sensor in B.
+    Not modelled: bandwidth, temperature.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             eqs. 3.43-3.44; the form of the errors is that of Gebre-Egziabher et al., J. Aerospace Eng. 19 (2006).
+    """
+
+    earth_field: Any = quantity("T", "Earth's field: north, east, down.", frame="W", default=COLLEGE_PARK, shape=(3,))
+    hard_iron: Any = quantity("T", "Of magnetised parts on board.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    soft_iron: Any = quantity("1", "Of soft parts on board.", frame="B", default=IDENTITY, shape=(3, 3))
+    noise: Scalar = quantity("T", "Standard deviation of each axis and sample.", default=0.0, low=0)
+    resolution: Scalar = quantity("T", "Step of the converter; 0: none.", default=0.0, low=0)
+    range: Scalar = quantity("T", "Greatest output; 0: no limit.", default=0.0, low=0)
+    position: Any = quantity("m", "The sensor's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(0.0, 0.0, 0.0), kind="angle", shape=(3,))
+    disturbances: Any = part("What stands near: a tuple of RunningMotor, FloorSteel, …", default=())
+    period: int = period("Time between samples.", default=ms("6.5536"))
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (
+        *("magnetometer-noise", "magnetometer-quantisation", "magnetometer-saturation", "magnetometer-mounting"),
+        *("hard-iron", "soft-iron", "magnetic-disturbances"),
+    )
+
+    @classmethod
+    def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
+        """The hovercraft's; other fields as settings.
+
+        The noise gives the heading's variance of [1], 1.6e-4 rad², in the default field: 0.0126 rad times the level
+        field. Words of 16 bits, 2 gauss full scale, as in public code for the unit.
+        """
+        noise = math.sqrt(1.6e-4) * math.hypot(*COLLEGE_PARK[:2])
+        given = {"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings}
+        return cls(**given)
+
+    def without(self, name: str) -> "Magnetometer":
+        """A copy with one of IMPERFECTIONS switched off."""
+        off: dict[str, dict[str, Any]] = {
+            "magnetometer-noise": {"noise": 0.0},
+            "hard-iron": {"hard_iron": (0.0, 0.0, 0.0)},
+            "soft-iron": {"soft_iron": IDENTITY},
+            "magnetic-disturbances": {"disturbances": ()},
+            "magnetometer-mounting": {"mounting": (0.0, 0.0, 0.0)},
+            "magnetometer-quantisation": {"resolution": 0.0},
+            "magnetometer-saturation": {"range": 0.0},
+        }
+        if name not in off:
+            raise InputError("Magnetometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, **off[name])
+
+    def init(self, key: Key) -> Key:
+        """The key of the noise is all there is to remember."""
+        return key
+
+    def measure(self, motion: Motion) -> FieldReading:
+        """The measurement h(x) of a motion: the earth's field alone, without error."""
+        R_SB = from_euler(*jnp.asarray(self.mounting)).T
+        field = R_SB @ (from_euler(*motion.attitude).T @ jnp.asarray(self.earth_field))
+        return FieldReading(field=field, saturated=jnp.asarray(False))
+
+    def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
+        """The sample at integer time t."""
+        near = jnp.zeros(3)
+        for disturbance in self.disturbances:
+            near = near + disturbance.field(motion, self.position)
+        there = self.measure(motion).field + from_euler(*jnp.asarray(self.mounting)).T @ near
+        noise = self.noise * normals(state, t // self.period, 3)
+        seen = jnp.asarray(self.soft_iron) @ there + jnp.asarray(self.hard_iron) + noise
+        limited, coarse = self.range > 0, self.resolution > 0
+        clipped = jnp.where(limited, jnp.clip(seen, -self.range, self.range), seen)
+        grain = jnp.where(coarse, self.resolution, 1.0)
+        out = jnp.where(coarse, grain * jnp.floor(clipped / grain + 0.5), clipped)
+        return state, measured(t, FieldReading(out, limited & (jnp.max(jnp.abs(seen)) >= self.range)))

@@ -1,0 +1,49 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.environment.earth_rate import coriolis, earth_rate, transport_rate
+from trimtab.environment.geodetic import ned_axes
+from trimtab.environment.gravity import RATE
+from trimtab.export.function import lowered
+
+
+def test_it_is_the_axis_of_the_earth_in_local_axes():
+    for latitude in (0.0, 0.68, -1.2, np.pi / 2):
+        axis = np.asarray(ned_axes(latitude, 0.4)).T @ [0, 0, RATE]
+        np.testing.assert_allclose(earth_rate(latitude), axis, atol=1e-19)
+
+
+def test_coriolis_is_what_a_straight_line_in_space_shows_in_the_turning_frame():
+    """A free body in inertial space, seen from axes that turn: x'' = -2 W × x' - W × (W × x)."""
+    W, p0, v0 = np.array([0.2, -0.1, 0.3]), np.array([1.0, 2.0, -1.0]), np.array([0.5, -0.4, 0.2])
+    from trimtab.core.rotation import from_rotation_vector
+
+    def seen(t):
+        return from_rotation_vector(jnp.asarray(W) * t).T @ (p0 + v0 * t)
+
+    t = 1.3
+    x, v = seen(t), jax.jacfwd(seen)(t)
+    a = jax.jacfwd(jax.jacfwd(seen))(t)
+    np.testing.assert_allclose(a, coriolis(W, v) - np.cross(W, np.cross(W, x)), atol=1e-9)
+
+
+def test_coriolis_signs():
+    """Northern hemisphere: what moves north is pushed east (to the right)."""
+    assert float(coriolis(earth_rate(0.7), jnp.array([1.0, 0.0, 0.0]))[1]) > 0
+
+
+def test_transport_rate_is_how_the_local_axes_turn():
+    latitude, height, v = 0.68, 100.0, np.array([30.0, -20.0, 0.0])
+    from trimtab.environment.geodetic import curvature_radii
+
+    meridian, normal = curvature_radii(latitude)
+    rates = v[0] / (meridian + height), v[1] / (normal + height) / np.cos(latitude)
+    R = ned_axes(latitude, 0.3)
+    dR = jax.jacfwd(lambda t: ned_axes(latitude + rates[0] * t, 0.3 + rates[1] * t))(0.0)
+    S = np.asarray(R.T @ dR)
+    np.testing.assert_allclose(transport_rate(latitude, height, v), [S[2, 1], S[0, 2], S[1, 0]], atol=1e-16)
+
+
+def test_exportable():
+    lowered(lambda phi, v: coriolis(earth_rate(phi), v) + transport_rate(phi, 1.0, v), (0.3, jnp.ones(3)))

@@ -1,0 +1,50 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.rotation import from_euler, wrap
+from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.environment.magnetic_heading import magnetic_heading, strength_ratio
+from trimtab.export.function import lowered
+
+FIELD = np.array(COLLEGE_PARK)
+HEADINGS = np.concatenate([np.linspace(-np.pi, np.pi, 41), [1e-9, np.pi - 1e-9, -1e-12]])
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.2, -0.3), (-0.5, 0.7)])
+def test_it_finds_the_heading_at_every_angle(roll, pitch):
+    """Also a hair from 0 and pi, where the source's arc cosine is 1e-8 off at best."""
+
+    def found(psi):
+        return magnetic_heading(from_euler(roll, pitch, psi).T @ FIELD, FIELD, roll, pitch)
+
+    got = np.asarray(jax.vmap(found)(jnp.asarray(HEADINGS)))
+    np.testing.assert_allclose(np.asarray(wrap(got - HEADINGS)), 0, atol=1e-14)
+
+
+def test_the_arc_cosine_loses_half_of_the_digits():
+    """Spec 2.5: why acos is not used."""
+    psi = 1e-9
+    b = np.asarray(from_euler(0.0, 0.0, psi).T @ FIELD)[:2]
+    w = FIELD[:2]
+    by_acos = np.arccos(np.clip(b @ w / np.linalg.norm(b) / np.linalg.norm(w), -1, 1))
+    assert abs(by_acos - psi) > 1e-10
+    assert abs(float(magnetic_heading(np.append(b, 0.0), FIELD)) - psi) < 1e-15
+
+
+def test_true_north_is_meant_not_magnetic():
+    """Nose along the horizontal field: the heading is the declination."""
+    level = np.hypot(*FIELD[:2])
+    got = float(magnetic_heading(jnp.array([level, 0.0, FIELD[2]]), FIELD))
+    assert got == pytest.approx(np.arctan2(FIELD[1], FIELD[0]), abs=1e-15)
+
+
+def test_strength_ratio():
+    assert float(strength_ratio(from_euler(0.1, 0.2, 0.3).T @ FIELD, FIELD)) == pytest.approx(1)
+    assert float(strength_ratio(jnp.zeros(3), FIELD)) == 0
+    assert float(magnetic_heading(jnp.zeros(3), FIELD)) == 0
+
+
+def test_exportable():
+    lowered(lambda b, w, r, p: (magnetic_heading(b, w, r, p), strength_ratio(b, w)), (FIELD, FIELD, 0.1, 0.1))
