@@ -106,7 +106,12 @@ def counts(rows: Iterable["Row"]) -> dict[str, int]:
 def _print_json(study: str, found: Found, files: list[Path]) -> None:
     rows = [{"group": group.name} | row.as_json() for group, rows in found for row in rows]
     total = counts(row for _, rows in found for row in rows)
-    result = {"study": study, "good": not any(r.fails for _, rows in found for r in rows), "verdicts": total, "rows": rows}
+    result = {
+        "study": study,
+        "good": not any(r.fails for _, rows in found for r in rows),
+        "verdicts": total,
+        "rows": rows,
+    }
     click.echo(json.dumps(result | ({"files": [str(f) for f in files]} if files else {}), allow_nan=False))
 
 

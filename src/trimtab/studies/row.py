@@ -23,7 +23,7 @@ class Row:
     relation: how the two are compared.
     accepted: (low, high) of what is accepted; infinite on an open side.
     unit: of printed, computed and accepted.
-    basis: "printed", a number of the publication; "text", a statement of it; "axis", read off the ends of a plot's axis;
+    basis: "printed", a number of the publication; "text", a statement of it; "axis", read off the axis of a plot;
         "reference", in no table: it follows from printed numbers by a calculation that is independent of this package.
     must_hold: whether the study fails without it.
     note: what to know of it; of a row that need not hold, the reason.
@@ -114,7 +114,9 @@ def within(
     return Row(id, what, printed, float(computed), citation, "within", accepted, **about)
 
 
-def band(id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any) -> Row:
+def band(
+    id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any
+) -> Row:
     """Computed lies in a band around what is printed, of which the publication says "about"."""
     return Row(id, what, printed, float(computed), citation, "band", (low, high), **about)
 

@@ -1,9 +1,10 @@
 """The flights of the simulated autopilot that several groups look at, each flown once."""
 
+import dataclasses
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +25,16 @@ LITERAL: Settings = (*REST, ("autopilot.law.form", "literal"))
 """Settings of [1] fig. 6.12, and with the proportional law as published."""
 
 
-class Flown(NamedTuple):
-    """Many runs. t: (samples,) in s.  signals: path -> (runs, samples)."""
+@dataclasses.dataclass(frozen=True)
+class Flown:
+    """Many runs. t: (samples,) in s.  signals: of the truth, path -> (runs, samples)."""
 
     t: Any
     signals: Mapping[str, Any]
 
     def __getitem__(self, signal: str) -> Any:
-        return self.signals[signal if "." in signal else f"truth.{signal}"]
+        """A signal of the truth by its name, (runs, samples)."""
+        return self.signals[f"truth.{signal}"]
 
 
 def scenario(name: str, settings: Settings = ()) -> Scenario:
@@ -49,8 +52,7 @@ def real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings:
     if reading != "C":
         sensors = {"navigation": NavigationErrors.reading(reading)}
         flown = replace(flown, world=replace(flown.world, sensors=sensors))
-    signals = ("truth", "law.heading_error") if name.startswith("heading") else ("truth",)
-    batch = simulate_batch(flown, seeds=SEEDS, signals=signals, log_period=ms(10), log=True)
+    batch = simulate_batch(flown, seeds=SEEDS, signals=("truth",), log_period=ms(10), log=True)
     return Flown(to_seconds(batch.ticks), batch.log)
 
 
@@ -61,16 +63,18 @@ def ideal(name: str, settings: Settings = ()) -> Log:
 
 
 @cache
-def heading_from_anywhere(form: str) -> Any:
-    """Heading error (rad) of the ideal proportional law over the last 10 of 60 s, from 200 random starts: (200, n)."""
-    flown = replace(scenario("heading-proportional", (*REST, ("autopilot.law.form", form))).ideal(), duration=seconds(60))
+def heading_from_anywhere(form: str) -> Mapping[str, Any]:
+    """The ideal proportional law over the last 10 of 60 s, from 200 random starts: path -> (200, samples)."""
+    settings = (*REST, ("autopilot.law.form", form))
+    flown = replace(scenario("heading-proportional", settings).ideal(), duration=seconds(60))
     draws = np.random.default_rng(0)
     u, v, r = draws.uniform(-1, 1, (3, 200)) * [[1.0], [1.0], [5.0]]
     start = {"surge_velocity": u, "sway_velocity": v, "yaw_rate": r, "heading": 1 + draws.uniform(-np.pi, np.pi, 200)}
     spread = {f"initial.{name}": values for name, values in start.items()}
-    signals = ("law.heading_error",)
+    signals = ("law.heading_error", "law.mode", "truth.yaw_rate")
     batch = simulate_batch(flown, seeds=range(200), spread=spread, signals=signals, log_period=ms(10), log=True)
-    return batch.log["law.heading_error"][:, to_seconds(batch.ticks) >= 50]
+    late = to_seconds(batch.ticks) >= 50
+    return {path: values[:, late] for path, values in batch.log.items()}
 
 
 def slow_manifold_slope() -> float:
@@ -101,6 +105,6 @@ def drawn(figure: str, name: str, folder: Path, settings: Settings = ()) -> Path
     flown = scenario(name, settings)
     path = folder / f"{figure}.png"
     folder.mkdir(parents=True, exist_ok=True)
-    title = f"[1] {figure.replace('-', ' ', 1)}: {flown.name}"
+    title = f"[1] {figure.replace('-', '. ', 1).replace('-', ', ', 1)}: {flown.name}"
     plot_run(simulate(flown), ideal(name, settings), path, title=title, targets=flown.targets)
     return path

@@ -25,15 +25,43 @@ def rows() -> Iterator[Row]:
     flown = real("spin")
     mean = np.median(flown["yaw_rate"][:, flown.t > 22 * 2 / 3].mean(axis=1))
     why = "The source's model has no friction; with it (below) the spin is as slow as observed."
-    yield within("spin/rate", "yaw rate of the real vehicle, 3 rad/s asked", 1.75, mean, PLACE, tolerance=0.2, unit="rad/s", must_hold=False, note=why)  # fmt: skip
+    yield within(
+        "spin/rate",
+        "yaw rate of the real vehicle, 3 rad/s asked",
+        1.75,
+        mean,
+        PLACE,
+        tolerance=0.2,
+        unit="rad/s",
+        must_hold=False,
+        note=why,
+    )
     spin, rest = _with_friction("spin"), _with_friction("zero-velocity")
     against = "Friction of this size contradicts the way in which J was measured; off by default (errata)."
     rate = spin["truth.yaw_rate"][-1]
-    yield within("friction/spin", f"ideal spin with {TORQUE:g} N m s of torque in yaw", 1.75, rate, PLACE, tolerance=0.1, unit="rad/s", note=against)  # fmt: skip
+    yield within(
+        "friction/spin",
+        f"ideal spin with {TORQUE:g} N m s of torque in yaw",
+        1.75,
+        rate,
+        PLACE,
+        tolerance=0.1,
+        unit="rad/s",
+        note=against,
+    )
     sway = spin["truth.sway_velocity"][-1]
-    yield direction("friction/sway", "its sway velocity", "small, negative", sway, PLACE, above=-0.1, below=0.0, unit="m/s")
+    yield direction(
+        "friction/sway", "its sway velocity", "small, negative", sway, PLACE, above=-0.1, below=0.0, unit="m/s"
+    )
     stops = [float(first(log.t, np.abs(log["truth.yaw_rate"]) < 0.32)) for log in (rest, ideal("zero-velocity"))]
-    yield direction("friction/stop", "time to stop turning, with over without friction", "stops sooner", stops[0] / stops[1], PLACE, below=1.0)  # fmt: skip
+    yield direction(
+        "friction/stop",
+        "time to stop turning, with over without friction",
+        "stops sooner",
+        stops[0] / stops[1],
+        PLACE,
+        below=1.0,
+    )
     plot = "A plot of one flight of the real vehicle: no number is printed."
     yield missing("reverse/error", "steady error of surge velocity in reverse", "present", PLACE, note=plot)
     yield missing("heading/270-to-90", "turn from 270° to 90°, both algorithms", "similar", PLACE, note=plot)

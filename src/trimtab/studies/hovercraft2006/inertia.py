@@ -48,9 +48,16 @@ def rows() -> Iterator[Row]:
         exact = inertia(CRAFT.arm, lateral_force(trial.force, trial.psi * DEG), trial.slope)
         note = "The printed J follows only from the lateral force rounded to two digits."
         yield within(
-            f"table-4.2/J-{n}-exact", f"J, trial {n}, lateral force not rounded", trial.J, exact, PLACE,
-            tolerance=1e-4, unit="kg m²", must_hold=False, note=note,
-        )  # fmt: skip
+            f"table-4.2/J-{n}-exact",
+            f"J, trial {n}, lateral force not rounded",
+            trial.J,
+            exact,
+            PLACE,
+            tolerance=1e-4,
+            unit="kg m²",
+            must_hold=False,
+            note=note,
+        )
     mean, text = float(np.mean(found)), "[1] section 4.3.3"
     yield within("J/mean", "mean of both trials", 0.096, mean, text, tolerance=5e-4, unit="kg m²")
     yield within("J/pounds", "2.3 lb ft²", 0.096, 2.3 * 0.45359237 * 0.3048**2, text, tolerance=1e-3, unit="kg m²")

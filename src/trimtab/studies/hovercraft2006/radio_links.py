@@ -31,9 +31,13 @@ def rows() -> Iterator[Row]:
     down, up = DelayChain(ms(6), 6).delay(), DelayChain(ms(20), 2).delay()
     place = "[1] section 6.1"
     whole = (down + up) * 1e3
-    yield within("loop/delay", "delay of both chains, 6 x 6 ms and 2 x 20 ms", 76.0, whole, place, tolerance=1e-9, unit="ms")
+    yield within(
+        "loop/delay", "delay of both chains, 6 x 6 ms and 2 x 20 ms", 76.0, whole, place, tolerance=1e-9, unit="ms"
+    )
     note = "The printed chains give 76 ms; the mean waits for the next sample, 3 and 10 ms, come on top."
-    yield within("loop/nearly", "the same, in words", 80.0, whole, place, tolerance=5.0, unit="ms", basis="text", note=note)
+    yield within(
+        "loop/nearly", "the same, in words", 80.0, whole, place, tolerance=5.0, unit="ms", basis="text", note=note
+    )
 
 
 def _path(name: str, row: Any, drawn: Any) -> Iterator[Row]:

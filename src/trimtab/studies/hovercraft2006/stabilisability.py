@@ -26,7 +26,9 @@ def rows() -> Iterator[Row]:
     found = byrnes_isidori(_f1, _f2, 3, 3, 2)
     yield same("byrnes-isidori/rank-f2", "rank of ∂f2/∂x1 at the origin", 3, found.rank_f2, PLACE)
     yield same("byrnes-isidori/rank-inputs", "independent inputs, of 3 momenta", 2, found.rank_inputs, PLACE)
-    yield same("byrnes-isidori/excluded", "position and heading: smooth stabiliser excluded", True, found.excluded, PLACE)
+    yield same(
+        "byrnes-isidori/excluded", "position and heading: smooth stabiliser excluded", True, found.excluded, PLACE
+    )
     turning = brockett(_turning, 4, 2)
     rank = turning.controllability_rank
     yield same("brockett/rank", "controllability rank of momenta and heading, of 4", 3, rank, PLACE, basis="reference")
