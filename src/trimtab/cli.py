@@ -40,6 +40,7 @@ def main() -> None:
     trimtab list hovercraft/spin                     every setting of one, with unit and meaning
     trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
+    trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     """
 
 
