@@ -40,6 +40,7 @@ def main() -> None:
     trimtab list hovercraft/spin                     every setting of one, with unit and meaning
     trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
+    trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     """
 
 
@@ -174,6 +175,29 @@ def export(as_json: bool, **asked: Any) -> None:
     from trimtab.commands.export import export as carry_out
 
     if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)
+
+
+@main.command()
+@click.argument("study", metavar="[STUDY]", required=False)
+@click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures; repeatable.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the study's pictures.")
+@JSON
+def reproduce(study: str | None, only: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    """Compute a publication's figures again: printed beside computed, with the verdict.
+
+    Exit code 1 when a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
+
+    \b
+    trimtab reproduce
+    trimtab reproduce hovercraft2006
+    trimtab reproduce hovercraft2006 --only inertia --json
+    trimtab reproduce hovercraft2006 --out figures/
+    """
+    from trimtab.commands.reproduce import Request
+    from trimtab.commands.reproduce import reproduce as carry_out
+
+    if not carry_out(Request(study, only, out, as_json)):
         sys.exit(1)
 
 

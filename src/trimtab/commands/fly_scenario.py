@@ -156,19 +156,19 @@ def _outputs(request: Request) -> tuple[Path | None, Path | None]:
     if request.out is not None:
         picture = picture or request.out / "run.png"
         log_file = request.out / "run.mcap"
-        _check_folder("--out", request.out)
+        check_folder("--out", request.out)
     if picture is not None:
         if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
             problem = f"{picture.name!r} has no picture's ending"
             raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
         if request.out is None or picture.parent != request.out:
-            _check_folder("--plot", picture.parent)
+            check_folder("--plot", picture.parent)
         if picture.is_dir():
             raise InputError("--plot", f"{str(picture)!r} is a folder", fix=f"--plot {picture / 'run.png'}")
     return picture, log_file
 
 
-def _check_folder(part: str, folder: Path) -> None:
+def check_folder(part: str, folder: Path) -> None:
     """Refuse a folder that cannot be written, by trying; leaves nothing behind."""
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     try:

@@ -1,7 +1,7 @@
 """Tables in the terminal."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,6 +9,8 @@ import click
 if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
     from rich.table import Table
+
+    from trimtab.studies.row import Row
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -108,6 +110,27 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     console().print(table)
     switches = ", ".join(f"{side} {found['mode_switches']}" for side, found in flown.items())
     click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
+
+
+def print_rows(title: str, rows: Iterable["Row"]) -> None:
+    """Rows of a study: printed beside computed, and of each that does not hold the reason."""
+    from trimtab.studies.row import shown
+
+    rows, screen = list(rows), console()
+    table = _table(title=title.replace("[", r"\["), title_justify="left")
+    for heading in ("figure", "printed", "computed", "accepted", "unit", "verdict", "where"):
+        justify = "right" if heading in ("printed", "computed") else "left"
+        table.add_column(heading, justify=justify, no_wrap=heading == "verdict")
+    styles = {"differs": "bold red", "not reproduced": "yellow"}
+    for row in rows:
+        printed = shown(row.printed) + ("" if row.basis in ("printed", "text") else " *")
+        unit = "" if row.unit == "1" else row.unit
+        cells = (row.what, printed, shown(row.computed), row.tolerance, unit, row.verdict, row.citation)
+        table.add_row(*(cell.replace("[", r"\[") for cell in cells), style=styles.get(row.verdict))
+    screen.print(table)
+    for row in rows:
+        if row.verdict != "holds":
+            screen.print(f"  {row.verdict}: {row.what}. {row.note}".rstrip().replace("[", r"\["))
 
 
 def _number(value: float | None) -> str:

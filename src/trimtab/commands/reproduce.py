@@ -1,0 +1,128 @@
+"""`trimtab reproduce`: a publication's figures computed again, printed beside computed, with the verdict."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from trimtab.studies import catalogue
+from trimtab.studies.catalogue import Group
+
+if TYPE_CHECKING:  # rich is imported when something is shown
+    from trimtab.studies.row import Row
+
+Found = list[tuple[Group, "list[Row]"]]
+
+
+class Request(NamedTuple):
+    """What was asked for on the command line."""
+
+    study: str | None
+    only: tuple[str, ...] = ()
+    out: Path | None = None
+    as_json: bool = False
+
+
+def reproduce(request: Request) -> bool:
+    """List the studies, or compute one; whether every row that must hold does."""
+    if request.study is None:
+        _list(request.as_json)
+        return True
+    chosen = catalogue.groups(request.study, request.only)
+    if request.out is not None:
+        from trimtab.commands.fly_scenario import check_folder
+
+        check_folder("--out", request.out)
+    from trimtab.commands.cache import use_cache
+
+    use_cache()
+    found, files = _computed(chosen, request.out)
+    failing = [row for _, rows in found for row in rows if row.fails]
+    if request.as_json:
+        _print_json(request.study, found, files)
+    else:
+        _print(request.study, found, files)
+    return not failing
+
+
+def _list(as_json: bool) -> None:
+    """Every study with its groups."""
+    found = {name: (doc, catalogue.groups(name)) for name, doc in catalogue.studies().items()}
+    if as_json:
+        content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in found.items()}
+        click.echo(json.dumps({"studies": content}))
+        return
+    for name, (doc, groups) in found.items():
+        click.echo(f"{name}   {doc}")
+        for group in groups:
+            click.echo(f"  --only {group.name:22s} {group.title}, section {group.section}")
+    click.echo(f"compute one: trimtab reproduce {next(iter(found))}")
+
+
+def _computed(chosen: list[Group], out: Path | None) -> tuple[Found, list[Path]]:
+    found: Found = []
+    files: list[Path] = []
+    with _progress(len(chosen)) as tell:
+        for group in chosen:
+            tell(group.title, 0)
+            rows = []
+            for row in group.rows():
+                rows.append(row)
+                tell(f"{group.title}: {row.id}", 0)
+            found.append((group, rows))
+            if out is not None:
+                files += group.figures(out)
+            tell(group.title, 1)
+    return found, files
+
+
+@contextmanager
+def _progress(groups: int) -> Iterator[Any]:
+    """A bar on standard error that vanishes; nothing where that is no terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        yield lambda text, done: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=groups)
+        yield lambda text, done: progress.update(task, description=text, advance=done)
+
+
+def counts(rows: Iterable["Row"]) -> dict[str, int]:
+    """Verdict -> number of rows."""
+    found = Counter(row.verdict for row in rows)
+    return {verdict: found[verdict] for verdict in ("holds", "differs", "not reproduced")}
+
+
+def _print_json(study: str, found: Found, files: list[Path]) -> None:
+    rows = [{"group": group.name} | row.as_json() for group, rows in found for row in rows]
+    total = counts(row for _, rows in found for row in rows)
+    result = {
+        "study": study,
+        "good": not any(r.fails for _, rows in found for r in rows),
+        "verdicts": total,
+        "rows": rows,
+    }
+    click.echo(json.dumps(result | ({"files": [str(f) for f in files]} if files else {}), allow_nan=False))
+
+
+def _print(study: str, found: Found, files: list[Path]) -> None:
+    from trimtab.commands.tables import print_rows
+
+    for group, rows in found:
+        print_rows(f"{group.title}, [1] section {group.section}", rows)
+    total = counts(row for _, rows in found for row in rows)
+    click.echo("* not a number of the publication: read off an axis, or calculated independently from what it prints")
+    click.echo(f"[1] {catalogue.studies()[study]}")
+    click.echo(", ".join(f"{n} {verdict}" for verdict, n in total.items() if n or verdict != "differs"))
+    for file in files:
+        click.echo(f"wrote {file}")

@@ -1,0 +1,1 @@
+"""Publications computed again: one folder a study, one file in it a group of its figures."""

@@ -1,0 +1,131 @@
+"""`trimtab reproduce`: what it prints, its exit codes and its JSON."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.studies import catalogue
+
+ROW = {
+    *("group", "id", "what", "printed", "computed", "unit", "relation", "accepted", "tolerance", "basis"),
+    *("must_hold", "verdict", "citation", "note"),
+}
+MADE_UP = '''"""Figures of chapter 1.
+
+Made up.
+"""
+
+from trimtab.studies.row import missing, within
+
+SECTION = "1"
+
+
+def rows():
+    """Three rows."""
+    yield within("a/1", "[length]", 2.0, {value}, "[1] table 1", tolerance=0.1, unit="m")
+    yield within("a/2", "width", 2.0, 3.0, "[1] table 1", tolerance=0.1, must_hold=False, note="It was raining.")
+    yield missing("a/3", "colour", "blue", "[1] fig. 2", note="Black and white.")
+
+
+def figures(folder):
+    """One."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "fig-1.png").write_bytes(b"drawn")
+    yield folder / "fig-1.png"
+'''
+
+
+@pytest.fixture(autouse=True)
+def _no_cache(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+
+
+@pytest.fixture
+def made_up(tmp_path, monkeypatch):
+    """make(value): a study of one group whose first row computes value, where 2.0 is printed."""
+    monkeypatch.setattr(catalogue, "FOLDER", tmp_path)
+    monkeypatch.setattr(catalogue.Group, "_module", lambda self: namespace)
+    namespace = type("Module", (), {})
+
+    def make(value):
+        folder = tmp_path / "somebody1999"
+        folder.mkdir(exist_ok=True)
+        (folder / "__init__.py").write_text('"""Somebody, "Something", 1999."""\n')
+        text = MADE_UP.replace("{value}", str(value))
+        (folder / "chapter_one.py").write_text(text)
+        found = {}
+        exec(text, found)
+        namespace.rows, namespace.figures = staticmethod(found["rows"]), staticmethod(found["figures"])
+
+    return make
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["reproduce", *(str(w) for w in words)])
+
+
+def test_without_a_study_they_are_listed():
+    done = call()
+    assert done.exit_code == 0
+    assert "hovercraft2006" in done.stdout
+    assert "--only inertia" in done.stdout
+    found = json.loads(call("--json").stdout)["studies"]["hovercraft2006"]
+    assert set(found) == {"title", "groups"}
+    assert "inertia" in found["groups"]
+
+
+def test_a_group_of_the_real_study():
+    done = call("hovercraft2006", "--only", "inertia")
+    assert done.exit_code == 0, done.output
+    for text in ("0.0952", "[1] table 4.2", "holds", "not reproduced", "rounded to two digits"):
+        assert text in done.stdout
+    assert done.stderr == ""
+
+
+def test_json_has_the_documented_keys():
+    done = call("hovercraft2006", "--only", "inertia", "--only", "rudder-and-thrust", "--json")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert set(result) == {"study", "good", "verdicts", "rows"}
+    assert result["good"] is True
+    assert sum(result["verdicts"].values()) == len(result["rows"])
+    assert {row["group"] for row in result["rows"]} == {"inertia", "rudder-and-thrust"}
+    assert all(set(row) == ROW for row in result["rows"])
+
+
+@pytest.mark.parametrize(("value", "code"), [(2.05, 0), (2.2, 1)])
+def test_exit_code_is_1_exactly_when_a_row_that_must_hold_fails(made_up, value, code):
+    made_up(value)
+    table, result = call("somebody1999"), call("somebody1999", "--json")
+    assert (table.exit_code, result.exit_code) == (code, code)
+    assert json.loads(result.stdout)["good"] is (code == 0)
+    assert json.loads(result.stdout)["verdicts"] == {"holds": 1 - code, "differs": code, "not reproduced": 2}
+    for text in ("[length]", "It was raining.", "Black and white.", "[1] Somebody"):
+        assert text in table.stdout
+    assert ("differs" in table.stdout) == bool(code)
+
+
+def test_out_draws_the_figures(made_up, tmp_path):
+    made_up(2.0)
+    out = tmp_path / "new" / "pictures"
+    done = call("somebody1999", "--out", out, "--json")
+    assert json.loads(done.stdout)["files"] == [str(out / "fig-1.png")]
+    assert (out / "fig-1.png").read_bytes() == b"drawn"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("hovercraft2007",), ("hovercraft2007", "Choices: hovercraft2006", "Fix: trimtab reproduce hovercraft2006")),
+        (("hovercraft2006", "--only", "inertias"), ("inertias", "Choices", "Fix: --only inertia")),
+        (("hovercraft2006", "--out", "/dev/null/x"), ("--out", "/dev/null", "Fix")),
+    ],
+)
+def test_refused_input(words, says):
+    done = call(*words, "--json")
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    for text in says:
+        assert text in done.stderr
