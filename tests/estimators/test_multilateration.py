@@ -81,13 +81,16 @@ def test_least_squares_is_scipys():
 
 
 def test_closed_form_differs_from_least_squares_by_a_fraction_of_a_millimetre():
-    """About 0.03 cm, both with a common range error, at 0.4 cm noise."""
-    true = places(60)
+    """About 0.03 cm, both with a common range error, at 0.4 cm noise, some 0.2 m from the middle of the square.
+
+    It grows in proportion to that distance: the closed form weighs ranges, not their residuals.
+    """
+    true = places(60, size=0.3)
     ranges = exact(SQUARE, H, true) + np.random.default_rng(4).normal(0, 0.004, (60, 4))
     found = CLOSED(SQUARE, np.full(4, H), ranges, np.ones((60, 4), bool))
     best = np.array([oracle(SQUARE, H, r, True).x[:2] for r in ranges])
     off = np.sqrt((((np.asarray(found.place) - best) ** 2).sum(1)).mean())
-    assert 1e-5 < off < 6e-4
+    assert 2e-4 < off < 4.5e-4
 
 
 def test_leave_one_out_finds_the_wrong_range():

@@ -15,7 +15,7 @@ from trimtab.core.float64 import jnp
 from trimtab.core.linalg import solve_spd
 from trimtab.core.record import Scalar, quantity, record
 
-ITERATIONS = 4
+ITERATIONS = 5
 
 
 @record

@@ -75,8 +75,9 @@ class RangingPosition:
     """Locates a unit from each ping: cone compensation, closed form, least squares, and a look for a wrong range.
 
     Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
-    one redundant range remains without it, the range is left out that leaves the smallest residual, should that be
-    below the limit; else there is no fix. Two ranges: of the two intersections the one nearer the fix before.
+    one redundant range remains without it, one range is left out: that without which the residual is below its limit
+    and the fix within the cones of the beacons that were heard. Where that is true of several, residual and distance from
+    the fix before decide, and without one there is no fix. Two ranges: of the two intersections the one nearer the fix before.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
@@ -87,6 +88,10 @@ class RangingPosition:
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
     residual_limit: Scalar = quantity("m", "Largest residual believed.", default=0.02, above=0)
+    cone_limit: Scalar = quantity(
+        "rad", "Largest angle off a beacon's axis believed.", default=0.9, kind="angle", above=0, high=1.5
+    )
+    usual_jump: Scalar = quantity("m", "How far a fix usually is from the one before.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest dilution believed.", default=10.0, above=0)
     pair_time: int = period("Longest time between the fixes of two units that make a heading.", default=ms(200))
     cone: bool = option("Whether to undo the cone error.", default=True, choices=(True, False))
@@ -140,7 +145,7 @@ class RangingPosition:
             ranges, _, _ = compensate(ranges, height)
         count = jnp.sum(usable)
         pair = two_ranges(plan, height, ranges, usable, near)
-        every, rejected = self._checked(plan, height, ranges, usable, count)
+        every, rejected = self._checked(plan, height, ranges, usable, near, known)
         agrees = every.residual <= self.residual_limit
         mode = jnp.where(agrees, jnp.where(rejected >= 0, ONE_REJECTED, ALL), INCONSISTENT)
         two = count == 2
@@ -157,18 +162,26 @@ class RangingPosition:
             return first
         return least_squares(plan, height, ranges, used, first.place)
 
-    def _checked(self, plan: Any, height: Any, ranges: Any, usable: Any, count: Any) -> tuple[Solution, Any]:
+    def _checked(
+        self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
+    ) -> tuple[Solution, Any]:
         """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
         every = self._solve(plan, height, ranges, usable)
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
             return every, jnp.asarray(-1)
         without = leave_one_out(self._solve, plan, height, ranges, usable)
-        left = jnp.where(usable & jnp.isfinite(without.residual), without.residual, jnp.inf)
-        worst = jnp.argmin(left)
-        drop = (count >= fewest) & ~(every.residual <= self.residual_limit) & (left[worst] <= self.residual_limit)
-        rest = jax.tree.map(lambda a: a[worst], without)
-        return jax.tree.map(lambda a, b: jnp.where(drop, a, b), rest, every), jnp.where(drop, worst, -1)
+        rest = usable[None, :] & ~jnp.eye(usable.shape[0], dtype=np.bool_)
+        away = without.place[:, None, :] - plan
+        wide = away[:, :, 0] ** 2 + away[:, :, 1] ** 2 > (height * jnp.tan(self.cone_limit)) ** 2
+        fits = usable & (without.residual <= self.residual_limit) & ~jnp.any(rest & wide, axis=1)
+        jump = ((without.place[:, 0] - near[0]) ** 2 + (without.place[:, 1] - near[1]) ** 2) / self.usual_jump**2
+        cost = (4.0 * without.residual / self.residual_limit) ** 2 + jnp.where(known, jump, 0.0)
+        wrong = jnp.argmin(jnp.where(fits, cost, jnp.inf))
+        agrees = every.residual <= self.residual_limit
+        drop = (jnp.sum(usable) >= fewest) & ~agrees & jnp.any(fits) & (known | (jnp.sum(fits) == 1))
+        chosen = jax.tree.map(lambda a, b: jnp.where(drop, a[wrong], b), without, every)
+        return chosen, jnp.where(drop, wrong, -1)
 
     def _dilution(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> Any:
         """Error of the fix over error of a range, from the directions to the beacons; 1000 at most."""
