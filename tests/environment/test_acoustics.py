@@ -53,7 +53,7 @@ def test_against_ideal_gases(celsius, humidity, co2):
 
 @pytest.mark.parametrize("celsius", [0.01, 10, 20, 30])
 def test_water_vapour_against_magnus(celsius):
-    """Saturation pressure by the Magnus formula (Alduchov and Eskridge, J. Appl. Meteorol. 35, 1996), 0.4 % together."""
+    """Saturation pressure by the Magnus formula (Alduchov and Eskridge, J. Appl. Meteorol. 35, 1996), to 0.4 %."""
     magnus = 610.94 * np.exp(17.625 * celsius / (243.04 + celsius)) * 1.004
     air = Air(temperature=celsius + 273.15, humidity=0.7)
     assert float(water_vapour(air)) == pytest.approx(0.7 * magnus / 101325, rel=4e-3)
@@ -80,5 +80,7 @@ def test_saturated_vapour_against_coolprop(celsius):
 
 def test_batches_of_air():
     air = replace(Air(), temperature=np.linspace(273.15, 303.15, 7), humidity=np.linspace(0, 1, 7))
-    one_by_one = [speed_of_sound(Air(temperature=T, humidity=h)) for T, h in zip(air.temperature, air.humidity)]
+    one_by_one = [
+        speed_of_sound(Air(temperature=T, humidity=h)) for T, h in zip(air.temperature, air.humidity, strict=True)
+    ]
     np.testing.assert_allclose(speed_of_sound(air), one_by_one, rtol=1e-12)

@@ -115,7 +115,7 @@ def test_two_ranges_take_the_side_of_the_fix_before():
     used = np.array([True, False, True, False])
     ranges = exact(SQUARE, H, true)
     for place, r in zip(true, ranges, strict=True):
-        near = place + [0.1, -0.05]
+        near = place + np.array([0.1, -0.05])
         found = two_ranges(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
         np.testing.assert_allclose(found.place, place, atol=1e-12)
         assert float(found.residual) < 1e-12

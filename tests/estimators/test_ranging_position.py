@@ -47,7 +47,7 @@ def exact(t=0, unit=0, sensor=SENSOR, **moving):
     return np.asarray(at.range), np.asarray(at.arrived)
 
 
-def run(sensor, estimator, duration=seconds(2), seed=0, **moving):
+def run(sensor, estimator, seed=0, **moving):
     """Sensor and estimator together, each millisecond."""
 
     def body(carry, t):
@@ -59,7 +59,7 @@ def run(sensor, estimator, duration=seconds(2), seed=0, **moving):
     sensor, estimator = numeric(sensor), numeric(estimator)
     start = (sensor.init(key(seed)), estimator.init(key(seed)))
     start = jax.tree.map(jnp.asarray, start)
-    times = np.arange(0, duration, sensor.period)
+    times = np.arange(0, seconds(2), sensor.period)
     return jax.tree.map(np.asarray, jax.jit(lambda c: jax.lax.scan(body, c, times)[1])(start))
 
 
@@ -115,7 +115,9 @@ def test_one_wrong_range_is_left_out_and_named():
 
 def test_two_wrong_ranges_give_no_fix_and_say_so():
     ranges, arrived = exact(sensor=replace(SENSOR, units=np.zeros((1, 3)), clients=1))
-    good, bad = feed(ONE, {0: (0, ranges, arrived, 0), ms(110): (ms(100), ranges + [1.5, -1.0, 0, 0], arrived, 0)})
+    good, bad = feed(
+        ONE, {0: (0, ranges, arrived, 0), ms(110): (ms(100), ranges + np.array([1.5, -1, 0, 0]), arrived, 0)}
+    )
     assert MODES[bad.state.mode] == "inconsistent"
     assert bad.state.residual > 0.1
     assert (bad.state.north, bad.state.east) == (good.state.north, good.state.east)
@@ -126,7 +128,7 @@ def test_two_wrong_ranges_give_no_fix_and_say_so():
 def test_two_ranges_need_a_fix_before():
     ranges, _ = exact(sensor=replace(SENSOR, units=np.zeros((1, 3)), clients=1))
     two = [True, False, False, True]
-    alone, = feed(ONE, {0: (0, ranges, two, 0)})
+    (alone,) = feed(ONE, {0: (0, ranges, two, 0)})
     assert not alone.valid
     assert MODES[alone.state.mode] == "no fix"
     _, after = feed(ONE, {0: (0, ranges, [True] * 4, 0), ms(150): (ms(100), ranges, two, 0)})
@@ -163,7 +165,7 @@ def test_beacons_in_a_row_are_too_diluted_to_be_believed():
 
 
 def test_in_flight_with_collisions():
-    """Turning slowly: fixes within their noise, heading within that of the base; collisions cost fixes, not accuracy."""
+    """Turning slowly: fixes within their noise, heading within that of the base; collisions cost fixes only."""
     sensor = replace(SENSOR, collisions=True)
     out = run(sensor, TWO, rate=0.05)
     times = np.arange(0, seconds(2), ms(1))

@@ -63,7 +63,8 @@ def test_against_a_list_of_events():
 
 
 @pytest.mark.parametrize(
-    ("n", "expected", "tolerance"), [(3, 0.92, 0.015), (4, 0.85, 0.015), (5, 0.97, 0.015), (6, 0.97, 0.015), (8, 0.99, 0.01)]
+    ("n", "expected", "tolerance"),
+    [(3, 0.92, 0.015), (4, 0.85, 0.015), (5, 0.97, 0.015), (6, 0.97, 0.015), (8, 0.99, 0.01)],
 )
 def test_three_ranges_a_slot(n, expected, tolerance):
     """Probability of at least three ranges in a slot of 100 ms, all beacons in reach; fewest with four, where one

@@ -32,7 +32,7 @@ def _flown(sensor, run, times):
     return jax.lax.scan(body, sensor.init(Key(np.uint32(1), run)), times)[1]
 
 
-def flown(sensor, duration=ms(2000), run=0):
+def flown(sensor, duration=20_000_000, run=0):
     """Every sample of a run, and the times of the steps."""
     times = np.arange(0, duration, sensor.period)
     return times, jax.tree.map(np.asarray, _flown(numeric(sensor), np.uint32(run), times))
@@ -75,7 +75,7 @@ def test_without_errors_it_measures_what_measure_says():
         np.testing.assert_allclose(samples.value.range[i], expected.range, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(samples.value.arrived[i], expected.arrived)
     straight = replace(PERFECT, cone_error=False).measure(motion(seconds(1)))
-    at = SPEED + [0.1, 0, 0]
+    at = SPEED + np.array([0.1, 0, 0])
     np.testing.assert_allclose(straight.range, np.linalg.norm(CEILING_SQUARE - at, axis=1), atol=1e-12)
 
 

@@ -78,7 +78,9 @@ def dilution_map(
     """
     beacons = np.asarray(beacons, np.float64)
     if beacons.ndim != 2 or beacons.shape[1] != 3:
-        raise InputError("dilution_map.beacons", f"has shape {beacons.shape}", fix="give one row north, east, down each")
+        raise InputError(
+            "dilution_map.beacons", f"has shape {beacons.shape}", fix="give one row north, east, down each"
+        )
     north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
     N, E = np.meshgrid(north, east, indexing="ij")
     line = np.stack([N, E, np.full_like(N, down)], axis=-1)[:, :, None] - beacons

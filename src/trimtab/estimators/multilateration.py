@@ -53,8 +53,8 @@ def bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
         a_i = (x_i, y_i, rho_i),   alpha_i = <a_i, a_i>/2 + h^2/2,   <,> = diag(1, 1, -1)
         p = A^+ alpha,  q = A^+ 1;   <q,q> L^2 + 2 (<p,q> - 1) L + <p,p> = 0;   (x, y, b) = diag(1, 1, -1)(p + L q)
 
-    with the beacons' centre as origin. Of the two roots the one with the smaller residual counts; with three ranges both
-    have none, and the one with the smaller common error counts.
+    with the beacons' centre as origin. Of the two roots the one with the smaller residual counts; with three ranges
+    both have none, and the one with the smaller common error counts.
 
     Args:
         plan: north and east of the beacons (m), shape (n, 2).

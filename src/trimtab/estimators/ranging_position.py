@@ -76,8 +76,9 @@ class RangingPosition:
 
     Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
     one redundant range remains without it, one range is left out: that without which the residual is below its limit
-    and the fix within the cones of the beacons that were heard. Where that is true of several, residual and distance from
-    the fix before decide, and without one there is no fix. Two ranges: of the two intersections the one nearer the fix before.
+    and the fix within the cones of the beacons that were heard. Where that is true of several, residual and distance
+    from the fix before decide, and without one there is no fix. Two ranges: of the two intersections the one nearer the
+    fix before.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
@@ -162,9 +163,7 @@ class RangingPosition:
             return first
         return least_squares(plan, height, ranges, used, first.place)
 
-    def _checked(
-        self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
-    ) -> tuple[Solution, Any]:
+    def _checked(self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any) -> tuple[Solution, Any]:
         """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
         every = self._solve(plan, height, ranges, usable)
         fewest = 5 if self.solver == "closed form" else 4

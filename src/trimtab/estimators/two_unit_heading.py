@@ -1,7 +1,7 @@
 """Heading from the positions of two units of one vehicle.
 
-The units can't be located at the same time: one is polled, and a slot later the other. What the vehicle moved in between
-counts as heading error, unless inertial navigation says how much it was.
+The units can't be located at the same time: one is polled, and a slot later the other. What the vehicle moved in
+between counts as heading error, unless inertial navigation says how much it was.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """

@@ -30,7 +30,12 @@ def plot_dilution(
     axes: Any = figure.add_subplot()
     values = np.ma.masked_invalid(np.asarray(found.dilution))
     colours = axes.pcolormesh(
-        found.east, found.north, values, cmap="cividis", norm=BoundaryNorm(LEVELS, 256, extend="both"), shading="nearest"
+        found.east,
+        found.north,
+        values,
+        cmap="cividis",
+        norm=BoundaryNorm(LEVELS, 256, extend="both"),
+        shading="nearest",
     )
     figure.colorbar(colours, ax=axes, label="error of a fix / error of a range")
     counts = np.asarray(found.visible)

@@ -114,9 +114,7 @@ class UltrasonicListening:
         n = np.shape(self.beacons.map)[0]
         never, o, no = jnp.full(n, FOREVER), jnp.zeros(n), jnp.zeros(n, np.bool_)
         none = HeardRanges(range=o, arrived=no, measured=jnp.zeros(n, np.int64))
-        return ListeningState(
-            key=key, begins=never, ends=never, taken=o, audible=no, held=none, any=np.bool_(False)
-        )
+        return ListeningState(key=key, begins=never, ends=never, taken=o, audible=no, held=none, any=np.bool_(False))
 
     def measure(self, motion: Motion) -> HeardRanges:
         """The ranges h(x) of all beacons at one time, beacons where the map has them: no error but the cone's."""
