@@ -27,7 +27,7 @@ def range_ratio(beta: Any) -> Any:
 
 
 def off_axis(height: Any, distance: Any) -> Any:
-    """Angle (rad) from the vertical of a line of length `distance` (m) that climbs by `height` (m); 0 without a line."""
+    """Angle (rad) from the vertical of a line of length `distance` (m) that climbs `height` (m); 0 without a line."""
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 
