@@ -1,3 +1,5 @@
+import ctypes
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,8 @@ from trimtab.core.rng import key
 from trimtab.core.signals import Frame, Motion, Sample
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.ranging_position import MODES, SQUARE, RangingPosition
+from trimtab.export.build import build, load
+from trimtab.export.compiler import find_compiler
 from trimtab.export.function import lowered
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
@@ -205,18 +209,47 @@ def test_strays_do_not_throw_it_off(known):
     assert np.mean(error[accepted] > 0.06) < 0.01
 
 
-def test_exportable():
-    estimator = numeric(TWO)
-    state = jax.tree.map(jnp.asarray, estimator.init(key(0)))
-    value = Ranges(np.full(4, 3.0), np.ones(4, bool), np.int32(0))
-    sample = Sample(value, np.int64(0), np.float64(0.0), np.bool_(True), np.bool_(True))
-    leaves, tree = jax.tree.flatten((estimator, np.int64(0), state, Frame(np.int64(0), {"ranging": sample})))
+def as_c(estimator, *example):
+    """A step as compiled C, called like the step."""
+    leaves, tree = jax.tree.flatten((estimator, *example))
 
     def flat(*leaves):
-        e, t, s, f = jax.tree.unflatten(tree, leaves)
-        return jax.tree.leaves(e.step(t, s, f))
+        e, *rest = jax.tree.unflatten(tree, leaves)
+        return jax.tree.leaves(e.step(*rest))
 
-    assert lowered(flat, leaves).outputs
+    shapes, out = jax.eval_shape(flat, *leaves), jax.tree.structure(jax.eval_shape(estimator.step, *example))
+    library = load(build(lowered(flat, leaves).text("step")))
+
+    def call(*inputs):
+        given = [np.ascontiguousarray(x) for x in jax.tree.leaves(inputs)]
+        got = [np.zeros(shape.shape, shape.dtype) for shape in shapes]
+        library.step(*[(ctypes.c_void_p * len(some))(*[x.ctypes.data for x in some]) for some in (given, got)], 1)
+        return jax.tree.unflatten(out, got)
+
+    return call
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler")
+def test_exported_c_is_the_same():
+    """Sixty pings of two units with missing, stray and NaN ranges: states and estimates within rounding."""
+    estimator, rng = numeric(TWO), np.random.default_rng(0)
+    state = jax.tree.map(np.asarray, estimator.init(key(0)))
+    in_c, call, modes = state, None, set()
+    for k in range(60):
+        ranges, arrived = exact(k * ms(100) - k % 2 * ms(100), k % 2, speed=0.1)
+        ranges = ranges + rng.normal(0, 0.004, 4) + (rng.random(4) < 0.1) * rng.uniform(-2, 2, 4)
+        ranges[rng.random(4) < 0.02] = np.nan
+        t = np.int64(k * ms(100))
+        value = Ranges(ranges, arrived & (rng.random(4) > 0.15), np.int32(k % 2))
+        sample = Sample(value, t, np.float64(0.07), np.bool_(True), np.bool_(True))
+        given = (np.int64(t + ms(70)), Frame(np.int64(t + ms(70)), {"ranging": sample}))
+        call = call or as_c(estimator, given[0], state, given[1])
+        state, estimate = jax.tree.map(np.asarray, _step(estimator, given[0], state, given[1]))
+        in_c, estimate_c = call(estimator, given[0], in_c, given[1])
+        for x, y in zip(jax.tree.leaves((state, estimate)), jax.tree.leaves((in_c, estimate_c)), strict=True):
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-11)
+        modes.add(MODES[estimate.state.mode])
+    assert modes >= {"all ranges", "one rejected", "two ranges", "inconsistent"}
 
 
 def test_it_is_an_estimator_and_refuses_what_cannot_be():

@@ -9,6 +9,7 @@ from trimtab.core.record import numeric, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
+from trimtab.export.function import lowered
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Clock, UltrasonicRanging
 
@@ -168,3 +169,16 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
     ):
         with pytest.raises(InputError, match=f"UltrasonicRanging.{problem}"):
             replace(TWO, **changes).check()
+
+
+def test_runs_as_generated_code():
+    """Sensors fly in the compiled loop: one step lowers to C."""
+    one = numeric(UltrasonicRanging())
+    still = Motion(np.int64(0), *[np.zeros(3)] * 6)
+    leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))
+
+    def flat(*leaves):
+        sensor, t, state, motion = jax.tree.unflatten(tree, leaves)
+        return jax.tree.leaves(sensor.step(t, state, motion))
+
+    assert lowered(flat, leaves).outputs
