@@ -79,7 +79,12 @@ def test_its_c_computes_the_same(folder, cls):
         checks.assert_near((state, outputs), run(one, np.uint32(seed)))
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("sensors",)))
+def sensors(late):
+    """Those that give a sample at each step, or (LATE) those whose samples come out after they were measured."""
+    return [p for p in every(blocks, ("sensors",)) if getattr(p.values[1], "LATE", False) == late]
+
+
+@pytest.mark.parametrize(("folder", "cls"), sensors(late=False))
 def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
     one = made(cls)
     _, samples = _alone(folder, cls)[0]
@@ -87,6 +92,23 @@ def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
     assert (np.asarray(samples.age) == 0).all()
     assert np.asarray(samples.fresh).all()
     assert np.asarray(samples.valid).all()
+    measured_there = jax.eval_shape(one.measure, parts.motion(np.int64(0)))
+    assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
+
+
+@pytest.mark.parametrize(("folder", "cls"), sensors(late=True))
+def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, cls):
+    """Nothing from the future; fresh when it comes out, once; as old as it says. Two seconds, 10 ms a step."""
+    one = replace(made(cls), period=ms(10))
+    _, samples = jax.jit(lambda one: rollout(folder, one, example(folder, one), 0, 200))(one)
+    now, t = np.arange(200) * one.period, np.asarray(samples.t)
+    fresh, valid = np.asarray(samples.fresh), np.asarray(samples.valid)
+    assert 2 <= fresh.sum() < 200
+    np.testing.assert_array_equal(valid, np.cumsum(fresh) > 0)
+    assert (t[valid] <= now[valid]).all()
+    assert (np.diff(t[valid]) >= 0).all()
+    assert not (np.diff(t)[~fresh[1:]]).any(), "another time, yet not fresh"
+    np.testing.assert_allclose(np.asarray(samples.age)[valid], (now - t)[valid] * 1e-7, atol=1e-12)
     measured_there = jax.eval_shape(one.measure, parts.motion(np.int64(0)))
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 

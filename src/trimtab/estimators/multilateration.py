@@ -1,0 +1,158 @@
+"""A position on the floor from ranges to beacons at known heights.
+
+Every function takes all n beacons and a mask of those that count, so that shapes never depend on how many replied.
+Heights are those of the beacons above the unit. A position that cannot be found comes as NaN or with a large residual.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+
+from trimtab.core.float64 import jnp
+from trimtab.core.linalg import solve_spd
+from trimtab.core.record import Scalar, quantity, record
+
+ITERATIONS = 5
+
+
+@record
+class Solution:
+    """A position and how well the ranges agree with it. Source: this module."""
+
+    place: Any = quantity("m", "North, east (2,).", frame="W")
+    bias: Scalar = quantity("m", "Range error common to all beacons; 0 where it is not estimated.")
+    residual: Scalar = quantity("m", "Root mean square of the ranges' residuals.")
+
+
+def _mean(values: Any, used: Any) -> Any:
+    return jnp.sum(jnp.where(used, values, 0.0)) / jnp.maximum(jnp.sum(used), 1)
+
+
+def _centre(plan: Any, used: Any) -> Any:
+    return jnp.stack([_mean(plan[:, 0], used), _mean(plan[:, 1], used)])
+
+
+def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: Any = 0.0) -> Any:
+    """Range minus distance minus bias (n,), in m; 0 for beacons that don't count."""
+    away = plan - place
+    distance = jnp.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + height**2)
+    return jnp.where(used, ranges - distance - bias, 0.0)
+
+
+def root_mean_square(values: Any, used: Any) -> Any:
+    """Of the values (n,) that count; 0 where none does."""
+    return jnp.sqrt(_mean(values * values, used))
+
+
+def bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+    """Position and common range error in closed form, from three ranges or more.
+
+        a_i = (x_i, y_i, rho_i),   alpha_i = <a_i, a_i>/2 + h^2/2,   <,> = diag(1, 1, -1)
+        p = A^+ alpha,  q = A^+ 1;   <q,q> L^2 + 2 (<p,q> - 1) L + <p,p> = 0;   (x, y, b) = diag(1, 1, -1)(p + L q)
+
+    with the beacons' centre as origin. Of the two roots the one with the smaller residual counts; with three ranges
+    both have none, and the one with the smaller common error counts.
+
+    Args:
+        plan: north and east of the beacons (m), shape (n, 2).
+        height: of the beacons above the unit (m), shape (n,).
+        ranges: without cone error (m), shape (n,).
+        used: which count, shape (n,).
+
+    Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.5.
+    """
+    centre = _centre(plan, used)
+    xy = jnp.where(used[:, None], plan - centre, 0.0)
+    rho, h = jnp.where(used, ranges, 0.0), jnp.where(used, height, 0.0)
+    A = jnp.concatenate([xy, rho[:, None]], axis=1)
+    alpha = (xy[:, 0] ** 2 + xy[:, 1] ** 2 - rho**2 + h**2) / 2
+    normal = jnp.stack([jnp.stack([jnp.sum(A[:, i] * A[:, j]) for j in range(3)]) for i in range(3)])
+    right = jnp.stack(
+        [
+            jnp.stack([jnp.sum(A[:, i] * alpha) for i in range(3)]),
+            jnp.stack([jnp.sum(jnp.where(used, A[:, i], 0.0)) for i in range(3)]),
+        ],
+        axis=1,
+    )
+    found = solve_spd(normal, right)
+    p, q = found[:, 0], found[:, 1]
+
+    def inner(a: Any, b: Any) -> Any:
+        return a[0] * b[0] + a[1] * b[1] - a[2] * b[2]
+
+    a, b, c = inner(q, q), inner(p, q) - 1.0, inner(p, p)
+    s = -(b + jnp.where(b < 0, -1.0, 1.0) * jnp.sqrt(jnp.maximum(b * b - a * c, 0.0)))
+    few = jnp.sum(used) <= 3
+
+    def at(root: Any) -> tuple[Any, Any, Any, Any]:
+        u = p + root * q
+        place, bias = centre + u[:2], -u[2]
+        rms = root_mean_square(residuals(plan, height, ranges, used, place, bias), used)
+        cost = jnp.where(few, jnp.abs(bias), rms)
+        return place, bias, rms, jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+
+    first, second = at(c / s), at(s / a)
+    better = first[3] <= second[3]
+    place, bias, rms = (jnp.where(better, x, y) for x, y in zip(first[:3], second[:3], strict=True))
+    return Solution(place=place, bias=bias, residual=rms)
+
+
+def least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
+    """The position with the least sum of squared residuals, no common range error, by Gauss and Newton from `start`.
+
+    Args: as `bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.5.
+    """
+    place = start
+    for _ in range(ITERATIONS):
+        away = jnp.where(used[:, None], place - plan, 0.0)
+        distance = jnp.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + height**2)
+        H = away / jnp.where(distance > 0, distance, 1.0)[:, None]
+        r = residuals(plan, height, ranges, used, place)
+        xx, xy, yy = (jnp.sum(H[:, i] * H[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+        gx, gy = jnp.sum(H[:, 0] * r), jnp.sum(H[:, 1] * r)
+        determinant = xx * yy - xy * xy
+        place = place + jnp.stack([yy * gx - xy * gy, xx * gy - xy * gx]) / determinant
+    rms = root_mean_square(residuals(plan, height, ranges, used, place), used)
+    return Solution(place=place, bias=jnp.zeros_like(rms), residual=rms)
+
+
+def leave_one_out(solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+    """The solutions without each of the beacons in turn: fields have a leading axis (n,).
+
+    Args:
+        solve: of (plan, height, ranges, used) gives a Solution.
+        plan, height, ranges, used: as `bancroft`.
+    """
+
+    def without(i: Any) -> Solution:
+        return solve(plan, height, ranges, used & (jnp.arange(used.shape[0]) != i))
+
+    return jax.vmap(without)(jnp.arange(used.shape[0]))
+
+
+def two_ranges(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:
+    """Where the circles around the first two beacons that count intersect, on the side of a place known before.
+
+    Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
+
+    Args: as `bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.5.
+    """
+    plan, order = jnp.asarray(plan), jnp.arange(used.shape[0])
+    i = jnp.argmax(used)
+    j = jnp.argmax(used & (order != i))
+    radii = jnp.sqrt(jnp.maximum(ranges**2 - height**2, 0.0))
+    A, B, ra, rb = plan[i], plan[j], radii[i], radii[j]
+    line = B - A
+    apart = jnp.sqrt(line[0] ** 2 + line[1] ** 2)
+    along = (apart + (ra - rb) * (ra + rb) / apart) / 2
+    aside = jnp.sqrt(jnp.maximum((ra - along) * (ra + along), 0.0))
+    e = line / apart
+    normal = jnp.stack([-e[1], e[0]])
+    foot = A + along * e
+    side = jnp.where(jnp.sum((near - foot) * normal) < 0, -1.0, 1.0)
+    place = foot + side * aside * normal
+    rms = root_mean_square(residuals(plan, height, ranges, used, place), used)
+    return Solution(place=place, bias=jnp.zeros_like(rms), residual=rms)

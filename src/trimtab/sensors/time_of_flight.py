@@ -1,0 +1,148 @@
+"""Ranges between beacons and a vehicle from the time of flight of ultrasound, and what is wrong with them.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rng import Key, normal2, uniform2
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion
+from trimtab.environment.acoustics import Air, speed_of_sound
+from trimtab.environment.ultrasonic_cone import CONE, off_axis, range_ratio
+
+SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
+"""Streams of the draws."""
+CEILING = 2.7048
+"""Height (m) of beacons above the vehicle's units in the source's calibration. [1] table 5.2."""
+CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
+"""Four beacons 3 m apart at the ceiling (4, 3), in W."""
+
+
+@record
+class Beacons:
+    """Ultrasonic beacons that look straight down, and how far reality is from the map.
+
+    Every field has a row or a value for each of the n beacons, or one value for all; `map` decides n.
+
+    Frames:  positions in W.    Source:  [1] section 5.5 for range and cone; spacing is reconstructed, see docs Errata.
+    """
+
+    map: Any = quantity("m", "Surveyed positions (n, 3).", default=CEILING_SQUARE, frame="W")
+    survey_error: Scalar = quantity("m", "Standard deviation of each coordinate of the map.", default=0.0, low=0)
+    reach: Scalar = quantity("m", "Longest range, 30 ft.", default=9.144, above=0, source="[1] section 5.5")
+    cone: Scalar = quantity("rad", "Half the opening angle of the sound.", default=CONE, kind="angle", above=0)
+    crystal: Scalar = quantity("1", "Standard deviation of a timer's relative error.", default=20e-6, low=0)
+    moved: Any = quantity("m", "How far beacons were moved (n, 3), or one value.", default=0.0, frame="W")
+    dead: Any = quantity("1", "Which beacons are silent (n,), or one value.", default=False, kind="flag")
+    fault_time: Scalar = quantity("100 ns", "From when on they are moved or silent.", default=0, kind="time")
+
+    def check(self) -> None:
+        """Refuse a map that is not a list of positions, and faults of another number of beacons."""
+        shape = np.shape(self.map)
+        if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
+            raise InputError("Beacons.map", f"has shape {shape}", fix="give one row north, east, down for each beacon")
+        for name, wanted in (("moved", shape), ("dead", shape[:1])):
+            got = np.shape(getattr(self, name))
+            if got not in ((), wanted):
+                problem = f"has shape {got} for {shape[0]} beacons"
+                raise InputError(f"Beacons.{name}", problem, fix=f"give one value, or the shape {wanted}")
+
+
+@record
+class RangeErrors:
+    """What corrupts a single range.
+
+    Source: [1] section 5.5.4 has the spread of fixes, from which the noise is reconstructed, see docs Errata;
+    strays and echoes: no figures there, none unless set.
+    """
+
+    noise: Scalar = quantity("m", "Standard deviation.", default=0.004, low=0)
+    stray_probability: Scalar = quantity("1", "Probability of a range that means nothing.", default=0.0, low=0, high=1)
+    stray_size: Scalar = quantity("m", "Largest error of a stray, either way.", default=3.0, low=0)
+    echo_probability: Scalar = quantity("1", "Probability that an echo is timed.", default=0.0, low=0, high=1)
+    echo_size: Scalar = quantity("m", "Largest detour of an echo.", default=1.0, low=0)
+
+
+@record
+class Medium:
+    """The air that carries the sound, and the air that the receiver takes it for. Source: docs page."""
+
+    actual: Air = part("The air.", default=Air())
+    assumed: Air = part("What the receiver computes its speed of sound from.", default=Air())
+
+
+def unit_position(motion: Motion, lever: Any) -> Any:
+    """Where a unit is in W (3,), from its place in B (3,)."""
+    roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
+    return motion.p_WB + from_euler(roll, pitch, yaw) @ lever
+
+
+def unit_velocity(motion: Motion, lever: Any) -> Any:
+    """How fast a unit moves in W (3,), from its place in B (3,)."""
+    roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
+    return from_euler(roll, pitch, yaw) @ (motion.v_WB_B + jnp.cross(motion.w_WB_B, lever))
+
+
+def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
+    """Distance (m) and angle from the beacon's axis (rad) of beacons (n, 3) and a unit (3,), shape (n,) each."""
+    line = unit - positions
+    distance = jnp.sqrt(jnp.sum(line * line, axis=1))
+    return distance, off_axis(line[:, 2], distance)
+
+
+def measured_range(positions: Any, unit: Any) -> Any:
+    """Ranges (n,) as a receiver without noise gives them: too long off the axis. Source: [1] section 5.5.4."""
+    distance, beta = distances(positions, unit)
+    return distance / range_ratio(jnp.minimum(beta, math.pi / 2))
+
+
+def audible(beacons: Beacons, positions: Any, unit: Any) -> Any:
+    """Which beacons (n,) at these positions are within reach and cone of a unit (3,)."""
+    distance, beta = distances(positions, unit)
+    return (distance <= beacons.reach) & (beta <= beacons.cone)
+
+
+def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
+    """Where the beacons (n, 3) really are at integer time t: map, survey error, and the move of a fault."""
+    i = jnp.arange(np.shape(beacons.map)[0])
+    north, east = normal2(key, i, SURVEY)
+    down, _ = normal2(key, i, SURVEY + 1)
+    error = beacons.survey_error * jnp.stack([north, east, down], axis=1)
+    return jnp.asarray(beacons.map) + error + jnp.where(t >= beacons.fault_time, beacons.moved, 0.0)
+
+
+def heard(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
+    """Which beacons (n,) are audible and not dead at integer time t."""
+    return audible(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
+
+
+def corrupted(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
+    """Measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
+
+    Args:
+        ranges: without error (m), shape (n,).
+        key: of the draws.
+        number: of the ping, an integer.
+        errors: of single ranges.
+        medium: the air.
+        crystal: standard deviation of the timers' relative errors.
+    """
+    n = ranges.shape[0]
+    i = jnp.arange(n)
+    index = jnp.asarray(number) * n + i
+    timer, _ = normal2(key, i, CRYSTAL)
+    noise, _ = normal2(key, index, NOISE)
+    stray, size = uniform2(key, index, STRAY)
+    echo, detour = uniform2(key, index, ECHO)
+    scale = speed_of_sound(medium.assumed) / speed_of_sound(medium.actual) * (1.0 + crystal * timer)
+    error = errors.noise * noise
+    error = error + jnp.where(stray < errors.stray_probability, errors.stray_size * (2.0 * size - 1.0), 0.0)
+    error = error + jnp.where(echo < errors.echo_probability, errors.echo_size * detour, 0.0)
+    return jnp.maximum(ranges * scale + error, 0.0)

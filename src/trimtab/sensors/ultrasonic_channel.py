@@ -1,0 +1,95 @@
+"""One radio channel for all: beacons that listen before they talk, wait at random, and sometimes collide.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, quantity, record
+from trimtab.core.rng import Key, uniform2
+
+FIRST, AGAIN = 100, 101
+"""Streams of the first waits and of the later ones."""
+ATTEMPTS = 256
+"""Most draws of one exchange: the counters of different exchanges do not overlap."""
+
+
+@record
+class CarrierSense:
+    """How the stations share the channel.
+
+    A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. Is there
+    one, it draws and waits again; if not, it sends. It cannot hear what began less than `blind_time` ago, so that two
+    that begin so close together collide and both messages are lost.
+
+    Source:  [1] section 5.5.2 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
+             reconstructed, see docs Errata.
+    """
+
+    byte_time: Scalar = quantity("s", "Time to send one byte.", default=1 / 2400, above=0)
+    message_bytes: Scalar = quantity("1", "Length of a message.", default=24.0, above=0)
+    longest_wait: Scalar = quantity("1", "Longest wait, bytes.", default=64.0, low=1, source="[1] section 5.5.2")
+    blind_time: Scalar = quantity("s", "How long a carrier goes unnoticed.", default=0.9 / 2400, low=0)
+    attempts: int = option("Draws followed in one exchange, over all stations; at most 256.", default=48)
+
+
+@record
+class Exchange:
+    """What came of one exchange, by station. Source: this module."""
+
+    received: Scalar = quantity("1", "Whether the message arrived whole and in time.", kind="flag")
+    end: Scalar = quantity("s", "When the message was over; 0 where none was sent.")
+    collided: Scalar = quantity("1", "Whether it was sent together with another.", kind="flag")
+
+
+def exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
+    """Let stations answer over one channel.
+
+    Args:
+        sense: the rules.
+        key: of the draws.
+        number: of the exchange, an integer: other numbers, other draws.
+        ready: when each station starts to wait (s), shape (n,).
+        speaks: whether it has anything to say, shape (n,).
+        window: when the exchange ends (s); what is not over by then is lost.
+
+    Returns: an Exchange, fields of shape (n,).
+    """
+    n = ready.shape[0]
+    base = jnp.asarray(number) * ATTEMPTS
+    first, _ = uniform2(key, base + jnp.arange(n), FIRST)
+    message = sense.message_bytes * sense.byte_time
+
+    def attempt(k: Any, carry: Any) -> Any:
+        when, waiting, busy, end, hit, collided = carry
+        turn = jnp.where(waiting, when, jnp.inf)
+        now = jnp.min(turn)
+        own = jnp.arange(n) == jnp.argmin(turn)
+        again, _ = uniform2(key, base + k, AGAIN)
+        blocked = now < busy
+        together = waiting & (when <= now + sense.blind_time) & ~blocked
+        alone = jnp.sum(together) == 1
+        over = when + message
+        when = jnp.where(own & waiting & blocked, now + wait(sense, again), when)
+        return (
+            when,
+            waiting & ~together,
+            jnp.where(blocked, busy, jnp.max(jnp.where(together, over, busy))),
+            jnp.where(together, over, end),
+            hit | (together & alone & (over <= window)),
+            collided | (together & ~alone),
+        )
+
+    no = jnp.zeros(n, np.bool_)
+    start = (ready + wait(sense, first), jnp.asarray(speaks), jnp.asarray(-1.0), jnp.zeros(n), no, no)
+    _, _, _, end, hit, collided = jax.lax.fori_loop(0, sense.attempts, attempt, start)
+    return Exchange(received=hit, end=end, collided=collided)
+
+
+def wait(sense: CarrierSense, u: Any) -> Any:
+    """A wait (s) out of a uniform number in (0, 1)."""
+    return (1.0 + jnp.floor(u * sense.longest_wait)) * sense.byte_time

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from trimtab.core.errors import InputError
+from trimtab.design.dilution import dilution, dilution_map
+
+H = 2.7048
+SQUARE = np.array([[1.5, 1.5, -H], [1.5, -1.5, -H], [-1.5, -1.5, -H], [-1.5, 1.5, -H]])
+
+
+def test_under_the_middle_of_a_square():
+    """Each axis has 1/(2 sin) with the sine of 1.5 m in a range of 3.437 m."""
+    found = dilution_map(SQUARE, [0.0], [0.0])
+    s = 1.5 / np.sqrt(2 * 1.5**2 + H**2)
+    assert float(found.dilution[0, 0]) == pytest.approx(np.sqrt(2) / (2 * s))
+    assert found.visible[0, 0] == 4
+    with_error = dilution_map(SQUARE, [0.0], [0.0], common_error=True)
+    assert float(with_error.dilution[0, 0]) == pytest.approx(float(found.dilution[0, 0]))  # symmetry parts them
+
+
+@pytest.mark.parametrize("common_error", [False, True])
+def test_against_the_spread_of_fixes(common_error):
+    """Fixes from noisy ranges spread by dilution times noise, at a place off the middle."""
+    place, noise, n = np.array([0.4, -0.2]), 0.004, 800
+    exact = np.linalg.norm(SQUARE - [*place, 0], axis=1)
+    rng = np.random.default_rng(0)
+    fixes = []
+    for _ in range(n):
+        ranges = exact + rng.normal(0, noise, 4)
+
+        def f(x, ranges=ranges):
+            return np.linalg.norm(SQUARE - [x[0], x[1], 0], axis=1) + (x[2] if common_error else 0) - ranges
+
+        fixes.append(least_squares(f, [*place, 0.0][: 3 if common_error else 2], method="lm").x[:2])
+    spread = np.sqrt(np.mean(np.sum((np.array(fixes) - place) ** 2, axis=1)))
+    expected = dilution_map(SQUARE, [place[0]], [place[1]], common_error=common_error).dilution[0, 0]
+    assert spread == pytest.approx(noise * float(expected), rel=0.06)
+
+
+def test_outside_the_cones_and_in_a_row_there_is_no_fix():
+    found = dilution_map(SQUARE, [0.0, 1.5, 9.0], [0.0, 1.5])
+    np.testing.assert_array_equal(found.visible, [[4, 2], [2, 1], [0, 0]])
+    assert np.isfinite(found.dilution[0, 0])
+    assert np.isinf(found.dilution[1:, 1]).all()
+    row = np.array([[0.0, y, -H] for y in (-1, 0, 1)])
+    assert np.isinf(dilution_map(row, [0.0], [0.2]).dilution[0, 0])
+    assert found.covered(limit=9.0) == pytest.approx(np.mean(found.dilution <= 9.0))
+
+
+def test_more_beacons_never_dilute_more():
+    rng = np.random.default_rng(1)
+    directions = rng.uniform(-0.7, 0.7, (500, 6, 2))
+    few = np.arange(6) < 4
+    fewer = dilution(directions, np.broadcast_to(few, (500, 6)))
+    assert (dilution(directions, np.ones((500, 6), bool)) <= fewer + 1e-12).all()
+    with pytest.raises(InputError, match=r"dilution_map\.beacons"):
+        dilution_map(np.zeros(3), [0], [0])

@@ -1,0 +1,184 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import Sensor
+from trimtab.core.record import numeric, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Motion
+from trimtab.core.time import ms, seconds
+from trimtab.export.function import lowered
+from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, RangeErrors
+from trimtab.sensors.ultrasonic_ranging import Clock, UltrasonicRanging
+
+ONE = UltrasonicRanging(units=np.array([[0.1, 0.0, 0.0]]))
+TWO = replace(ONE, units=np.array([[0.15, 0, 0], [-0.15, 0, 0]]), clients=2)
+SPEED = np.array([0.5, -0.2, 0.0])
+PERFECT = replace(ONE, errors=RangeErrors(noise=0.0), clock=Clock(0.0, 0.0, 0.0), beacons=Beacons(crystal=0.0))
+
+
+def motion(t):
+    s = t * 1e-7
+    o = jnp.zeros(3)
+    return Motion(t, SPEED * s, o, jnp.asarray(SPEED), o, o, o)
+
+
+@jax.jit
+def _flown(sensor, run, times):
+    def body(state, t):
+        return sensor.step(t, state, motion(t))
+
+    return jax.lax.scan(body, sensor.init(Key(np.uint32(1), run)), times)[1]
+
+
+def flown(sensor, duration=20_000_000, run=0):
+    """Every sample of a run, and the times of the steps."""
+    times = np.arange(0, duration, sensor.period)
+    return times, jax.tree.map(np.asarray, _flown(numeric(sensor), np.uint32(run), times))
+
+
+@pytest.fixture(scope="module")
+def run():
+    return flown(TWO)
+
+
+def test_pings_at_slots_and_hands_out_when_the_last_reply_is_in(run):
+    times, samples = run
+    new = samples.fresh
+    np.testing.assert_array_equal(samples.t[new], np.arange(new.sum()) * ms(100))
+    late = (times - samples.t)[new] * 1e-7
+    assert late.min() > 0.02
+    assert late.max() <= 0.1
+    assert late[samples.value.arrived[new].sum(1) == 4].mean() == pytest.approx(0.072, abs=0.009)
+    np.testing.assert_allclose(samples.age[samples.valid], (times - samples.t)[samples.valid] * 1e-7, atol=1e-12)
+    assert not samples.valid[: ms(20) // TWO.period].any()
+
+
+def test_units_take_turns(run):
+    _, samples = run
+    new = samples.fresh
+    np.testing.assert_array_equal(samples.value.unit[new], np.arange(new.sum()) % 2)
+
+
+def test_foreign_clients_have_their_slots():
+    _, samples = flown(replace(TWO, clients=10, period=ms(10)), ms(3000))
+    np.testing.assert_array_equal(samples.t[samples.fresh], np.array([0, 1, 10, 11, 20, 21]) * ms(100))
+
+
+def test_without_errors_it_measures_what_measure_says():
+    """At the time of the ping, not of the reply: the ranges that h(x) has there."""
+    _, samples = flown(replace(PERFECT, collisions=False))
+    assert samples.fresh.sum() >= 19
+    for i in np.flatnonzero(samples.fresh):
+        expected = PERFECT.measure(motion(samples.t[i]))
+        np.testing.assert_allclose(samples.value.range[i], expected.range, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(samples.value.arrived[i], expected.arrived)
+    straight = replace(PERFECT, cone_error=False).measure(motion(seconds(1)))
+    at = SPEED + np.array([0.1, 0, 0])
+    np.testing.assert_allclose(straight.range, np.linalg.norm(CEILING_SQUARE - at, axis=1), atol=1e-12)
+
+
+def test_measure_differentiates():
+    slope = jax.jacfwd(lambda p: PERFECT.measure(replace(motion(0), p_WB=p)).range)(jnp.zeros(3))
+    assert np.isfinite(slope).all()
+    line = np.array([0.1, 0, 0]) - CEILING_SQUARE
+    beta = np.arccos(line[:, 2] / np.linalg.norm(line, axis=1))
+    assert abs(np.asarray(slope) - line / np.linalg.norm(line, axis=1)[:, None]).max() < 0.08
+    assert beta.max() < np.pi / 4
+
+
+@jax.jit
+def _pings(sensor, runs):
+    def one(run):
+        return sensor.ping(np.int64(0), Key(np.uint32(2), run), motion(np.int64(0)))
+
+    return jax.vmap(one)(runs)
+
+
+def pings(sensor, runs=4000):
+    return jax.tree.map(np.asarray, _pings(numeric(sensor), np.arange(runs, dtype=np.uint32)))
+
+
+def test_ranges_spread_as_the_noise():
+    replies, last = pings(replace(PERFECT, errors=RangeErrors(noise=0.01)))
+    error = np.where(replies.arrived, replies.range - np.asarray(PERFECT.measure(motion(0)).range), np.nan)
+    assert np.nanstd(error) == pytest.approx(0.01, rel=0.03)
+    assert np.asarray(last).max() <= 0.1
+    assert (replies.range[~replies.arrived] == 0).all()
+    assert (replies.arrived.sum(1) >= 3).mean() == pytest.approx(0.85, abs=0.03)
+
+
+def test_clock_shifts_the_ping_along_the_motion():
+    """A ping 10 ms late is made 5 mm further on."""
+    late = replace(PERFECT, clock=Clock(residual=0.0, drift=0.0, tick=0.02), collisions=False)
+    replies, _ = pings(late)
+    slope = jax.jacfwd(lambda p: PERFECT.measure(replace(motion(0), p_WB=p)).range)(jnp.zeros(3)) @ SPEED
+    lateness = (replies.range - np.asarray(PERFECT.measure(motion(0)).range)) / np.asarray(slope)
+    assert lateness.min() > -1e-4
+    assert lateness.max() == pytest.approx(0.02, rel=0.01)
+    assert lateness.mean() == pytest.approx(0.01, rel=0.05)
+
+
+def test_clock_between_settings():
+    """A microsecond after setting; a crystal that is 20 ppm off makes 18 us by the last slot of the second."""
+    clock = Clock(tick=0.0)
+    keys = Key(np.full(4000, 2, np.uint32), np.arange(4000, dtype=np.uint32))
+    for t, expected in ((seconds(3), 1e-6), (seconds(3) + ms(900), np.hypot(1e-6, 18e-6))):
+        errors = jax.vmap(lambda k, t=t: clock.error(k, t, 0))(keys)
+        assert float(jnp.std(errors)) == pytest.approx(expected, rel=0.05)
+
+
+def test_no_reply_is_a_sample_too():
+    """All beacons dead: at the end of the slot comes a sample that says so."""
+    silent = replace(ONE, beacons=Beacons(dead=True), period=ms(10))
+    times, samples = flown(silent, ms(1000))
+    new = samples.fresh
+    assert new.sum() == 9
+    np.testing.assert_array_equal((times - samples.t)[new], ms(100))
+    assert not samples.value.arrived.any()
+
+
+@pytest.mark.parametrize("name", UltrasonicRanging.IMPERFECTIONS)
+def test_each_imperfection_alone_makes_a_difference(name):
+    everything = replace(
+        ONE,
+        errors=RangeErrors(0.004, 0.3, 3.0, 0.3, 1.0),
+        beacons=Beacons(survey_error=0.01, moved=0.1, fault_time=0),
+        medium=replace(ONE.medium, assumed=replace(ONE.medium.assumed, temperature=288.15)),
+    )
+    less = everything.without(name)
+    with_it, without_it = pings(everything, 200)[0], pings(less, 200)[0]
+    assert not np.array_equal(with_it.range, without_it.range)
+    less.check()
+    less.beacons.check()
+    with pytest.raises(InputError, match="no imperfection 'wind'"):
+        ONE.without("wind")
+
+
+def test_it_is_a_sensor_and_refuses_what_cannot_be():
+    assert isinstance(ONE, Sensor)
+    ONE.check()
+    TWO.check()
+    for changes, problem in (
+        ({"units": np.zeros(3)}, "units"),
+        ({"clients": 1}, "clients"),
+        ({"clients": 11}, "clients"),
+        ({"period": ms(7)}, "slot"),
+    ):
+        with pytest.raises(InputError, match=f"UltrasonicRanging.{problem}"):
+            replace(TWO, **changes).check()
+
+
+def test_runs_as_generated_code():
+    """Sensors fly in the compiled loop: one step lowers to C."""
+    one = numeric(UltrasonicRanging())
+    still = Motion(np.int64(0), *[np.zeros(3)] * 6)
+    leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))
+
+    def flat(*leaves):
+        sensor, t, state, motion = jax.tree.unflatten(tree, leaves)
+        return jax.tree.leaves(sensor.step(t, state, motion))
+
+    assert lowered(flat, leaves).outputs
