@@ -123,6 +123,8 @@ def _long(entry: Any, job: Job, threads: int, progress: Callable[[int], None] | 
     finally:
         job.stop = 1
         flying.join()
+    if progress is not None:
+        progress(min(job.done, job.runs))
 
 
 def rows_of(written: Any) -> Any:
