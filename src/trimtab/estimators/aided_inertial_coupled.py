@@ -34,7 +34,8 @@ class CoupledNode:
     doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
     x: Any = quantity("1", "As Belief.x.", shape=(8,))
     P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Low-passed force per mass, without bias.", frame="B", shape=(2,))
+    force: Any = quantity("m/s^2", "Force per mass in the Jacobian, without bias.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "The same, low-passed as tells rest from motion.", frame="B", shape=(2,))
     heading_fix: HeadingFix = part("How headings fared.")
     position_fix: PositionFix = part("How positions fared.")
 
@@ -58,7 +59,8 @@ class AidedInertialCoupled:
     noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
     start: InertialStart = part("What is believed at first.", default=InertialStart())
     arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
-    smoothing: Scalar = quantity("s", "Time constant of the low-pass on the Jacobian's force; 0: none.", default=0.2)
+    smoothing: Scalar = quantity("s", "Time constant of the low-pass on the Jacobian's force.", default=0.05, low=0)
+    rest_smoothing: Scalar = quantity("s", "The same on the force that tells rest.", default=0.5, low=0)
     rest_sigmas: Scalar = quantity(
         "1", "Force below this many of its sigmas counts as none; 0: always believed.", default=3.0, low=0
     )
@@ -98,6 +100,7 @@ class AidedInertialCoupled:
             x=jnp.concatenate([mean, jnp.zeros(3)]),
             P=jnp.diag(jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])),
             force=np.zeros(2),
+            steady=np.zeros(2),
             heading_fix=no_heading_fix(),
             position_fix=no_position_fix(),
         )
@@ -109,13 +112,14 @@ class AidedInertialCoupled:
         heading = x[0] + dt / 2 * (felt[0] + node.felt[0]) - dt * x[5]
         f0, f1 = B @ (node.felt[1:] - x[6:]), planar(heading) @ (felt[1:] - x[6:])
         velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
-        share = jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + self.smoothing, 1.0), 0.0)
-        force = node.force + share * ((node.felt[1:] + felt[1:]) / 2 - x[6:] - node.force)
+        mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
+        force = node.force + _share(dt, self.smoothing) * (mean - node.force)
+        steady = node.steady + _share(dt, self.rest_smoothing) * (mean - node.steady)
         growth = self.noise.growth(dt, doubt)
         F = coupled_transition(dt, x[0], force)
         P = predict_covariance(node.P, F, coupled_noise(growth, x[0]))
         moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
-        return replace(node, felt=felt, x=moved, P=P, force=force)
+        return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
 
     def correct_heading(self, node: CoupledNode, z: Any) -> CoupledNode:
         """With a heading z (rad), any equal of it."""
@@ -143,8 +147,8 @@ class AidedInertialCoupled:
     def moves(self, node: CoupledNode) -> Any:
         """Whether the low-passed force is told from zero."""
         tick = to_seconds(self.noise.tick)
-        white = (self.noise.forward + self.noise.starboard) * tick / (tick + 2 * self.smoothing)
-        return node.force @ node.force >= self.rest_sigmas**2 * (white + node.P[6, 6] + node.P[7, 7])
+        white = (self.noise.forward + self.noise.starboard) * tick / (tick + 2 * self.rest_smoothing)
+        return node.steady @ node.steady >= self.rest_sigmas**2 * (white + node.P[6, 6] + node.P[7, 7])
 
     def belief(self, node: CoupledNode) -> Belief:
         """Of the IMU's point."""
@@ -183,6 +187,11 @@ def coupled_noise(growth: Any, heading: Any) -> Any:
     rest = jnp.diag(jnp.concatenate([growth[:1], jnp.zeros(4), growth[1:2], growth[4:6]]))
     left = jnp.concatenate([jnp.zeros((1, 2)), velocity, jnp.zeros((5, 2))], axis=0)
     return rest + jnp.concatenate([jnp.zeros((8, 1)), left, jnp.zeros((8, 5))], axis=1)
+
+
+def _share(dt: Any, constant: Any) -> Any:
+    """How much of a step a first-order low-pass follows in dt (s)."""
+    return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
 
 def _reset(node: CoupledNode, done: Update) -> CoupledNode:

@@ -11,6 +11,9 @@ navigation problems", Advances in control systems 3 (1966): consider states.
 
 from typing import Any, NamedTuple
 
+import numpy as np
+from jax import lax
+
 from trimtab.core.float64 import jnp
 from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
@@ -121,16 +124,30 @@ def health(P: Any) -> CovarianceHealth:
     whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
     """
     n = P.shape[0]
-    variances = jnp.stack([P[j, j] for j in range(n)])
-    L = cholesky(symmetric(P))
-    shares = jnp.stack([L[j, j] * L[j, j] / variances[j] for j in range(n)])
-    positive = jnp.all(jnp.isfinite(P)) & jnp.all(jnp.isfinite(L)) & jnp.all(variances > 0)
+    variances = jnp.sum(P * np.eye(n), axis=1)
+    shares = pivots(symmetric(P)) / variances
+    positive = jnp.all(jnp.isfinite(P)) & jnp.all(shares > 0) & jnp.all(variances > 0)
     determinant = jnp.prod(shares)
     largest = jnp.max(jnp.abs(variances))
     return CovarianceHealth(
         positive=positive,
         asymmetry=jnp.where(positive, jnp.max(jnp.abs(P - P.T)) / jnp.where(largest > 0, largest, 1.0), 1.0),
         least_pivot=jnp.where(positive, jnp.min(shares), 0.0),
-        eigenvalue_bound=jnp.where(positive, determinant * ((n - 1) / n) ** (n - 1) if n > 1 else determinant, 0.0),
+        eigenvalue_bound=jnp.where(positive, determinant * ((n - 1) / n) ** (n - 1), 0.0),
         trace=jnp.sum(jnp.where(jnp.isfinite(variances), variances, 0.0)),
     )
+
+
+def pivots(P: Any) -> Any:
+    """d (n,) of P = L diag(d) L' for symmetric P (n, n): all above 0 exactly when P is positive definite.
+
+    d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
+    computations", section 4.1.
+    """
+
+    def eliminate(A: Any, j: Any) -> Any:
+        column = lax.dynamic_index_in_dim(A, j, keepdims=False)
+        d = lax.dynamic_index_in_dim(column, j, keepdims=False)
+        return A - column[:, None] * (column / d)[None, :], d
+
+    return lax.scan(eliminate, P, jnp.arange(P.shape[0]))[1]

@@ -119,16 +119,14 @@ def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms)
     v = B.T @ x[1:3]
     arm, slope = turned_lever(x[0], arms.imu)
     surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
-    zero = jnp.zeros(())
-    rows = [
-        [v[1], B[0, 0], B[1, 0], zero, zero, -arms.imu[1], zero, zero],
-        [-v[0], B[0, 1], B[1, 1], zero, zero, arms.imu[0], zero, zero],
-        [zero, zero, zero, zero, zero, -jnp.ones(()), zero, zero],
-        [-slope[0], zero, zero, jnp.ones(()), zero, zero, zero, zero],
-        [-slope[1], zero, zero, zero, jnp.ones(()), zero, zero, zero],
-    ]
-    J = jnp.stack([jnp.stack([jnp.asarray(e, np.float64) for e in row]) for row in rows])
-    noise = gyro_variance * jnp.stack([arms.imu[1] ** 2, arms.imu[0] ** 2, jnp.ones(()), zero, zero])
+    lever = jnp.stack([-arms.imu[1], arms.imu[0]])
+    none, eye = jnp.zeros((3, 2)), jnp.eye(2)
+    by_heading = jnp.concatenate([jnp.stack([v[1], -v[0]]), jnp.zeros(1), -slope])[:, None]
+    by_velocity = jnp.concatenate([B.T, none])
+    by_position = jnp.concatenate([none, eye])
+    by_rate_bias = jnp.concatenate([lever, -jnp.ones(1), jnp.zeros(2)])[:, None]
+    J = jnp.concatenate([by_heading, by_velocity, by_position, by_rate_bias, jnp.zeros((5, 2))], axis=1)
+    noise = gyro_variance * by_rate_bias[:, 0] ** 2
     outer = jnp.sqrt(jnp.maximum(jnp.sum((J @ P) * J, axis=1) + noise, 0.0))
     own = [jnp.sqrt(jnp.maximum(P[j, j], 0.0)) for j in range(DIMENSION)]
     names = ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east")
