@@ -9,6 +9,7 @@ and section 5.4: propagation runs on the IMU's samples, never on the wall clock.
 
 from typing import Any
 
+import jax
 import numpy as np
 from jax import lax
 
@@ -83,6 +84,7 @@ def begin(form: Any) -> InertialState:
     )
 
 
+@jax.jit
 def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
     """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
     found = _look(form.intake, t, state, frame)

@@ -124,11 +124,11 @@ def health(P: Any) -> CovarianceHealth:
     whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
     """
     n = P.shape[0]
-    variances = jnp.sum(P * np.eye(n), axis=1)
+    variances = jnp.sum(jnp.where(np.eye(n, dtype=bool), P, 0.0), axis=1)
     shares = pivots(symmetric(P)) / variances
     positive = jnp.all(jnp.isfinite(P)) & jnp.all(shares > 0) & jnp.all(variances > 0)
     determinant = jnp.prod(shares)
-    largest = jnp.max(jnp.abs(variances))
+    largest, P = jnp.max(jnp.abs(variances)), jnp.where(jnp.isfinite(P), P, 0.0)
     return CovarianceHealth(
         positive=positive,
         asymmetry=jnp.where(positive, jnp.max(jnp.abs(P - P.T)) / jnp.where(largest > 0, largest, 1.0), 1.0),
