@@ -4,6 +4,7 @@ Truth is analytic; its derivatives are automatic. Runs here step a form's own fu
 the ring of the estimator, whose equality with this is tested where the ring is.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,9 +16,13 @@ from trimtab.core.rng import key, normals
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Frame, held, measured
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.measurement_history import newest
+from trimtab.loop.structure import strong
 
 TICK = ms(6.5536)
 DT = to_seconds(TICK)
+QUICK = {"xla_llvm_disable_expensive_passes": True}
+"""Options for programs that take longer to compile than to run."""
 
 
 @record
@@ -120,12 +125,13 @@ class Flown(NamedTuple):
     fixed: Any
 
 
-def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = True) -> Flown:
+def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = True, sensors: Any = None) -> Flown:
     """A form flown on sensors that have just the noise it believes in, from errors that its start believes in.
 
     every: samples between position fixes.  reads: whether it has the heading at every sample.
+    sensors: what noise they have instead, an InertialNoise.
     """
-    noise, s = form.noise, form.start
+    noise, s = form.noise if sensors is None else sensors, form.start
     sigmas = jnp.stack(
         [s.sigma_heading, *[s.sigma_velocity] * 2, *[s.sigma_position] * 2, s.sigma_gyro_bias, *[s.sigma_force_bias] * 2]
     )
@@ -161,15 +167,61 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
 
 
 def frames(form: Any, now: Any, felt: Any, heading: Any = None, position: Any = None) -> Frame:
-    """A frame; each argument is (t, value or values, fresh), t the integer time of measurement."""
-    given = {
-        form.intake.imu: (Felt, felt),
-        form.intake.heading: (Compass, heading),
-        form.intake.position: (Fix, position),
-    }
+    """Frames with a leading axis of instants; each sensor's (t, values (n, k), fresh), t its time of measurement."""
+    given = {form.intake.imu: (Felt, felt), form.intake.heading: (Compass, heading), form.intake.position: (Fix, position)}
     samples = {}
     for name, (cls, one) in given.items():
         if name:
-            t, value, fresh = one
-            samples[name] = held(now, measured(t, cls(*value)), fresh=fresh)
+            t, values, fresh = (np.array(x) for x in one)
+            sample = held(now, measured(t, cls(*values.T)), fresh=fresh)
+            samples[name] = replace(sample, valid=np.ones(len(t), bool))
     return Frame(now, samples)
+
+
+class Ride(NamedTuple):
+    """Frames' worth of arrays that a test may spoil before they are flown: times int64 (n,), values, fresh flags."""
+
+    now: Any
+    felt_t: Any
+    felt: Any
+    felt_fresh: Any
+    heading_t: Any
+    heading: Any
+    heading_fresh: Any
+    fix_t: Any
+    fix: Any
+    fix_fresh: Any
+
+    def frames(self, form: Any) -> Frame:
+        """For a form."""
+        return frames(
+            form,
+            self.now,
+            (self.felt_t, self.felt, self.felt_fresh),
+            (self.heading_t, self.heading, self.heading_fresh),
+            (self.fix_t, self.fix, self.fix_fresh),
+        )
+
+
+def ride(truth: Truth, noise: Any, *, biases: Any = (0.0, 0.0, 0.0), every: int = 15, seed: int = 0) -> Ride:
+    """Noisy samples of a truth at each tick, all in time; positions every so many ticks."""
+    n = len(truth.heading)
+    g = np.random.default_rng(seed)
+    now = np.arange(n) * TICK
+    white = np.sqrt([noise.gyro, noise.forward, noise.starboard])
+    felt = np.asarray(truth.felt) + np.asarray(biases) + white * g.standard_normal((n, 3))
+    heading = np.asarray(truth.heading)[:, None] + np.sqrt(noise.heading) * g.standard_normal((n, 1))
+    fix = np.asarray(truth.position) + np.sqrt(noise.position) * g.standard_normal((n, 2))
+    due = np.arange(n) % every == 0
+    always = np.ones(n, bool)
+    return Ride(now, now.copy(), felt, always, now.copy(), heading, always.copy(), now.copy(), fix, due)
+
+
+@partial(jax.jit, compiler_options=QUICK)
+def fly_frames(form: Any, given: Frame) -> Any:
+    """All estimates of a form over frames, and its last belief."""
+    def step(state, frame):
+        return form.step(frame.t, state, frame)
+
+    state, told = jax.lax.scan(step, strong(form.init(key(0))), given)
+    return told, form.belief(newest(state.history))

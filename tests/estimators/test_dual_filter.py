@@ -12,6 +12,7 @@ from trimtab.estimators.dual_filter import (
     HEADING_ROW,
     InertialNoise,
     belief_covariance,
+    heading_noise,
     heading_transition,
     motion_noise,
     motion_transition,
@@ -35,8 +36,25 @@ def test_noise_enters_along_the_body():
     G = np.zeros((6, 4))
     G[:2, :2], G[4:, 2:] = rotation(0.7), np.eye(2)
     growth = np.array([9.0, 9.0, 1.0, 2.0, 3.0, 4.0])
-    np.testing.assert_allclose(motion_noise(growth, 0.7), G @ np.diag(growth[2:]) @ G.T, atol=1e-14)
+    np.testing.assert_allclose(motion_noise(growth, 0.7, 0.0), G @ np.diag(growth[2:]) @ G.T, atol=1e-14)
+    np.testing.assert_allclose(heading_noise(growth, 0.0), np.diag([9.0, 9.0]))
 
+
+def test_noise_over_a_long_step_is_that_of_many_short_ones():
+    noise, none = InertialNoise(gyro_walk=0.3, force_walk=0.7), np.zeros(2)
+    n, T = 400, 2.0
+    dt = T / n
+    P1, P2 = np.zeros((2, 2)), np.zeros((6, 6))
+    F1, F2 = np.asarray(heading_transition(dt)), np.asarray(motion_transition(dt, 0.7))
+    g = noise.growth(dt, none)
+    Q1, Q2 = np.asarray(heading_noise(g, dt)), np.asarray(motion_noise(g, 0.7, dt))
+    for _ in range(n):
+        P1, P2 = F1 @ P1 @ F1.T + Q1, F2 @ P2 @ F2.T + Q2
+    whole = noise.growth(T, none)
+    np.testing.assert_allclose(heading_noise(whole, T), P1, rtol=1e-10)
+    np.testing.assert_allclose(motion_noise(whole, 0.7, T), P2, rtol=1e-9, atol=1e-12)
+    assert noise.reach(T) == T
+    assert InertialNoise(covariance="literal").reach(jnp.asarray(T)) == 0
 
 def test_covariance_settings_by_their_units():
     """At the tick, literal adds the printed numbers; consistent dt^2 times white noise and dt times walks."""
@@ -59,7 +77,7 @@ def test_doubt_lets_a_state_wander():
 def test_steady_gains_of_the_heading_filter(covariance, gains):
     """Specification 2.4: K = (0.795, 0.800) with the units as printed, (0.0438, 0.140) mended."""
     noise = numeric(InertialNoise(covariance=covariance))
-    Q = jnp.diag(noise.growth(DT, jnp.zeros(2))[:2])
+    Q = heading_noise(noise.growth(DT, jnp.zeros(2)), noise.reach(jnp.asarray(DT)))
     R = jnp.reshape(noise.heading, (1, 1))
 
     def step(P, _):

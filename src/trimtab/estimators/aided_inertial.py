@@ -21,6 +21,7 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.estimators import measurement_history as ring
 from trimtab.estimators.measurement_history import Event, History
 from trimtab.estimators.navigation_state import NavigationState, at_reference
+from trimtab.estimators.planar_inertial import Belief
 from trimtab.estimators.sensor_watch import NEVER, Judgement, SensorWatch, judge, plus, unwatched
 
 
@@ -149,17 +150,17 @@ def _fused(form: Any, history: History, found: dict[str, tuple[Event, Judgement]
 
 
 def _told(form: Any, t: Any, state: InertialState, fresh: Any) -> Estimate:
-    """The estimate at the time of the newest IMU sample; while the IMU is silent its covariance grows to now."""
+    """The estimate at the time of the newest IMU sample; while the IMU is silent, what can be said of now."""
     node = ring.newest(state.history)
     begun = node.t > NEVER
     silent = begun & (t - node.t > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
-    belief = form.belief(node)
-    doubtful = jnp.ones(2)
-    grown = lax.cond(
-        silent, lambda: form.belief(form.propagate(node, age, node.felt, doubtful)).P, lambda: form.belief(node).P
+    belief, rate, variance = lax.cond(
+        silent,
+        lambda: _coasted(form, node, age),
+        lambda: (form.belief(node), node.felt[0], jnp.asarray(form.noise.gyro, np.float64)),
     )
-    told = at_reference(belief._replace(P=grown), node.felt[0], form.noise.gyro, form.arms)
+    told = at_reference(belief, rate, variance, form.arms)
     valid = begun
     if form.intake.heading:
         valid = valid & (node.heading_fix.used > 0)
@@ -176,3 +177,10 @@ def _told(form: Any, t: Any, state: InertialState, fresh: Any) -> Estimate:
         clock_backwards=state.clock_backwards,
     )
     return Estimate(t=t, age=age, fresh=fresh, valid=valid, state=state_now)
+
+
+def _coasted(form: Any, node: Any, age: Any) -> tuple[Belief, Any, Any]:
+    """Belief, gyro reading and its variance at an age (s): constant velocity and heading, with all doubt."""
+    still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
+    belief = form.belief(form.propagate(replace(node, felt=still), age, still, jnp.ones(2)))
+    return belief, still[0], form.noise.gyro + form.noise.doubtful_rate**2

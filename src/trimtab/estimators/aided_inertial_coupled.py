@@ -15,7 +15,7 @@ from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
 from trimtab.estimators.aided_inertial import InertialState, Intake, begin, navigate
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.dual_filter import InertialNoise, belief_covariance, heading_noise, motion_noise
 from trimtab.estimators.kalman import Update, predict_covariance, update
 from trimtab.estimators.navigation_state import HeadingFix, PositionFix, counted, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, InertialStart, LeverArms, mechanise, turned_lever
@@ -106,18 +106,19 @@ class AidedInertialCoupled:
         )
 
     def propagate(self, node: CoupledNode, dt: Any, felt: Any, doubt: Any) -> CoupledNode:
-        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi."""
         x = node.x
         B = planar(x[0])
         heading = x[0] + dt / 2 * (felt[0] + node.felt[0]) - dt * x[5]
-        f0, f1 = B @ (node.felt[1:] - x[6:]), planar(heading) @ (felt[1:] - x[6:])
+        bias = B @ x[6:]
+        f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
         mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
         force = node.force + _share(dt, self.smoothing) * (mean - node.force)
         steady = node.steady + _share(dt, self.rest_smoothing) * (mean - node.steady)
         growth = self.noise.growth(dt, doubt)
         F = coupled_transition(dt, x[0], force)
-        P = predict_covariance(node.P, F, coupled_noise(growth, x[0]))
+        P = predict_covariance(node.P, F, coupled_noise(growth, x[0], self.noise.reach(dt)))
         moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
 
@@ -180,13 +181,10 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
     )
 
 
-def coupled_noise(growth: Any, heading: Any) -> Any:
-    """Q (8, 8) in the order of Belief.x; growth as InertialNoise.growth gives it."""
-    B = planar(heading)
-    velocity = (B * growth[2:4]) @ B.T
-    rest = jnp.diag(jnp.concatenate([growth[:1], jnp.zeros(4), growth[1:2], growth[4:6]]))
-    left = jnp.concatenate([jnp.zeros((1, 2)), velocity, jnp.zeros((5, 2))], axis=0)
-    return rest + jnp.concatenate([jnp.zeros((8, 1)), left, jnp.zeros((8, 5))], axis=1)
+def coupled_noise(growth: Any, heading: Any, reach: Any) -> Any:
+    """Q (8, 8) in the order of Belief.x: those of the dual filter; growth and reach as InertialNoise gives them."""
+    Q1, Q2 = heading_noise(growth, reach), motion_noise(growth, heading, reach)
+    return belief_covariance(Q1, Q2)
 
 
 def _share(dt: Any, constant: Any) -> Any:

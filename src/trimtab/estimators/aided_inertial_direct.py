@@ -18,6 +18,7 @@ from trimtab.estimators.dual_filter import (
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
+    heading_noise,
     heading_transition,
     motion_noise,
     motion_transition,
@@ -95,14 +96,14 @@ class AidedInertialDirect:
 
     def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth = self.noise.growth(dt, doubt)
+        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
         F1, F2 = heading_transition(-dt), _total(motion_transition(dt, node.x1[0]))
         turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
-        x1, P1 = predict(node.x1, node.P1, F1, jnp.diag(growth[:2]))
+        x1, P1 = predict(node.x1, node.P1, F1, heading_noise(growth, reach))
         x1 = x1 + turned
         f0, f1 = planar(node.x1[0]) @ node.felt[1:], planar(x1[0]) @ felt[1:]
         gained = jnp.concatenate([*mechanise(dt, f0, f1, jnp.zeros(2), jnp.zeros(2)), jnp.zeros(2)])
-        x2, P2 = predict(node.x2, node.P2, F2, motion_noise(growth, node.x1[0]))
+        x2, P2 = predict(node.x2, node.P2, F2, motion_noise(growth, node.x1[0], reach))
         return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any) -> DirectNode:

@@ -18,6 +18,7 @@ from trimtab.estimators.dual_filter import (
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
+    heading_noise,
     heading_transition,
     motion_noise,
     motion_transition,
@@ -101,14 +102,14 @@ class AidedInertialFeedback:
 
     def propagate(self, node: FeedbackNode, dt: Any, felt: Any, doubt: Any) -> FeedbackNode:
         """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi2."""
-        growth = self.noise.growth(dt, doubt)
+        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
         B = planar(node.heading)
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0]) - dt * node.gyro_bias
         bias = B @ node.force_bias
         f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        P1 = predict_covariance(node.P1, heading_transition(dt), jnp.diag(growth[:2]))
-        P2 = predict_covariance(node.P2, motion_transition(dt, node.heading), motion_noise(growth, node.heading))
+        P1 = predict_covariance(node.P1, heading_transition(dt), heading_noise(growth, reach))
+        P2 = predict_covariance(node.P2, motion_transition(dt, node.heading), motion_noise(growth, node.heading, reach))
         return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
 
     def correct_heading(self, node: FeedbackNode, z: Any) -> FeedbackNode:

@@ -18,6 +18,7 @@ from trimtab.estimators.dual_filter import (
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
+    heading_noise,
     heading_transition,
     motion_noise,
     motion_transition,
@@ -101,13 +102,13 @@ class AidedInertialFeedforward:
 
     def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth = self.noise.growth(dt, doubt)
+        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
         before = node.heading - node.x1[0]
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
-        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), jnp.diag(growth[:2]))
+        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), heading_noise(growth, reach))
         f0, f1 = planar(before) @ node.felt[1:], planar(heading - x1[0]) @ felt[1:]
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_noise(growth, before))
+        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_noise(growth, before, reach))
         return replace(
             node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
         )

@@ -67,6 +67,10 @@ class InertialNoise:
         white = white + dt * jnp.stack([lost[0] ** 2, lost[1] ** 2, lost[1] ** 2])
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 
+    def reach(self, dt: Any) -> Any:
+        """Over what time (s) noise is integrated within a step: all of it; none of it as printed."""
+        return jnp.zeros_like(dt) if self.covariance == "literal" else dt
+
     def position_noise(self) -> Any:
         """R of a position fix (2, 2)."""
         return self.position * jnp.eye(2)
@@ -93,15 +97,28 @@ def motion_transition(dt: Any, heading: Any) -> Any:
     )
 
 
-def motion_noise(growth: Any, heading: Any) -> Any:
-    """G2 Q2 G2' (6, 6): noise along the body's axes, seen in W; growth as InertialNoise.growth gives it."""
-    B, none = planar(heading), jnp.zeros((2, 2))
-    velocity = (B * growth[2:4]) @ B.T
+def heading_noise(growth: Any, reach: Any) -> Any:
+    """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the walk of the bias turns the heading too."""
+    walk = growth[1]
+    both = walk * reach / 2
+    return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])
+
+
+def motion_noise(growth: Any, heading: Any, reach: Any) -> Any:
+    """G2 Q2 G2' (6, 6): noise along the body's axes, seen in W.
+
+    With a reach of dt it is the exact integral of white noise on velocity and biases over dt; with 0, as printed, noise
+    of velocity does not reach position in the same step.
+    """
+    B = planar(heading)
+    V, A = (B * growth[2:4]) @ B.T, (B * growth[4:6]) @ B.T
+    bias = B * growth[4:6]
+    vr, vb, rb = V * reach / 2 + A * reach**3 / 8, bias * reach / 2, bias * reach**2 / 6
     return jnp.concatenate(
         [
-            jnp.concatenate([velocity, jnp.zeros((2, 4))], axis=1),
-            jnp.zeros((2, 6)),
-            jnp.concatenate([none, none, jnp.diag(growth[4:6])], axis=1),
+            jnp.concatenate([V + A * reach**2 / 3, vr, vb], axis=1),
+            jnp.concatenate([vr.T, V * reach**2 / 3 + A * reach**4 / 20, rb], axis=1),
+            jnp.concatenate([vb.T, rb.T, jnp.diag(growth[4:6])], axis=1),
         ]
     )
 
