@@ -16,7 +16,10 @@ from trimtab.core.rng import key, normals
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Frame, held, measured
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.kalman import nees
 from trimtab.estimators.measurement_history import newest
+from trimtab.estimators.planar_inertial import InertialStart
 from trimtab.loop.structure import strong
 
 TICK = ms(6.5536)
@@ -225,3 +228,29 @@ def fly_frames(form: Any, given: Frame) -> Any:
 
     state, told = jax.lax.scan(step, strong(form.init(key(0))), given)
     return told, form.belief(newest(state.history))
+
+
+MEMS = InertialNoise(
+    gyro=np.deg2rad(0.72) ** 2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8
+)
+"""The IMU's figures as specification 2.2 has them."""
+NEAR = InertialStart(
+    sigma_heading=0.02,
+    sigma_position=0.0237,
+    sigma_velocity=0.05,
+    sigma_gyro_bias=np.deg2rad(0.7),
+    sigma_force_bias=0.1,
+)
+"""A start near the truth, biases as the maker says."""
+
+
+@partial(jax.jit, static_argnames=("n", "every", "reads", "runs", "keep"), compiler_options=QUICK)
+def monte_carlo(form: Any, truth: Truth, *, n: int, every: int, reads: bool, runs: int, keep: int = 25) -> Any:
+    """NEES (runs, n / keep), Flown thinned to every keep-th sample, NIS of all position fixes (runs, fixes)."""
+
+    def one(run):
+        flown = own_model(form, truth, draws(run, n), every=every, reads=reads)
+        thin = jax.tree.map(lambda a: a[::keep], flown)
+        return jax.vmap(nees)(thin.error, thin.P), thin, flown.position_nis[::every]
+
+    return jax.vmap(one)(jnp.arange(runs))
