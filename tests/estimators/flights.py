@@ -136,13 +136,17 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
     """
     noise, s = form.noise if sensors is None else sensors, form.start
     sigmas = jnp.stack(
-        [s.sigma_heading, *[s.sigma_velocity] * 2, *[s.sigma_position] * 2, s.sigma_gyro_bias, *[s.sigma_force_bias] * 2]
+        [
+            s.sigma_heading,
+            *[s.sigma_velocity] * 2,
+            *[s.sigma_position] * 2,
+            s.sigma_gyro_bias,
+            *[s.sigma_force_bias] * 2,
+        ]
     )
     off = sigmas * z.first
     at = jnp.concatenate([truth.heading[0][None], truth.velocity[0], truth.position[0]]) + off[:5]
-    begun = replace(
-        s, heading=at[0], velocity_north=at[1], velocity_east=at[2], north=at[3], east=at[4]
-    )
+    begun = replace(s, heading=at[0], velocity_north=at[1], velocity_east=at[2], north=at[3], east=at[4])
     form = replace(form, start=begun)
     white = jnp.sqrt(jnp.stack([noise.gyro, noise.forward, noise.starboard]))
     walk = jnp.sqrt(DT * jnp.stack([noise.gyro_walk, noise.force_walk, noise.force_walk]))
@@ -171,7 +175,11 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
 
 def frames(form: Any, now: Any, felt: Any, heading: Any = None, position: Any = None) -> Frame:
     """Frames with a leading axis of instants; each sensor's (t, values (n, k), fresh), t its time of measurement."""
-    given = {form.intake.imu: (Felt, felt), form.intake.heading: (Compass, heading), form.intake.position: (Fix, position)}
+    given = {
+        form.intake.imu: (Felt, felt),
+        form.intake.heading: (Compass, heading),
+        form.intake.position: (Fix, position),
+    }
     samples = {}
     for name, (cls, one) in given.items():
         if name:
@@ -223,6 +231,7 @@ def ride(truth: Truth, noise: Any, *, biases: Any = (0.0, 0.0, 0.0), every: int 
 @partial(jax.jit, compiler_options=QUICK)
 def fly_frames(form: Any, given: Frame) -> Any:
     """All estimates of a form over frames, and its last belief."""
+
     def step(state, frame):
         return form.step(frame.t, state, frame)
 
@@ -230,9 +239,7 @@ def fly_frames(form: Any, given: Frame) -> Any:
     return told, form.belief(newest(state.history))
 
 
-MEMS = InertialNoise(
-    gyro=np.deg2rad(0.72) ** 2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8
-)
+MEMS = InertialNoise(gyro=np.deg2rad(0.72) ** 2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8)
 """The IMU's figures as specification 2.2 has them."""
 NEAR = InertialStart(
     sigma_heading=0.02,

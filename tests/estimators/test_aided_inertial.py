@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 import pytest
-
 from estimators.flights import DT, QUICK, TICK, draws, fly_frames, own_model, ride, ticks, weave
+
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, replace
 from trimtab.core.rotation import wrap

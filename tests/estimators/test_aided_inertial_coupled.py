@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, rest, ticks, weave
 from scipy.linalg import expm
 
-from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, rest, ticks, weave
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
 from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled, coupled_noise, coupled_transition

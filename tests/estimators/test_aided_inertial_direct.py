@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-
 from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, ticks, turn
+
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
 from trimtab.estimators.aided_inertial_direct import AidedInertialDirect

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from estimators.flights import DT, MEMS, NEAR, QUICK, TICK, frames, monte_carlo, ticks, turn
+
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
 from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback

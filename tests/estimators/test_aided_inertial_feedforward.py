@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from estimators.flights import DT, MEMS, NEAR, QUICK, Truth, draws, monte_carlo, own_model, ticks, turn, weave
+
 from trimtab.core.record import numeric, replace
 from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
 from trimtab.estimators.dual_filter import InertialNoise
@@ -44,7 +44,7 @@ def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading,
 
 
 def test_check_20_heading_of_the_magnetometer(turning):
-    """Specification check 20: 0.45 to 0.70 deg with the magnetometer, as printed covariance gives it ([1] table 6.7)."""
+    """Specification check 20, magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
     error = turning["literal"][0]
     assert 0.45 <= np.rad2deg(np.sqrt(np.mean(error**2))) <= 0.70
 

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from estimators.flights import DT
 from scipy.linalg import expm
 
-from estimators.flights import DT
 from trimtab.core.record import numeric
 from trimtab.estimators.dual_filter import (
     HEADING_ROW,
@@ -55,6 +55,7 @@ def test_noise_over_a_long_step_is_that_of_many_short_ones():
     np.testing.assert_allclose(motion_noise(whole, 0.7, T), P2, rtol=1e-9, atol=1e-12)
     assert noise.reach(T) == T
     assert InertialNoise(covariance="literal").reach(jnp.asarray(T)) == 0
+
 
 def test_covariance_settings_by_their_units():
     """At the tick, literal adds the printed numbers; consistent dt^2 times white noise and dt times walks."""

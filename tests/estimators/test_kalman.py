@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from trimtab.core.linalg import cholesky
-from trimtab.estimators.kalman import nees, pivots, predict, update_in_turn
 from trimtab.estimators import kalman
+from trimtab.estimators.kalman import nees, pivots, predict, update_in_turn
 from trimtab.export.function import lowered
 
 N, M = 5, 3
@@ -17,7 +17,13 @@ update, health = jax.jit(kalman.update), jax.jit(kalman.health)
 def case(seed, m=M):
     g = np.random.default_rng(seed)
     A, B = g.standard_normal((N, N)), g.standard_normal((m, m))
-    return g.standard_normal(N), A @ A.T + np.eye(N), g.standard_normal(m), g.standard_normal((m, N)), B @ B.T + np.eye(m)
+    return (
+        g.standard_normal(N),
+        A @ A.T + np.eye(N),
+        g.standard_normal(m),
+        g.standard_normal((m, N)),
+        B @ B.T + np.eye(m),
+    )
 
 
 def information_form(x, P, y, H, R):

@@ -49,7 +49,9 @@ class Toy:
     def _correct(self, node, i, z):
         on = jnp.arange(2) == i
         K = node.P / (node.P + 0.01)
-        return replace(node, x=jnp.where(on, node.x + K * (z - node.x), node.x), P=jnp.where(on, node.P * (1 - K), node.P))
+        return replace(
+            node, x=jnp.where(on, node.x + K * (z - node.x), node.x), P=jnp.where(on, node.P * (1 - K), node.P)
+        )
 
 
 FORM = Toy()
@@ -77,7 +79,9 @@ def play(events, slots=32):
     node, used = FORM.first(), []
     for t, kind, value, *doubt in events:
         value = np.resize(np.append(value, np.zeros(3)), 3)
-        h, node, use = take(h, np.int64(t), np.int32(kind), value, np.asarray(doubt[0] if doubt else np.zeros(2), float))
+        h, node, use = take(
+            h, np.int64(t), np.int32(kind), value, np.asarray(doubt[0] if doubt else np.zeros(2), float)
+        )
         used.append(bool(use))
     return node, used, h
 
@@ -111,7 +115,7 @@ def flight(seed, n=24):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_late_and_disordered_is_as_in_time(seed):
-    """Positions come up to 15 samples late and in any order; the result is that of the sorted filter (1e-9; issue 4)."""
+    """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9; issue 4)."""
     imu, headings, positions = flight(seed)
     g = np.random.default_rng(100 + seed)
     arrivals = [(e[0], 0, e) for e in imu] + [(e[0], 1, e) for e in headings]

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from estimators.flights import DT, fly
+
 from trimtab.core.rotation import planar
 from trimtab.estimators.planar_inertial import InertialStart, LeverArms, mechanise, turned_lever
 from trimtab.export.function import lowered
@@ -56,7 +56,7 @@ def test_perfect_sensors_close_a_lap_from_rest_to_rest():
 
 @pytest.mark.parametrize(("samples", "largest"), [(958, None), (65536, 1e-8)])
 def test_perfect_sensors_close_a_lap_at_speed(samples, largest):
-    """A circle at 1 rad/s: the lap misses by 2 pi R (W dt)^2/12, the trapezoid's error, which 0.1 ms brings below 1e-8."""
+    """A circle at 1 rad/s misses by 2 pi R (W dt)^2/12, the trapezoid's error; 0.1 ms brings it below 1e-8."""
     t = np.linspace(0, 2 * np.pi, samples + 1)
     truth = fly(lambda t: t + np.pi / 2, lambda t: jnp.stack([jnp.cos(t), jnp.sin(t)]), t)
     _, _, r = navigate(truth, t[1])
@@ -75,7 +75,8 @@ def test_a_lever_arm_turns_with_the_heading():
 
 
 def test_the_start_is_in_the_order_of_the_filters():
-    s = InertialStart(sigma_heading=1.0, sigma_gyro_bias=2.0, sigma_velocity=3.0, sigma_position=4.0, sigma_force_bias=5.0)
+    sigmas = {"heading": 1.0, "gyro_bias": 2.0, "velocity": 3.0, "position": 4.0, "force_bias": 5.0}
+    s = InertialStart(**{f"sigma_{name}": value for name, value in sigmas.items()})
     np.testing.assert_array_equal(s.heading_variances(), [1, 4])
     np.testing.assert_array_equal(s.motion_variances(), [9, 9, 16, 16, 25, 25])
     s = InertialStart(north=1.0, east=2.0, velocity_north=3.0, velocity_east=4.0)

@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 import pytest
-
 from estimators.flights import Fix
+
 from trimtab.core.signals import held, measured
 from trimtab.estimators.sensor_watch import judge, unwatched
 from trimtab.export.function import lowered

@@ -41,7 +41,7 @@ class Intake:
     frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")
     frozen_heading: Scalar = quantity("1", "The same for headings.", default=50, kind="count")
     frozen_position: Scalar = quantity("1", "The same for positions.", default=10, kind="count")
-    gap: Scalar = quantity("100 ns", "Longest silence of the IMU that is bridged in trust.", default=ms(40), kind="time")
+    gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
     imu: str = option("Name of the inertial sensor.", default="imu")
     heading: str = option("Name of the heading sensor, or nothing.", default="heading")
     position: str = option("Name of the position sensor, or nothing.", default="position")

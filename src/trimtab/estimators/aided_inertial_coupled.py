@@ -1,4 +1,4 @@
-"""Coupled extended filter: one covariance for heading, velocity, position and biases, so positions alone give a heading.
+"""Coupled extended filter: one covariance for all states, so positions alone give a heading.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3;
 [5] Schmidt 1966 for states that are considered but not corrected.
@@ -46,9 +46,8 @@ class AidedInertialCoupled:
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
-    The force in that Jacobian is low-passed: raw noise in it looks like information about heading. Where the force that
-    remains is not told from zero, by `rest_sigmas` of its noise and of the accelerometer biases, nothing is learnt about
-    the heading: heading and gyro bias are then considered, not corrected, by positions ([5]).
+    Where the force, low-passed, is not told from zero by `rest_sigmas` of its noise and of the accelerometer biases,
+    positions teach nothing about the heading: heading and gyro bias are then considered, not corrected ([5]).
 
     Valid:   near the truth: a first heading error of more than about half a radian makes it too sure of itself.
              At rest heading is not observable, and grows with the gyro's bias.

@@ -50,7 +50,7 @@ class FeedbackNode:
 
 @record
 class AidedInertialFeedback:
-    """Closed loop: after each update the errors go back into heading, velocity, position and biases, and are zero again.
+    """Closed loop: after each update the errors go back into the INS and its biases, and are zero again.
 
     The error states are estimate minus truth for heading, velocity and position, and true minus estimated bias for the
     biases, which are added to the bias estimates. Between updates the errors are zero, so only covariances move.
@@ -142,7 +142,5 @@ class AidedInertialFeedback:
 
     def belief(self, node: FeedbackNode) -> Belief:
         """Of the IMU's point."""
-        x = jnp.concatenate(
-            [node.heading[None], node.velocity, node.position, node.gyro_bias[None], node.force_bias]
-        )
+        x = jnp.concatenate([node.heading[None], node.velocity, node.position, node.gyro_bias[None], node.force_bias])
         return Belief(x, belief_covariance(node.P1, node.P2, -1.0))

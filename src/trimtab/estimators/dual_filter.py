@@ -98,7 +98,7 @@ def motion_transition(dt: Any, heading: Any) -> Any:
 
 
 def heading_noise(growth: Any, reach: Any) -> Any:
-    """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the walk of the bias turns the heading too."""
+    """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the bias's walk turns the heading too."""
     walk = growth[1]
     both = walk * reach / 2
     return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])

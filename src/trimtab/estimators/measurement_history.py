@@ -29,7 +29,7 @@ KINDS = ("empty", "imu", "heading", "position")
 
 @record
 class History:
-    """The ring; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page, Measurement history."""
+    """The ring; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page."""
 
     head: Scalar = quantity("1", "Slot of the oldest event.", kind="count")
     t: Any = quantity("100 ns", "When each event was measured; never falls from the oldest on.", kind="time")

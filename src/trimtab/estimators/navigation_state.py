@@ -71,7 +71,7 @@ class NavigationState:
     imu: SensorWatch = part("What the IMU has done.")
     heading_sensor: Any = part("What the heading sensor has done; None without one.")
     position_sensor: Any = part("What the position sensor has done; None without one.")
-    coasting: Scalar = quantity("1", "Whether the IMU is silent: constant velocity is assumed, sigmas grow.", kind="flag")
+    coasting: Scalar = quantity("1", "Whether the IMU is silent: constant velocity assumed, sigmas grow.", kind="flag")
     clock_backwards: Scalar = quantity("1", "How often the autopilot's own time ran backwards.", kind="count")
 
 

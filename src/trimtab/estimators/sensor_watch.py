@@ -1,4 +1,4 @@
-"""Is this sample fit for use? What is worn, frozen, repeated, saturated or from the wrong time, told from samples alone.
+"""Is this sample fit for use? What is frozen, repeated or from the wrong time, told from the samples alone.
 
 Source: docs page, Sensor watch.
 """
@@ -25,7 +25,7 @@ class SensorWatch:
     last: Scalar = quantity("100 ns", "When its newest sample so far was measured.", kind="time")
     value: Any = quantity("1", "Its last sample, in the sensor's units, filled up with zeros.", shape=(WIDTH,))
     repeats: Scalar = quantity("1", "How many samples in a row had exactly the same value.", kind="count")
-    frozen: Scalar = quantity("1", "Whether that is more than noise allows: no longer used, or distrusted.", kind="flag")
+    frozen: Scalar = quantity("1", "Whether that is more than noise allows: not used, or distrusted.", kind="flag")
     saturated: Scalar = quantity("1", "Whether the last sample lay at the end of its range.", kind="flag")
     backwards: Scalar = quantity("1", "Whether the last to arrive was older than one before it.", kind="flag")
     samples: Scalar = quantity("1", "How many have arrived.", kind="count")

@@ -1,6 +1,6 @@
 """Does a filter know how wrong it is? Averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
-consistent: errors are as large as the filter says.  optimistic: larger, it is too sure of itself.  pessimistic: smaller.
+consistent: errors are as large as the filter says.  optimistic: larger, it is too sure.  pessimistic: smaller.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978).
@@ -19,7 +19,7 @@ CONSISTENT, OPTIMISTIC, PESSIMISTIC = "consistent", "optimistic", "pessimistic"
 class Consistency(NamedTuple):
     """What an average says.
 
-    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds of a consistent filter's average.
+    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds of a consistent one.
     inside: share of the instants whose average over runs lies in the bounds for one instant.  verdict: in a word.
     """
 
@@ -35,7 +35,8 @@ class Whiteness(NamedTuple):
     """Autocorrelation of innovations.
 
     correlation: at lags 1, 2, … (lags,).  bound: that of a white sequence at one lag.  inside: share of lags within it.
-    statistic: of Ljung and Box over all lags.  p: its probability in a white sequence.  white: whether p is above 1 - probability.
+    statistic: of Ljung and Box over all lags.  p: its probability in a white sequence.
+    white: whether p is above 1 - probability.
     """
 
     correlation: Any
