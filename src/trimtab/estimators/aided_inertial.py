@@ -36,6 +36,10 @@ class Intake:
 
     gate_heading: Scalar = quantity("1", "Largest NIS of a heading that is believed.", default=15.137, above=0)
     gate_position: Scalar = quantity("1", "Largest NIS of a position that is believed.", default=18.421, above=0)
+    patience_heading: Scalar = quantity(
+        "1", "Headings refused in a row after which the filter gives in; 0: never.", default=0, kind="count"
+    )
+    patience_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
     rate_range: Scalar = quantity("rad/s", "Where the gyro saturates.", default=np.deg2rad(300.0), above=0)
     force_range: Scalar = quantity("m/s^2", "Where the accelerometers saturate.", default=1.7 * 9.80665, above=0)
     frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")

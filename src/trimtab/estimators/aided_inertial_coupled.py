@@ -16,8 +16,8 @@ from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
 from trimtab.estimators.aided_inertial import InertialState, Intake, begin, navigate
 from trimtab.estimators.dual_filter import InertialNoise, belief_covariance, heading_noise, motion_noise
-from trimtab.estimators.kalman import Update, predict_covariance, update
-from trimtab.estimators.navigation_state import HeadingFix, PositionFix, counted, no_heading_fix, no_position_fix
+from trimtab.estimators.kalman import Update, predict_covariance
+from trimtab.estimators.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, InertialStart, LeverArms, mechanise, turned_lever
 from trimtab.estimators.sensor_watch import NEVER
 
@@ -126,8 +126,9 @@ class AidedInertialCoupled:
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = jnp.reshape(self.noise.heading, (1, 1))
         y = wrap(node.x[0] - z)[None]
-        done = update(jnp.zeros(8), node.P, y, H, R, gate=self.intake.gate_heading)
-        return replace(_reset(node, done), heading_fix=counted(node.heading_fix, done, -1.0))
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
+        return replace(_reset(node, done), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any) -> CoupledNode:
         """With a position z (2,) of the aided point."""
@@ -141,8 +142,9 @@ class AidedInertialCoupled:
             learns = jnp.where(self.moves(node), 1.0, 0.0)
             one = jnp.ones(4)
             consider = jnp.concatenate([learns[None], one, learns[None], one[:2]])
-        done = update(jnp.zeros(8), node.P, y, H, R, gate=self.intake.gate_position, consider=consider)
-        return replace(_reset(node, done), position_fix=counted(node.position_fix, done, -1.0))
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0, **believed)
+        return replace(_reset(node, done), position_fix=fix)
 
     def moves(self, node: CoupledNode) -> Any:
         """Whether the low-passed force is told from zero."""

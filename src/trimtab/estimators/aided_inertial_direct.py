@@ -24,8 +24,8 @@ from trimtab.estimators.dual_filter import (
     motion_transition,
     turned_noise,
 )
-from trimtab.estimators.kalman import predict, update
-from trimtab.estimators.navigation_state import HeadingFix, PositionFix, counted, no_heading_fix, no_position_fix
+from trimtab.estimators.kalman import predict
+from trimtab.estimators.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, InertialStart, LeverArms, mechanise, turned_lever
 from trimtab.estimators.sensor_watch import NEVER
 
@@ -109,16 +109,18 @@ class AidedInertialDirect:
     def correct_heading(self, node: DirectNode, z: Any) -> DirectNode:
         """With a heading z (rad), any equal of it."""
         R = jnp.reshape(self.noise.heading, (1, 1))
-        done = update(node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, gate=self.intake.gate_heading)
-        return replace(node, x1=done.x, P1=done.P, heading_fix=counted(node.heading_fix, done))
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed)
+        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any) -> DirectNode:
         """With a position z (2,) of the aided point."""
         arm, slope = turned_lever(node.x1[0], self.arms.between())
         R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
         y = z - node.x2[2:4] - arm
-        done = update(node.x2, node.P2, y, POSITION_ROWS, R, gate=self.intake.gate_position)
-        return replace(node, x2=done.x, P2=done.P, position_fix=counted(node.position_fix, done))
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)
+        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
         """Of the IMU's point."""

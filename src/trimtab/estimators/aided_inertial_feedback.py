@@ -24,8 +24,8 @@ from trimtab.estimators.dual_filter import (
     motion_transition,
     turned_noise,
 )
-from trimtab.estimators.kalman import predict_covariance, update
-from trimtab.estimators.navigation_state import HeadingFix, PositionFix, counted, no_heading_fix, no_position_fix
+from trimtab.estimators.kalman import predict_covariance
+from trimtab.estimators.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, InertialStart, LeverArms, mechanise, turned_lever
 from trimtab.estimators.sensor_watch import NEVER
 
@@ -116,13 +116,14 @@ class AidedInertialFeedback:
         """With a heading z (rad), any equal of it."""
         y = wrap(node.heading - z)[None]
         R = jnp.reshape(self.noise.heading, (1, 1))
-        done = update(jnp.zeros(2), node.P1, y, HEADING_ROW, R, gate=self.intake.gate_heading)
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
         return replace(
             node,
             heading=node.heading - done.x[0],
             gyro_bias=node.gyro_bias + done.x[1],
             P1=done.P,
-            heading_fix=counted(node.heading_fix, done, -1.0),
+            heading_fix=fix,
         )
 
     def correct_position(self, node: FeedbackNode, z: Any) -> FeedbackNode:
@@ -130,14 +131,15 @@ class AidedInertialFeedback:
         arm, slope = turned_lever(node.heading, self.arms.between())
         R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
         y = node.position + arm - z
-        done = update(jnp.zeros(6), node.P2, y, POSITION_ROWS, R, gate=self.intake.gate_position)
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
         return replace(
             node,
             velocity=node.velocity - done.x[:2],
             position=node.position - done.x[2:4],
             force_bias=node.force_bias + done.x[4:],
             P2=done.P,
-            position_fix=counted(node.position_fix, done, -1.0),
+            position_fix=fix,
         )
 
     def belief(self, node: FeedbackNode) -> Belief:

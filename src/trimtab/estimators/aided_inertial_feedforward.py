@@ -24,8 +24,8 @@ from trimtab.estimators.dual_filter import (
     motion_transition,
     turned_noise,
 )
-from trimtab.estimators.kalman import predict, update
-from trimtab.estimators.navigation_state import HeadingFix, PositionFix, counted, no_heading_fix, no_position_fix
+from trimtab.estimators.kalman import predict
+from trimtab.estimators.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, InertialStart, LeverArms, mechanise, turned_lever
 from trimtab.estimators.sensor_watch import NEVER
 
@@ -117,16 +117,18 @@ class AidedInertialFeedforward:
         """With a heading z (rad), any equal of it."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = jnp.reshape(self.noise.heading, (1, 1))
-        done = update(node.x1, node.P1, y, HEADING_ROW, R, gate=self.intake.gate_heading)
-        return replace(node, x1=done.x, P1=done.P, heading_fix=counted(node.heading_fix, done, -1.0))
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any) -> FeedforwardNode:
         """With a position z (2,) of the aided point."""
         arm, slope = turned_lever(node.heading - node.x1[0], self.arms.between())
         y = node.position + arm - z - node.x2[2:4]
         R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
-        done = update(node.x2, node.P2, y, POSITION_ROWS, R, gate=self.intake.gate_position)
-        return replace(node, x2=done.x, P2=done.P, position_fix=counted(node.position_fix, done, -1.0))
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
+        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:
         """Of the IMU's point."""

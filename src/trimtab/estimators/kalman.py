@@ -91,6 +91,16 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
     return Update(new_x, new_P, y, S, nis, accepted, finite)
 
 
+def inflated(P: Any, y: Any, H: Any, R: Any) -> Any:
+    """P (n, n) times NIS/m where that is above 1: as uncertain as it must have been for this innovation to be usual.
+
+    For a filter that has to give in: its measurements agree with each other and not with it.
+    """
+    y = jnp.where(jnp.isfinite(y), y, 0.0)
+    nis = y @ solve_spd(symmetric(H @ P @ H.T + R), y)
+    return P * jnp.maximum(jnp.where(jnp.isfinite(nis), nis, 1.0) / y.shape[0], 1.0)
+
+
 def update_in_turn(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
     """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
 

@@ -11,7 +11,7 @@ import numpy as np
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import planar
-from trimtab.estimators.kalman import CovarianceHealth, Update, health
+from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, health, inflated, update
 from trimtab.estimators.planar_inertial import DIMENSION, Belief, LeverArms, turned_lever
 from trimtab.estimators.sensor_watch import SensorWatch, plus
 
@@ -26,6 +26,7 @@ class HeadingFix:
     used: Scalar = quantity("1", "How many were used.", kind="count")
     rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
+    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
 
 
 @record
@@ -38,6 +39,7 @@ class PositionFix:
     used: Scalar = quantity("1", "How many were used.", kind="count")
     rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
+    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
 
 
 @record
@@ -78,13 +80,13 @@ class NavigationState:
 def no_heading_fix() -> HeadingFix:
     """Before the first."""
     none = np.int32(0)
-    return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none)
+    return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none, none)
 
 
 def no_position_fix() -> PositionFix:
     """Before the first."""
     none = np.int32(0)
-    return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none)
+    return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 
 
 def counted(fix: Any, done: Update, sign: float = 1.0) -> Any:
@@ -102,6 +104,34 @@ def counted(fix: Any, done: Update, sign: float = 1.0) -> Any:
         rejected=plus(fix.rejected, refused),
         rejected_in_a_row=in_a_row,
     )
+
+
+def fuse(
+    fix: Any,
+    x: Any,
+    P: Any,
+    y: Any,
+    H: Any,
+    R: Any,
+    *,
+    gate: Any,
+    patience: Any,
+    consider: Any = None,
+    sign: float = 1.0,
+) -> tuple[Update, Any]:
+    """One update with its bookkeeping: what it did, and the HeadingFix or PositionFix after it.
+
+    After `patience` measurements refused in a row the filter gives in to the next one that the gate would refuse: its
+    covariance is inflated until the innovation is a usual one, and the gate is open. 0: it never does. The rest as in
+    `kalman.update` and `counted`.
+    """
+    patience = jnp.asarray(patience)
+    gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
+    wider = jnp.where(gives, inflated(P, y, H, R), P)
+    done = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
+    done = done._replace(P=jnp.where(done.accepted, done.P, P))
+    fix = counted(fix, done, sign)
+    return done, replace(fix, given_in=plus(fix.given_in, gives & done.accepted))
 
 
 def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
