@@ -211,6 +211,40 @@ def test_a_compass_beside_a_motor_is_rejected_and_flagged():
     assert sigmas_off(state) < 4.5
 
 
+def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
+    """A beacon moved by 0.5 m: five fixes are refused, then the filter gives in, with a covariance to match."""
+    sent = good()
+    moved = np.arange(N) >= 400
+    sent.fix[moved] += np.array([0.5, 0.0])
+    state, _ = flown(sent)
+    assert state.position_fix.rejected_in_a_row.max() == 5
+    assert state.position_fix.given_in[-1] == 1
+    first = np.flatnonzero(state.position_fix.given_in)[0]
+    assert state.sigma_north[first] > state.sigma_north[399]
+    truth = TRUTH._replace(position=np.asarray(TRUTH.position) + [0.5, 0.0])
+    assert sigmas_off(state, first + 30, truth) < 4.5
+    stubborn = replace(FEEDBACK, intake=replace(FEEDBACK.intake, patience_position=np.int32(0)))
+    alone, _ = flown(sent, stubborn)
+    assert alone.position_fix.rejected_in_a_row.max() > 5
+    in_a_row = alone.position_fix.rejected_in_a_row[405:]
+    until = 405 + int(np.argmax(in_a_row == 0))  # when the gate has opened by itself
+    assert (np.diff(alone.sigma_north[405:until]) > 0).all()
+
+
+def test_one_outlier_in_ten_does_not_throw_it_off():
+    """Of 10 Hz fixes, by up to 3 m (issue 4, here for positions)."""
+    sent, g = good(), np.random.default_rng(5)
+    due = np.flatnonzero(sent.fix_fresh)
+    bad = due[g.random(len(due)) < 0.1]
+    bad = bad[bad > 100]
+    sent.fix[bad] += g.uniform(-3, 3, (len(bad), 2))
+    state, _ = flown(sent)
+    assert len(bad) > 3
+    assert state.position_fix.rejected[-1] >= len(bad) - 1
+    assert state.position_fix.given_in[-1] == 0
+    assert sigmas_off(state) < 4.5
+
+
 def test_lever_arms_are_taken_into_account():
     """IMU and aided point away from the reference: the same errors as without; ignored, far larger ones."""
     arms = {"imu": np.array([0.2, -0.1]), "aiding": np.array([-0.3, 0.25])}

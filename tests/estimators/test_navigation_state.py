@@ -3,7 +3,7 @@
 import numpy as np
 
 from trimtab.estimators.kalman import update
-from trimtab.estimators.navigation_state import at_reference, counted, no_heading_fix, no_position_fix
+from trimtab.estimators.navigation_state import at_reference, counted, fuse, no_heading_fix, no_position_fix
 from trimtab.estimators.planar_inertial import Belief, LeverArms
 from trimtab.export.function import lowered
 
@@ -53,6 +53,32 @@ def test_fixes_are_counted():
     assert (fix.used, fix.rejected, fix.rejected_in_a_row) == (2, 2, 0)
     assert fix.innovation[0] == -0.5
     assert no_position_fix().innovation.shape == (2,)
+
+
+def test_after_so_many_refused_in_a_row_the_filter_gives_in():
+    """The covariance grows until the innovation is a usual one; then the measurement counts, once."""
+    x, P, R, y = np.zeros(2), np.diag([1e-4, 1e-4]), 1e-6 * np.eye(2), np.array([1.0, 0.5])
+    believed = {"gate": 18.0, "patience": np.int32(3)}
+    fix = no_position_fix()
+    for k in range(3):
+        done, fix = fuse(fix, x, P, y, np.eye(2), R, **believed)
+        assert not done.accepted
+        np.testing.assert_array_equal(done.P, P)
+        assert fix.rejected_in_a_row == k + 1
+    refused = fix
+    done, fix = fuse(fix, x, P, y, np.eye(2), R, **believed)
+    assert done.accepted
+    np.testing.assert_allclose(done.x, y, rtol=1e-3)
+    assert done.nis < 2.1
+    assert (fix.given_in, fix.rejected_in_a_row, fix.used) == (1, 0, 1)
+    done, same = fuse(refused, x, P, np.array([np.nan, 0.0]), np.eye(2), R, **believed)
+    np.testing.assert_array_equal(done.P, P)  # to what is no number it does not give in
+    assert same.given_in == 0
+    stubborn = no_position_fix()
+    for _ in range(6):
+        done, stubborn = fuse(stubborn, x, P, y, np.eye(2), R, gate=18.0, patience=np.int32(0))
+    assert stubborn.rejected_in_a_row == 6
+    assert not done.accepted
 
 
 def test_sigmas_stay_finite_where_rounding_makes_a_variance_negative():
