@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Option, Part, Quantity, declarations, numeric
+from trimtab.core.record import Option, Part, Quantity, declarations, numeric, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, Motion, PlanarForce, PlanarState, measured
 from trimtab.core.time import ms
@@ -155,10 +155,28 @@ def commands() -> list[Any]:
     return [planar_force, *found]
 
 
+@record
+class Everything:
+    """What an IMU, a heading sensor and a position sensor tell, in one. Source: this test."""
+
+    yaw_rate: Any = quantity("rad/s", "Rate.")
+    forward: Any = quantity("m/s^2", "Force per mass.")
+    starboard: Any = quantity("m/s^2", "Force per mass.")
+    heading: Any = quantity("rad", "Heading.", kind="angle")
+    north: Any = quantity("m", "North.")
+    east: Any = quantity("m", "East.")
+
+
+def everything(t: Any) -> Everything:
+    """Measurements that differ at each instant."""
+    s = t * 1e-7
+    return Everything(*(0.3 * jnp.cos(s + k) for k in range(6)))
+
+
 def sensed() -> list[Any]:
     """Functions of time, one for each kind of measurement that some sensor gives."""
     sensors = [made(cls) for cls in blocks("sensors")]
-    return [planar_state, *(lambda t, one=one: one.measure(motion(t)) for one in sensors)]
+    return [planar_state, *(lambda t, one=one: one.measure(motion(t)) for one in sensors), everything]
 
 
 def example(folder: str, one: Any) -> Any:

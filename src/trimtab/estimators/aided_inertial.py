@@ -1,0 +1,190 @@
+"""What the four forms of aided inertial navigation share: samples in, events in order of measurement, estimate out.
+
+A form gives first(), propagate(), correct_heading(), correct_position() and belief(), and has the parts intake, noise,
+start and arms; `navigate` is its step. Nothing here knows how a form keeps its state.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
+and section 5.4: propagation runs on the IMU's samples, never on the wall clock.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import ms, to_seconds
+from trimtab.estimators import measurement_history as ring
+from trimtab.estimators.measurement_history import Event, History
+from trimtab.estimators.navigation_state import NavigationState, at_reference
+from trimtab.estimators.planar_inertial import Belief
+from trimtab.estimators.sensor_watch import NEVER, Judgement, SensorWatch, judge, plus, unwatched
+
+
+@record
+class Intake:
+    """Which samples are read, what of them is believed, and how much of the past is kept.
+
+    Reads: yaw_rate, forward and starboard of the IMU; heading of the heading sensor; north and east of the position
+    sensor. A name left empty means that there is no such sensor.
+    Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; the rest chosen here.
+    """
+
+    gate_heading: Scalar = quantity("1", "Largest NIS of a heading that is believed.", default=15.137, above=0)
+    gate_position: Scalar = quantity("1", "Largest NIS of a position that is believed.", default=18.421, above=0)
+    patience_heading: Scalar = quantity(
+        "1", "Headings refused in a row after which the filter gives in; 0: never.", default=0, kind="count"
+    )
+    patience_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
+    rate_range: Scalar = quantity("rad/s", "Where the gyro saturates.", default=np.deg2rad(300.0), above=0)
+    force_range: Scalar = quantity("m/s^2", "Where the accelerometers saturate.", default=1.7 * 9.80665, above=0)
+    frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")
+    frozen_heading: Scalar = quantity("1", "The same for headings.", default=50, kind="count")
+    frozen_position: Scalar = quantity("1", "The same for positions.", default=10, kind="count")
+    gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
+    imu: str = option("Name of the inertial sensor.", default="imu")
+    heading: str = option("Name of the heading sensor, or nothing.", default="heading")
+    position: str = option("Name of the position sensor, or nothing.", default="position")
+    slots: int = option("Events that are kept: those measured in the longest delay, and some.", default=64)
+
+    def listens(self) -> tuple[str, ...]:
+        """The names of what is read."""
+        return tuple(name for name in (self.imu, self.heading, self.position) if name)
+
+    def check(self) -> None:
+        """Refuse a ring without room, and one name for two things."""
+        if self.slots < 4:
+            raise InputError("intake.slots", f"{self.slots} events are too few to order", fix="keep 4 or more, e.g. 64")
+        if not self.imu or len(set(self.listens())) < len(self.listens()):
+            problem = f"sensors {self.listens()} are not an IMU and others, each by its own name"
+            raise InputError("intake", problem, fix="name the IMU, and give each sensor its own name")
+
+
+@record
+class InertialState:
+    """Everything about an aided inertial navigation system that changes. Source: docs page."""
+
+    history: History = part("Events and states of the last moments.")
+    imu: SensorWatch = part("What the IMU has done.")
+    heading: Any = part("What the heading sensor has done; None without one.")
+    position: Any = part("What the position sensor has done; None without one.")
+    clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
+    clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
+
+
+def begin(form: Any) -> InertialState:
+    """First state of a form."""
+    intake = form.intake
+    return InertialState(
+        history=ring.empty(form.first(), intake.slots),
+        imu=unwatched(),
+        heading=unwatched() if intake.heading else None,
+        position=unwatched() if intake.position else None,
+        clock=np.int64(NEVER),
+        clock_backwards=np.int32(0),
+    )
+
+
+@jax.jit
+def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+    """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
+    found = _look(form.intake, t, state, frame)
+    fresh = jnp.stack([judgement.usable for _, judgement in found.values()]).any()
+    before = state.history, {name: judgement.watch for name, (_, judgement) in found.items()}
+    history, watches = lax.cond(fresh, lambda: _fused(form, state.history, found), lambda: before)
+    new = InertialState(
+        history=history,
+        **{name: watches.get(name) for name in ("imu", "heading", "position")},  # pyright: ignore[reportArgumentType]
+        clock=jnp.maximum(state.clock, t),
+        clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
+    )
+    return new, _told(form, t, new, fresh)
+
+
+def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
+    """Each sensor's event, the IMU's first, with what was found about it."""
+    sample = frame.samples[intake.imu]
+    felt = sample.value.yaw_rate, sample.value.forward, sample.value.starboard
+    one = judge(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
+    gyro = jnp.abs(one.value[0]) >= intake.rate_range * (1 - 1e-9)
+    force = jnp.max(jnp.abs(one.value[1:])) >= intake.force_range * (1 - 1e-9)
+    lost = one.watch.frozen | ((one.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
+    doubt = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
+    watch = replace(one.watch, saturated=jnp.where(one.usable, gyro | force, state.imu.saturated))
+    found = {"imu": (Event(one.t, ring.IMU, one.value, doubt), one._replace(watch=watch))}
+    if intake.heading:
+        sample = frame.samples[intake.heading]
+        value = (sample.value.heading,)
+        two = judge(state.heading, t, sample, value, frozen_after=intake.frozen_heading, ordered=False)
+        found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _unfrozen(two)
+    if intake.position:
+        sample = frame.samples[intake.position]
+        value = sample.value.north, sample.value.east
+        three = judge(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
+        found["position"] = Event(three.t, ring.POSITION, three.value, np.zeros(2)), _unfrozen(three)
+    return found
+
+
+def _unfrozen(judgement: Judgement) -> Judgement:
+    """Samples of a frozen sensor that only aids are not used at all; an IMU's are, with doubt."""
+    return judgement._replace(usable=judgement.usable & ~judgement.watch.frozen)
+
+
+def _fused(form: Any, history: History, found: dict[str, tuple[Event, Judgement]]) -> Any:
+    """The history with all that is usable in it, and the watches with what was too late or here before."""
+    reached = ring.done(history)
+    watches: dict[str, SensorWatch] = {}
+    for name, (event, judgement) in found.items():
+        room, known = ring.fits(history, reached, event)
+        history, reached = lax.cond(
+            judgement.usable & room & ~known,
+            lambda h=history, d=reached, e=event: ring.insert(h, d, e),
+            lambda h=history, d=reached: (h, d),
+        )
+        watches[name] = replace(
+            judgement.watch,
+            late=plus(judgement.watch.late, judgement.usable & ~room & ~known),
+            duplicates=plus(judgement.watch.duplicates, judgement.usable & known),
+        )
+    return ring.replay(form, history, reached)[0], watches
+
+
+def _told(form: Any, t: Any, state: InertialState, fresh: Any) -> Estimate:
+    """The estimate at the time of the newest IMU sample; while the IMU is silent, what can be said of now."""
+    node = ring.newest(state.history)
+    begun = node.t > NEVER
+    silent = begun & (t - node.t > form.intake.gap)
+    age = jnp.where(begun, to_seconds(t - node.t), 0.0)
+    belief, rate, variance = lax.cond(
+        silent,
+        lambda: _coasted(form, node, age),
+        lambda: (form.belief(node), node.felt[0], jnp.asarray(form.noise.gyro, np.float64)),
+    )
+    told = at_reference(belief, rate, variance, form.arms)
+    valid = begun
+    if form.intake.heading:
+        valid = valid & (node.heading_fix.used > 0)
+    if form.intake.position:
+        valid = valid & (node.position_fix.used > 0)
+    state_now = NavigationState(
+        **told,
+        heading_fix=node.heading_fix,
+        position_fix=node.position_fix,
+        imu=state.imu,
+        heading_sensor=state.heading,
+        position_sensor=state.position,
+        coasting=silent,
+        clock_backwards=state.clock_backwards,
+    )
+    return Estimate(t=t, age=age, fresh=fresh, valid=valid, state=state_now)
+
+
+def _coasted(form: Any, node: Any, age: Any) -> tuple[Belief, Any, Any]:
+    """Belief, gyro reading and its variance at an age (s): constant velocity and heading, with all doubt."""
+    still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
+    belief = form.belief(form.propagate(replace(node, felt=still), age, still, jnp.ones(2)))
+    return belief, still[0], form.noise.gyro + form.noise.doubtful_rate**2

@@ -1,0 +1,154 @@
+"""The thesis's two filters, heading and then velocity and position: their discrete matrices and noise.
+
+Errors are estimate minus truth; bias is what a sensor reads too much. x1 = (heading, gyro bias); x2 = (velocity north,
+east, position north, east, accelerometer bias forward, starboard).
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
+and section 6.2.1. The unit error of its process noise is described in docs Errata.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, period, quantity, record
+from trimtab.core.rotation import planar
+from trimtab.core.time import ms, to_seconds
+
+TABLE = "[1] section 6.2.1"
+
+
+@record
+class InertialNoise:
+    """Noise of the inertial sensors and of what aids them, and how it enters the covariance.
+
+    consistent:  white noise of variance s^2 per sample grows a heading (velocity) by s^2 tick dt in a time dt, a bias
+                 with the walk q by q dt.
+    literal:     the printed numbers are added as they stand at every tick, although they are variances of a rate (a
+                 force) and not of a heading (velocity): gains near 0.8, output close to the aiding sensor.
+
+    Source: [1] section 6.2.1; the reading of the walks as per second is reconstructed.
+    """
+
+    gyro: Scalar = quantity("rad^2/s^2", "White noise of a sample.", default=4.9e-4, above=0, source=TABLE)
+    gyro_walk: Scalar = quantity("rad^2/s^3", "Walk of the bias.", default=5e-4, low=0, source=TABLE)
+    forward: Scalar = quantity("m^2/s^4", "White noise of a sample, forward.", default=3.4e-2, above=0, source=TABLE)
+    starboard: Scalar = quantity("m^2/s^4", "The same to starboard.", default=2.7e-2, above=0, source=TABLE)
+    force_walk: Scalar = quantity("m^2/s^5", "Walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE)
+    heading: Scalar = quantity("rad^2", "Of a heading measurement.", default=1.6e-4, above=0, source=TABLE)
+    position: Scalar = quantity("m^2", "Of each coordinate of a position fix.", default=5.6e-4, above=0, source=TABLE)
+    doubtful_rate: Scalar = quantity(
+        "rad/sqrt(s)", "How a heading may wander while the gyro can't be trusted.", default=1.0, low=0
+    )
+    doubtful_force: Scalar = quantity(
+        "m/s/sqrt(s)", "How a velocity may wander while the accelerometers can't be trusted.", default=2.0, low=0
+    )
+    tick: int = period("Time between the samples that these numbers belong to.", default=ms(6.5536))
+    covariance: str = option(
+        "How the noise enters: with its units mended, or as printed.",
+        default="consistent",
+        choices=("consistent", "literal"),
+    )
+
+    def growth(self, dt: Any, doubt: Any) -> Any:
+        """Variances added in dt (s): heading, gyro bias, velocity along forward and starboard, force biases (6,).
+
+        doubt: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
+        """
+        white = jnp.stack([jnp.asarray(v, np.float64) for v in (self.gyro, self.forward, self.starboard)])
+        walk = jnp.stack([jnp.asarray(v, np.float64) for v in (self.gyro_walk, self.force_walk, self.force_walk)])
+        tick = to_seconds(self.tick)
+        if self.covariance == "literal":
+            white, walk = white * (dt / tick), walk * (dt / tick)
+        else:
+            white, walk = white * (tick * dt), walk * dt
+        lost = jnp.stack([self.doubtful_rate * doubt[0], self.doubtful_force * doubt[1]])
+        white = white + dt * jnp.stack([lost[0] ** 2, lost[1] ** 2, lost[1] ** 2])
+        return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
+
+    def reach(self, dt: Any) -> Any:
+        """Over what time (s) noise is integrated within a step: all of it; none of it as printed."""
+        return jnp.zeros_like(dt) if self.covariance == "literal" else dt
+
+    def position_noise(self) -> Any:
+        """R of a position fix (2, 2)."""
+        return self.position * jnp.eye(2)
+
+
+def heading_transition(dt: Any) -> Any:
+    """Phi1 (2, 2) of the errors (heading, gyro bias). Source: [1] chapter 3."""
+    one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
+    return jnp.stack([jnp.stack([one, dt]), jnp.stack([zero, one])])
+
+
+def motion_transition(dt: Any, heading: Any) -> Any:
+    """Phi2 (6, 6) of the errors (velocity, position, accelerometer bias) at a heading; exact, as A^3 = 0.
+
+    Source: [1] chapter 3: dt B in the block from bias to velocity, dt^2/2 B to position.
+    """
+    B, eye, none = planar(heading), jnp.eye(2), jnp.zeros((2, 2))
+    return jnp.concatenate(
+        [
+            jnp.concatenate([eye, none, dt * B], axis=1),
+            jnp.concatenate([dt * eye, eye, dt * dt / 2 * B], axis=1),
+            jnp.concatenate([none, none, eye], axis=1),
+        ]
+    )
+
+
+def heading_noise(growth: Any, reach: Any) -> Any:
+    """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the bias's walk turns the heading too."""
+    walk = growth[1]
+    both = walk * reach / 2
+    return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])
+
+
+def motion_noise(growth: Any, heading: Any, reach: Any) -> Any:
+    """G2 Q2 G2' (6, 6): noise along the body's axes, seen in W.
+
+    With a reach of dt it is the exact integral of white noise on velocity and biases over dt; with 0, as printed, noise
+    of velocity does not reach position in the same step.
+    """
+    B = planar(heading)
+    V, A = (B * growth[2:4]) @ B.T, (B * growth[4:6]) @ B.T
+    bias = B * growth[4:6]
+    vr, vb, rb = V * reach / 2 + A * reach**3 / 8, bias * reach / 2, bias * reach**2 / 6
+    return jnp.concatenate(
+        [
+            jnp.concatenate([V + A * reach**2 / 3, vr, vb], axis=1),
+            jnp.concatenate([vr.T, V * reach**2 / 3 + A * reach**4 / 20, rb], axis=1),
+            jnp.concatenate([vb.T, rb.T, jnp.diag(growth[4:6])], axis=1),
+        ]
+    )
+
+
+HEADING_ROW = np.array([[1.0, 0.0]])
+"""H of a heading measurement for x1."""
+POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
+"""H of a position fix for x2."""
+
+
+def turned_noise(R: Any, slope: Any, variance: Any) -> Any:
+    """R (2, 2) with the uncertainty of the heading that turns a lever arm; slope (2,): its derivative by the heading.
+
+    The dual filters don't estimate heading from positions; what its error does to the lever arm is noise to them.
+    """
+    return R + variance * slope[:, None] * slope[None, :]
+
+
+def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
+    """Covariance (8, 8) of a Belief from those of the two filters, which know nothing of each other.
+
+    bias_sign: -1 where the error state of a bias is true minus estimated, or a feed-forward filter's bias with
+    errors of the INS that it makes grow.
+    """
+    s = bias_sign
+    zero = jnp.zeros(4)
+    signs = jnp.stack([jnp.asarray(v, np.float64) for v in (1, 1, 1, 1, s, s)])
+    P2 = P2 * signs[:, None] * signs[None, :]
+    top = jnp.concatenate([P1[:1, :1], jnp.zeros((1, 4)), s * P1[:1, 1:], jnp.zeros((1, 2))], axis=1)
+    middle = jnp.concatenate([jnp.zeros((4, 1)), P2[:4, :4], jnp.zeros((4, 1)), P2[:4, 4:]], axis=1)
+    rate = jnp.concatenate([s * P1[1:, :1], zero[None], P1[1:, 1:], jnp.zeros((1, 2))], axis=1)
+    bottom = jnp.concatenate([jnp.zeros((2, 1)), P2[4:, :4], jnp.zeros((2, 1)), P2[4:, 4:]], axis=1)
+    return jnp.concatenate([top, middle, rate, bottom], axis=0)

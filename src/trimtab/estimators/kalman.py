@@ -1,0 +1,163 @@
+"""The Kalman filter's two steps on small matrices, for linear models and linearised ones: pure, unrolled, exportable.
+
+An innovation y = z - h(x) comes from the caller, so that the same update serves a linear filter, an extended one and
+a filter of errors. A measurement that is not finite is never used, and neither is one outside the gate; both leave
+state and covariance bit for bit as they were.
+
+Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
+sections 5.2 (update in Joseph's form) and 5.4 (consistency). [5] Schmidt, "Application of state-space methods to
+navigation problems", Advances in control systems 3 (1966): consider states.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax import lax
+
+from trimtab.core.float64 import jnp
+from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
+from trimtab.core.record import Scalar, quantity, record
+
+NO_GATE = float("inf")
+"""A gate through which every finite measurement passes."""
+
+
+class Update(NamedTuple):
+    """What an update did.
+
+    x: state (n,).  P: covariance (n, n).  innovation: (m,), 0 where the measurement was not finite.
+    S: its covariance (m, m).  nis: y' S^-1 y, chi-square with m degrees of freedom when the filter is consistent.
+    accepted: whether the measurement was used.  finite: whether it was a number at all.
+    """
+
+    x: Any
+    P: Any
+    innovation: Any
+    S: Any
+    nis: Any
+    accepted: Any
+    finite: Any
+
+
+@record
+class CovarianceHealth:
+    """Signals that tell whether a covariance is still one. Source: docs page, Kalman filter."""
+
+    positive: Scalar = quantity("1", "Whether it is finite and positive definite.", kind="flag")
+    asymmetry: Scalar = quantity("1", "Largest difference of P from its transpose, of the largest variance.")
+    least_pivot: Scalar = quantity("1", "Smallest share of a variance that the states before it do not explain.")
+    eigenvalue_bound: Scalar = quantity("1", "No eigenvalue of the correlation matrix is below this; 0 if unhealthy.")
+    trace: Scalar = quantity("1", "Sum of the variances, each in its own unit squared.")
+
+
+def predict(x: Any, P: Any, F: Any, Q: Any) -> tuple[Any, Any]:
+    """State F x (n,) and covariance F P F' + Q (n, n), made symmetric. Source: [4] section 5.2."""
+    return F @ x, predict_covariance(P, F, Q)
+
+
+def predict_covariance(P: Any, F: Any, Q: Any) -> Any:
+    """F P F' + Q (n, n), made symmetric, for filters that move their state otherwise."""
+    return symmetric(F @ P @ F.T + Q)
+
+
+def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consider: Any = None) -> Update:
+    """Joseph's form: x + K y and (I - K H) P (I - K H)' + K R K', K = P H' S^-1, S = H P H' + R.
+
+    Args:
+        x: state (n,).
+        P: its covariance (n, n).
+        y: innovation z - h(x), (m,); for states that are errors, measured error minus H x.
+        H: derivative of h (m, n).
+        R: covariance of the measurement's noise (m, m).
+        gate: largest NIS that is believed, e.g. the 0.9999 quantile of chi-square with m degrees of freedom.
+        consider: (n,) of ones, with zeros for states that keep their estimate but whose uncertainty counts ([5]); their
+            rows of the gain are zero, and Joseph's form keeps P the true covariance of that poorer filter.
+
+    Source: [4] eq. 5.2.3-18; [5].
+    """
+    finite = jnp.all(jnp.isfinite(y))
+    y = jnp.where(jnp.isfinite(y), y, 0.0)
+    PHt = P @ H.T
+    S = symmetric(H @ PHt + R)
+    both = solve_spd(S, jnp.concatenate([PHt.T, y[:, None]], axis=1))
+    K = both[:, :-1].T
+    nis = y @ both[:, -1]
+    if consider is not None:
+        K = K * consider[:, None]
+    A = jnp.eye(x.shape[0]) - K @ H
+    accepted = finite & (nis <= gate)  # a nis that is NaN is not
+    new_x = jnp.where(accepted, x + K @ y, x)
+    new_P = jnp.where(accepted, symmetric(A @ P @ A.T + K @ R @ K.T), P)
+    return Update(new_x, new_P, y, S, nis, accepted, finite)
+
+
+def inflated(P: Any, y: Any, H: Any, R: Any) -> Any:
+    """P (n, n) times NIS/m where that is above 1: as uncertain as it must have been for this innovation to be usual.
+
+    For a filter that has to give in: its measurements agree with each other and not with it.
+    """
+    y = jnp.where(jnp.isfinite(y), y, 0.0)
+    nis = y @ solve_spd(symmetric(H @ P @ H.T + R), y)
+    return P * jnp.maximum(jnp.where(jnp.isfinite(nis), nis, 1.0) / y.shape[0], 1.0)
+
+
+def update_in_turn(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
+    """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
+
+    The gate holds for each scalar by itself, so one outlier of several measurements does not cost the others. nis is
+    the sum over those that were finite; without a refusal it equals that of `update`, and S then is diagonal: the
+    variance of each innovation given those before. accepted and finite have shape (m,).
+
+    Source: [4] section 5.2, applied to one component after another.
+    """
+    start, done = x, []
+    for i in range(y.shape[0]):
+        one = update(x, P, (y[i] - H[i] @ (x - start))[None], H[i][None], variances[i][None, None], gate=gate)
+        x, P = one.x, one.P
+        done.append(one)
+    nis = sum(jnp.where(one.finite, one.nis, 0.0) for one in done)
+    S = jnp.diag(jnp.stack([one.S[0, 0] for one in done]))
+    accepted, finite = (jnp.stack([getattr(one, n) for one in done]) for n in ("accepted", "finite"))
+    return Update(x, P, jnp.concatenate([one.innovation for one in done]), S, nis, accepted, finite)
+
+
+def nees(error: Any, P: Any) -> Any:
+    """e' P^-1 e: chi-square with n degrees of freedom when P is the covariance of e. NaN where P is not one."""
+    half = solve_lower(cholesky(P), error)
+    return half @ half
+
+
+def health(P: Any) -> CovarianceHealth:
+    """Signals of a covariance (n, n).
+
+    The pivots d_j of P = L diag(d) L' over their variances P_jj multiply to the determinant of the correlation matrix,
+    whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
+    """
+    n = P.shape[0]
+    variances = jnp.sum(jnp.where(np.eye(n, dtype=bool), P, 0.0), axis=1)
+    shares = pivots(symmetric(P)) / variances
+    positive = jnp.all(jnp.isfinite(P)) & jnp.all(shares > 0) & jnp.all(variances > 0)
+    determinant = jnp.prod(shares)
+    largest, P = jnp.max(jnp.abs(variances)), jnp.where(jnp.isfinite(P), P, 0.0)
+    return CovarianceHealth(
+        positive=positive,
+        asymmetry=jnp.where(positive, jnp.max(jnp.abs(P - P.T)) / jnp.where(largest > 0, largest, 1.0), 1.0),
+        least_pivot=jnp.where(positive, jnp.min(shares), 0.0),
+        eigenvalue_bound=jnp.where(positive, determinant * ((n - 1) / n) ** (n - 1), 0.0),
+        trace=jnp.sum(jnp.where(jnp.isfinite(variances), variances, 0.0)),
+    )
+
+
+def pivots(P: Any) -> Any:
+    """d (n,) of P = L diag(d) L' for symmetric P (n, n): all above 0 exactly when P is positive definite.
+
+    d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
+    computations", section 4.1.
+    """
+
+    def eliminate(A: Any, j: Any) -> Any:
+        column = lax.dynamic_index_in_dim(A, j, keepdims=False)
+        d = lax.dynamic_index_in_dim(column, j, keepdims=False)
+        return A - column[:, None] * (column / d)[None, :], d
+
+    return lax.scan(eliminate, P, jnp.arange(P.shape[0]))[1]

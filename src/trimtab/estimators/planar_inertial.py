@@ -1,0 +1,107 @@
+"""Inertial navigation in the plane: the mechanisation, where sensors sit, and what the filters start from.
+
+Frames: W north-east-down, B at the vehicle's reference point, x forward, y starboard; the body's plane is level. The
+navigated point is the IMU's: no angular acceleration is needed to get there.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import planar
+
+DIMENSION = 8
+"""Of every belief: heading, velocity (2), position (2), gyro bias, accelerometer biases (2)."""
+
+
+class Belief(NamedTuple):
+    """What a filter believes at one instant, in the same order for every form.
+
+    x: heading (rad, unwrapped), velocity north and east (m/s), position north and east (m) of the IMU, gyro bias
+    (rad/s), accelerometer biases forward and starboard (m/s^2); shape (8,).
+    P: covariance of estimate minus truth (8, 8).
+    """
+
+    x: Any
+    P: Any
+
+
+@record
+class InertialStart:
+    """What is believed before the first measurement; the first fix and the first heading then take over.
+
+    Source: [1] section 6.2.1 for biases and velocity; heading and position are unknown here, where [1] starts them at
+    the first measurement with its variance: the first update does the same.
+    """
+
+    heading: Scalar = quantity("rad", "Heading.", default=0.0, kind="angle")
+    north: Scalar = quantity("m", "Position of the IMU, north.", default=0.0, frame="W")
+    east: Scalar = quantity("m", "Position of the IMU, east.", default=0.0, frame="W")
+    velocity_north: Scalar = quantity("m/s", "Velocity of the IMU, north.", default=0.0, frame="W")
+    velocity_east: Scalar = quantity("m/s", "Velocity of the IMU, east.", default=0.0, frame="W")
+    sigma_heading: Scalar = quantity("rad", "Of the heading; the default knows nothing.", default=1.8, above=0)
+    sigma_position: Scalar = quantity("m", "Of each position.", default=10.0, above=0)
+    sigma_velocity: Scalar = quantity("m/s", "Of each velocity.", default=1.0, above=0, source="[1] section 6.2.1")
+    sigma_gyro_bias: Scalar = quantity("rad/s", "Of the gyro's bias.", default=1.0, above=0, source="[1] section 6.2.1")
+    sigma_force_bias: Scalar = quantity(
+        "m/s^2", "Of each accelerometer's bias.", default=1.0, above=0, source="[1] section 6.2.1"
+    )
+
+    def velocity(self) -> Any:
+        """(2,), north and east."""
+        return _pair(self.velocity_north, self.velocity_east)
+
+    def position(self) -> Any:
+        """(2,), north and east."""
+        return _pair(self.north, self.east)
+
+    def heading_variances(self) -> Any:
+        """Of heading and gyro bias (2,)."""
+        return _pair(self.sigma_heading, self.sigma_gyro_bias) ** 2
+
+    def motion_variances(self) -> Any:
+        """Of velocity, position and accelerometer biases (6,)."""
+        sigmas = (self.sigma_velocity, self.sigma_position, self.sigma_force_bias)
+        return jnp.stack([jnp.asarray(s, np.float64) for s in sigmas for _ in range(2)]) ** 2
+
+
+@record
+class LeverArms:
+    """Where the sensors sit in B. Source: docs page, Aided inertial navigation."""
+
+    imu: Any = quantity("m", "Of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
+    aiding: Any = quantity("m", "Of the point whose position is measured.", default=np.zeros(2), frame="B", shape=(2,))
+
+    def between(self) -> Any:
+        """From the IMU to the aided point (2,), in B."""
+        return self.aiding - self.imu
+
+
+def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
+    """Velocity and position (2,) in W a time dt (s) on, exact where the force per mass runs straight from f0 to f1.
+
+        v + dt/2 (f1 + f0)        r + v dt + dt^2/6 (f1 + 2 f0)                                       [1, eq. 3.42]
+
+    Args:
+        dt: step in s.
+        f0: specific force in W at its start (2,).
+        f1: and at its end.
+        v: velocity at the start.
+        r: position at the start.
+    """
+    return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
+
+
+def turned_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
+    """A lever arm (2,) of B in W, and its derivative by the heading."""
+    B = planar(heading)
+    quarter = jnp.stack([-arm[1], arm[0]])
+    return B @ arm, B @ quarter
+
+
+def _pair(a: Any, b: Any) -> Any:
+    return jnp.stack([jnp.asarray(a, np.float64), jnp.asarray(b, np.float64)])

@@ -1,0 +1,169 @@
+"""Does a filter know how wrong it is? Averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
+
+consistent: errors are as large as the filter says.  optimistic: larger, it is too sure.  pessimistic: smaller.
+
+Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
+5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from trimtab.core.errors import InputError
+
+CONSISTENT, OPTIMISTIC, PESSIMISTIC = "consistent", "optimistic", "pessimistic"
+
+
+class Consistency(NamedTuple):
+    """What an average says.
+
+    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds of a consistent one.
+    inside: share of the instants whose average over runs lies in the bounds for one instant.  verdict: in a word.
+    """
+
+    mean: float
+    expected: int
+    low: float
+    high: float
+    inside: float
+    verdict: str
+
+
+class Whiteness(NamedTuple):
+    """Autocorrelation of innovations.
+
+    correlation: at lags 1, 2, … (lags,).  bound: that of a white sequence at one lag.  inside: share of lags within it.
+    statistic: of Ljung and Box over all lags.  p: its probability in a white sequence.
+    white: whether p is above 1 - probability.
+    """
+
+    correlation: Any
+    bound: float
+    inside: float
+    statistic: float
+    p: float
+    white: bool
+
+
+class Convergence(NamedTuple):
+    """How an estimate came to its truth.
+
+    time: from when on sigma stays below the wanted one, None if never.  final: last error in sigmas.
+    inside: share of the samples after that time with an error below two sigmas.
+    """
+
+    time: float | None
+    final: float
+    inside: float
+
+
+def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[float, float]:
+    """Between which the average of n independent chi-square numbers lies with a probability, equal tails outside.
+
+    Args:
+        dof: degrees of freedom of each.
+        n: how many are averaged.
+        probability: above 0, below 1.
+
+    Source: [4] section 5.4.2: n times the average is chi-square with n dof degrees of freedom.
+    """
+    if dof < 1 or n < 1 or not 0 < probability < 1:
+        problem = f"dof {dof}, n {n}, probability {probability}"
+        raise InputError("chi_square_bounds", problem, fix="give dof and n of 1 or more, and a probability in (0, 1)")
+    tail = (1 - probability) / 2
+    low, high = stats.chi2.ppf([tail, 1 - tail], dof * n) / n
+    return float(low), float(high)
+
+
+def gate(dof: int, probability: float) -> float:
+    """The NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
+    return float(stats.chi2.ppf(probability, dof))
+
+
+def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
+    """Of NEES over independent runs: its average over runs and time against the bounds of one instant's average.
+
+    Errors of one run hang together in time, so more instants do not count as more draws: the bounds for the whole
+    average are those of one instant, too wide rather than too narrow.
+
+    Args:
+        nees: (runs, instants).
+        dof: dimension of the error.
+        probability: of the bounds.
+    """
+    values = _finite("nees", nees, 2)
+    low, high = chi_square_bounds(dof, values.shape[0], probability)
+    return _judged(values.mean(axis=0), dof, low, high)
+
+
+def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
+    """Of NIS of one run or of several: innovations are white in a consistent filter, so each is a draw of its own.
+
+    Args:
+        nis: (updates,) or (runs, updates), one for each measurement that was made, the rejected ones too.
+        dof: dimension of the measurement.
+        probability: of the bounds.
+    """
+    values = np.atleast_2d(_finite("nis", nis))
+    low, high = chi_square_bounds(dof, values.size, probability)
+    one = chi_square_bounds(dof, values.shape[0], probability)
+    at_each = values.mean(axis=0)
+    inside = float(np.mean((at_each >= one[0]) & (at_each <= one[1])))
+    return _judged(at_each, dof, low, high)._replace(inside=inside)
+
+
+def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Whiteness:
+    """Whether innovations in their own sigmas are white: autocorrelation at lags 1 to `lags`, and Ljung and Box's test.
+
+    Args:
+        innovations: (updates,) or (updates, m), in order of measurement, normalised.
+        lags: how far to look; fewer than there are updates.
+        probability: of the bounds.
+    """
+    y = _finite("innovations", innovations)
+    y = y[:, None] if y.ndim == 1 else y
+    n, m = y.shape
+    if not 0 < lags < n:
+        raise InputError("whiteness", f"{lags} lags of {n} updates", fix="look at fewer lags, or fly longer")
+    power = np.sum(y * y)
+    rho = np.array([np.sum(y[:-k] * y[k:]) / power for k in range(1, lags + 1)])
+    effective = n * m - m * np.arange(1, lags + 1)  # products in each sum
+    bound = float(stats.norm.ppf((1 + probability) / 2) / np.sqrt(n * m))
+    statistic = float(n * m * (n * m + 2) * np.sum(rho**2 / effective))
+    p = float(stats.chi2.sf(statistic, lags))
+    return Whiteness(rho, bound, float(np.mean(np.abs(rho) <= bound)), statistic, p, p > 1 - probability)
+
+
+def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
+    """How an estimate, e.g. of a bias, converged.
+
+    Args:
+        t: times in s (n,).
+        error: estimate minus truth (n,).
+        sigma: what the filter said of it (n,).
+        wanted: the sigma that counts as converged.
+    """
+    t, error, sigma = (_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
+    above = np.flatnonzero(sigma >= wanted)
+    first = int(above[-1]) + 1 if len(above) else 0
+    final = float(error[-1] / sigma[-1])
+    if first >= len(t):
+        return Convergence(None, final, 0.0)
+    return Convergence(float(t[first]), final, float(np.mean(np.abs(error[first:]) <= 2 * sigma[first:])))
+
+
+def _judged(at_each: Any, dof: int, low: float, high: float) -> Consistency:
+    mean = float(at_each.mean())
+    inside = float(np.mean((at_each >= low) & (at_each <= high)))
+    verdict = OPTIMISTIC if mean > high else PESSIMISTIC if mean < low else CONSISTENT
+    return Consistency(mean, dof, low, high, inside, verdict)
+
+
+def _finite(name: str, values: Any, dimensions: int | None = None) -> Any:
+    found = np.asarray(values, float)
+    if not found.size or not np.isfinite(found).all() or (dimensions is not None and found.ndim != dimensions):
+        problem = f"{name} of shape {found.shape} has no numbers, some that are not finite, or the wrong axes"
+        raise InputError("consistency", problem, fix="leave out instants without a measurement; runs come first")
+    return found

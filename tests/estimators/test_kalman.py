@@ -1,0 +1,176 @@
+"""The filter's two steps against textbook forms written out in numpy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.linalg import cholesky
+from trimtab.estimators import kalman
+from trimtab.estimators.kalman import nees, pivots, predict, update_in_turn
+from trimtab.export.function import lowered
+
+N, M = 5, 3
+update, health = jax.jit(kalman.update), jax.jit(kalman.health)
+
+
+def case(seed, m=M):
+    g = np.random.default_rng(seed)
+    A, B = g.standard_normal((N, N)), g.standard_normal((m, m))
+    return (
+        g.standard_normal(N),
+        A @ A.T + np.eye(N),
+        g.standard_normal(m),
+        g.standard_normal((m, N)),
+        B @ B.T + np.eye(m),
+    )
+
+
+def information_form(x, P, y, H, R):
+    """The update by inverses, which the code never forms."""
+    new = np.linalg.inv(np.linalg.inv(P) + H.T @ np.linalg.inv(R) @ H)
+    return x + new @ H.T @ np.linalg.inv(R) @ y, new
+
+
+def test_predict_is_the_textbook_one():
+    x, P, *_ = case(0)
+    F, Q = np.random.default_rng(1).standard_normal((N, N)), np.eye(N)
+    new_x, new_P = predict(x, P, F, Q)
+    np.testing.assert_allclose(new_x, F @ x, rtol=1e-13)
+    np.testing.assert_allclose(new_P, F @ P @ F.T + Q, rtol=1e-12)
+    assert (np.asarray(new_P) == np.asarray(new_P).T).all()
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_update_is_the_information_form(m):
+    x, P, y, H, R = case(m, m)
+    done = update(x, P, y, H, R)
+    want_x, want_P = information_form(x, P, y, H, R)
+    np.testing.assert_allclose(done.x, want_x, rtol=1e-10)
+    np.testing.assert_allclose(done.P, want_P, rtol=1e-9, atol=1e-12)
+    S = H @ P @ H.T + R
+    np.testing.assert_allclose(done.S, S, rtol=1e-12)
+    np.testing.assert_allclose(done.nis, y @ np.linalg.solve(S, y), rtol=1e-12)
+    assert done.accepted
+    assert done.finite
+
+
+def test_one_scalar_after_another_is_the_same():
+    x, P, y, H, _ = case(4)
+    variances = np.array([0.5, 1.0, 2.0])
+    joint, turn = update(x, P, y, H, np.diag(variances)), update_in_turn(x, P, y, H, variances)
+    np.testing.assert_allclose(turn.x, joint.x, rtol=1e-11)
+    np.testing.assert_allclose(turn.P, joint.P, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(turn.nis, joint.nis, rtol=1e-11)
+
+
+def test_in_turn_an_outlier_costs_only_itself():
+    x, P, y, H, _ = case(5)
+    variances, bad = np.ones(M), y + np.array([0.0, 1e3, 0.0])
+    kept = update(x, P, y[[0, 2]], H[[0, 2]], np.eye(2))
+    turn = update_in_turn(x, P, bad, H, variances, gate=50.0)
+    np.testing.assert_array_equal(turn.accepted, [True, False, True])
+    np.testing.assert_allclose(turn.x, kept.x, rtol=1e-11)
+    missing = update_in_turn(x, P, np.array([y[0], np.nan, y[2]]), H, variances)
+    np.testing.assert_allclose(missing.x, kept.x, rtol=1e-11)
+    np.testing.assert_array_equal(missing.finite, [True, False, True])
+    np.testing.assert_allclose(missing.nis, kept.nis, rtol=1e-11)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_measurement_that_is_no_number_changes_nothing(bad):
+    x, P, y, H, R = case(6)
+    done = update(x, P, np.array([y[0], bad, y[2]]), H, R)
+    assert not done.finite
+    assert not done.accepted
+    np.testing.assert_array_equal(done.x, x)
+    np.testing.assert_array_equal(done.P, P)
+    assert np.isfinite(done.nis)
+
+
+def test_the_gate_is_on_the_nis():
+    x, P, y, H, R = case(7)
+    nis = float(update(x, P, y, H, R).nis)
+    assert update(x, P, y, H, R, gate=nis * 1.001).accepted
+    refused = update(x, P, y, H, R, gate=nis * 0.999)
+    assert not refused.accepted
+    np.testing.assert_array_equal(refused.x, x)
+    np.testing.assert_array_equal(refused.P, P)
+
+
+def test_a_considered_state_stays_and_its_uncertainty_counts():
+    """P is the true covariance of the filter with that gain: checked by pushing errors through it."""
+    _, P, _, H, R = case(8)
+    consider = np.array([1.0, 0, 1, 1, 0])
+    done = update(np.zeros(N), P, np.ones(M), H, R, consider=consider)
+    np.testing.assert_array_equal(np.asarray(done.x)[[1, 4]], 0.0)
+    np.testing.assert_allclose(np.asarray(done.P)[1, 1], P[1, 1], rtol=1e-12)
+    g = np.random.default_rng(9)
+    e = g.multivariate_normal(np.zeros(N), P, 200_000)
+    z = -e @ H.T + g.multivariate_normal(np.zeros(M), R, len(e))  # innovation of an estimate that is e too high
+    K = (np.linalg.solve(H @ P @ H.T + R, H @ P).T) * consider[:, None]
+    after = e + z @ K.T
+    np.testing.assert_allclose(np.cov(after.T), done.P, atol=0.02 * np.abs(P).max())
+
+
+def test_josephs_form_keeps_symmetry_over_many_steps():
+    _, P, _, H, R = case(10)
+    F = np.eye(N) + 0.01 * np.random.default_rng(11).standard_normal((N, N))
+
+    def step(P, _):
+        P = predict(jnp.zeros(N), P, F, 1e-12 * jnp.eye(N))[1]
+        return update(jnp.zeros(N), P, jnp.zeros(M), H, 1e-9 * R).P, health(P)
+
+    _, told = jax.jit(lambda P: jax.lax.scan(step, P, None, length=2000))(P)
+    assert np.asarray(told.positive).all()
+    assert np.asarray(told.asymmetry).max() == 0.0
+
+
+def test_health_against_eigenvalues():
+    for seed in range(20):
+        _, P, *_ = case(seed)
+        told = health(P)
+        s = np.sqrt(np.diag(P))
+        least = np.linalg.eigvalsh(P / np.outer(s, s)).min()
+        assert told.positive
+        assert 0 < told.eigenvalue_bound <= least * (1 + 1e-12)
+        np.testing.assert_allclose(told.trace, np.trace(P), rtol=1e-13)
+        np.testing.assert_allclose(pivots(P), np.diag(np.asarray(cholesky(P))) ** 2, rtol=1e-9)
+        assert told.least_pivot >= told.eigenvalue_bound
+
+
+@pytest.mark.parametrize("spoil", ["negative", "indefinite", "nan", "infinite"])
+def test_health_tells_what_is_no_covariance(spoil):
+    _, P, *_ = case(12)
+    P = P.copy()
+    if spoil == "negative":
+        P[2, 2] = -1.0
+    if spoil == "indefinite":
+        P[0, 1] = P[1, 0] = 2 * np.sqrt(P[0, 0] * P[1, 1])
+    if spoil == "nan":
+        P[1, 1] = np.nan
+    if spoil == "infinite":
+        P[1, 1] = np.inf
+    told = health(P)
+    assert not told.positive
+    assert all(np.isfinite(v) for v in (told.asymmetry, told.least_pivot, told.eigenvalue_bound, told.trace))
+
+
+def test_health_tells_asymmetry():
+    P = np.eye(3)
+    P[0, 1] = 1e-3
+    assert health(P).asymmetry == pytest.approx(1e-3)
+
+
+def test_nees_is_the_quadratic_form():
+    x, P, *_ = case(13)
+    assert nees(x, P) == pytest.approx(x @ np.linalg.solve(P, x), rel=1e-11)
+    assert np.isnan(nees(x, -P))
+
+
+def test_the_steps_export():
+    x, P, y, H, R = case(14)
+    assert lowered(predict, (x, P, P, P)).text("f")
+    assert lowered(lambda *a: update(*a, gate=9.0, consider=jnp.ones(N)), (x, P, y, H, R)).text("f")
+    assert lowered(update_in_turn, (x, P, y, H, np.ones(M))).text("f")
+    assert lowered(lambda P: (health(P), nees(x, P)), (P,)).text("f")
