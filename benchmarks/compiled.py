@@ -1,7 +1,8 @@
-"""The workload, compiled: `single` and `campaign` as shared/bench's compare.py and this folder's compare.py call them."""
+"""The workload as trimtab compiles it: one run, one run with its log, and campaigns over lanes and threads."""
 
 from functools import cache
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -9,58 +10,111 @@ import spec
 import workload
 
 from trimtab.core.rng import Key
-from trimtab.core.time import ms, timetable
+from trimtab.core.time import Timetable, ms, timetable
 from trimtab.export.compiler import find_compiler, lanes
 from trimtab.export.library import fly, rows_of
 from trimtab.run import compiled
 
-SIGNALS = ("truth.heading",)
+NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""
+ENDS = [f"truth.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")]
+ENDS += ["sensors.navigation.hx", "sensors.navigation.nx"]
+SCALE = np.array([spec.M, spec.M, spec.J] + [1.0] * 11)
+"""Velocities to momenta; the rest as it is."""
+
+
+class Loop(NamedTuple):
+    """A traced loop.
+
+    whole: its inputs.  table: instants.  of: structure.  at: where the 14 numbers stand among the last values.
+    widths: numbers in a row of the log, and last values.  row: the row that each instant writes.
+    """
+
+    whole: Any
+    table: Timetable
+    of: compiled.Structure
+    at: Any
+    widths: tuple[int, int]
+    row: Any
 
 
 @cache
-def parts() -> Any:
-    """Inputs, timetable, structure and library widths; the first call traces, the library compiles."""
+def parts(signals: tuple[str, ...] = ()) -> Loop:
+    """The loop with these signals logged at each instant, or with none; traced at the first call."""
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
     whole = (world, autopilot, x, Key(np.uint32(spec.KEY0), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], ms(spec.N), world.max_step)
-    of = compiled.structure(whole, table.always, SIGNALS)
-    last = compiled.last(compiled.lowered(of))
-    names = [c.path for c in last for _ in range(int(np.prod(c.shape)))]
-    at = [names.index(f"truth.{n}") for n in ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")]
-    first = names.index("sensors.navigation.hx"), names.index("sensors.navigation.nx")
-    at += [first[0], first[0] + 1, *range(first[1], first[1] + 6)]
-    return whole, table, of, np.array(at), len(names), rows_of(np.zeros(len(table.t), bool))
-
-
-SCALE = np.array([spec.M, spec.M, spec.J] + [1.0] * 11)
+    of = compiled.structure(whole, table.always, signals or NOTHING)
+    flight = compiled.lowered(of)
+    names = [(c.path, int(np.prod(c.shape))) for c in compiled.last(flight)]
+    starts = dict(zip([n for n, _ in names], np.cumsum([0, *(size for _, size in names)]).tolist(), strict=False))
+    sizes = dict(names)
+    at = np.concatenate([np.arange(starts[n], starts[n] + sizes[n]) for n in ENDS])
+    widths = flight.width, sum(sizes.values())
+    return Loop(whole, table, of, at, widths, rows_of(np.full(len(table.t), bool(signals))))
 
 
 @cache
-def inputs() -> Any:
-    """The shared inputs, and where gains and key stand in them."""
-    whole = parts()[0]
+def inputs() -> tuple[Any, list[int]]:
+    """The inputs of a single run, and where gains and key stand in them."""
+    whole = parts().whole
     places = [compiled.position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")]
     return compiled.flat(whole), places
 
 
-def single(gains: Any, key: Any) -> Any:
-    """The 14 numbers of one run."""
-    _, table, of, at, count, row = parts()
+@cache
+def library(signals: tuple[str, ...] = ()) -> Path:
+    """The scalar library; the first call compiles it."""
+    return compiled.library(parts(signals).of)
+
+
+def _flown(loop: Loop, path: Path, gains: Any, key: Any, log: bool) -> Any:
     shared, places = inputs()
     mine = shared.copy()
     mine[places] = *gains, *key
-    flown = fly(compiled.library(of), mine, np.empty((1, 0)), table, row, (1, count), log=False)
-    return flown.final[0, at] * SCALE
+    return fly(path, mine, np.empty((1, 0)), loop.table, loop.row, loop.widths, log=log)
+
+
+def single(gains: Any, key: Any) -> Any:
+    """The 14 numbers of one run."""
+    loop = parts()
+    return _flown(loop, library(), gains, key, log=False).final[0, loop.at] * SCALE
+
+
+def logged(gains: Any, key: Any) -> Any:
+    """The log of one run (instants, 11): truth before each step, estimate, thrust and rudder."""
+    signals = workload.LOGGED
+    return _flown(parts(signals), library(signals), gains, key, log=True).log[0]
+
+
+def width() -> int:
+    """Runs that fly side by side in a vector register; 1 where there is none."""
+    compiler = find_compiler("c++")
+    return lanes(compiler) if compiler else 1
+
+
+def _own(loop: Loop) -> frozenset[int]:
+    """Position of the run's number among the inputs: the only one in which runs of a campaign differ."""
+    return frozenset([len(jax.tree.leaves(loop.whole)) - 1])
+
+
+def text(lanes: int) -> str:
+    """C of a single run, or C++ of a campaign over lanes."""
+    loop = parts()
+    flight = compiled.lowered(loop.of)
+    return flight.text(lanes, _own(loop)) if lanes else flight.text()
+
+
+def campaign_inputs() -> Any:
+    """The inputs that all runs of a campaign share."""
+    loop = parts()
+    return compiled.flat(loop.whole, _own(loop))
 
 
 def campaign(runs: int, threads: int) -> Any:
     """The 14 numbers of each of many runs, over lanes and threads."""
-    whole, table, of, at, count, row = parts()
-    own = frozenset([len(jax.tree.leaves(whole)) - 1])
-    compiler = find_compiler("c++")
-    n = lanes(compiler) if compiler else 1
-    path = compiled.library(of, n if n > 1 else 0, own)
-    columns = np.arange(runs, dtype=np.float64)[:, None]
-    shared = compiled.flat(whole, own)
-    return fly(path, shared, columns, table, row, (1, count), log=False, threads=threads).final[:, at] * SCALE
+    loop, n = parts(), width()
+    path = compiled.library(loop.of, n if n > 1 else 0, _own(loop))
+    numbers = np.arange(runs, dtype=np.float64)[:, None]
+    flown = fly(path, campaign_inputs(), numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
+    return flown.final[:, loop.at] * SCALE

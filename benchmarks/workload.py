@@ -27,6 +27,9 @@ sys.path.insert(0, str(Path(__file__).parent / "reference"))
 import spec
 
 I2, Z2 = np.eye(2), np.zeros((2, 2))
+LOGGED = ("truth", *(f"sensors.navigation.value.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate")))
+LOGGED += ("actuators.thrust", "actuators.rudder")
+"""The 11 numbers that the programs of `reference/` log."""
 
 
 def shared_stream(key: Key) -> Key:

@@ -134,3 +134,43 @@ def test_refused_input_names_part_value_choices_and_fix(words, says, tmp_path, m
     for text in says:
         assert text in done.stderr
     assert list(tmp_path.iterdir()) == []  # nothing half-written
+
+
+def test_export_writes_a_folder_and_checks_it(tmp_path):
+    done = call("export", NAME, "--out", tmp_path / "c", "--steps", 100, "--json")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert (result["part"], result["real"]) == ("autopilot", "double")
+    assert any(f.endswith("autopilot.c") for f in result["files"])
+    done = call("export", "--verify", tmp_path / "c")
+    assert done.exit_code == 0, done.output
+    assert "same outputs" in done.stdout
+    source = tmp_path / "c" / "autopilot.c"
+    source.write_text(source.read_text().replace("p->law.k1 = ", "p->law.k1 = 2 * "))
+    done = call("export", "--verify", tmp_path / "c", "--json")
+    assert done.exit_code == 1
+    assert json.loads(done.stdout)["good"] is False
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["export"], "trimtab export hovercraft/zero-velocity --out DIR"),
+        (["export", NAME], "--out autopilot"),
+        (["export", NAME, "--run", "--out", "x"], "--target cortex-m7 --run"),
+        (["export", "--verify", "nowhere"], "trimtab export SCENARIO --out DIR"),
+        (["run", NAME, "--seed", "-1"], "--seed 0"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_what_to_type(words, says):
+    done = call(*words)
+    assert done.exit_code == 2
+    assert says in done.stderr
+
+
+def test_backend_can_be_chosen():
+    words = ("run", NAME, "--duration", "1", "--no-ideal", "--json")
+    found = [json.loads(call(*words, "--backend", b).stdout) for b in ("c", "jax")]
+    assert [f["backend"] for f in found] == ["c", "jax"]
+    for path, value in found[0]["real"]["final"].items():
+        assert value == pytest.approx(found[1]["real"]["final"][path], abs=1e-9)

@@ -319,6 +319,18 @@ def test_the_oldest_go_and_so_does_what_was_left_behind(folder, monkeypatch):
     assert fresh.exists()
 
 
+WARM = """
+import sys
+from trimtab.commands.plan import Plan, find, keep
+found = find({"scenario": "x"})
+if found is None:
+    import numpy as np
+    print("kept", keep({"scenario": "x"}, Plan({"a": 1}, {"b": np.arange(3)}), []))
+else:
+    print(found.content, found.arrays["b"].tolist(), "jax" in sys.modules)
+"""
+
+
 def test_a_second_program_finds_it_without_jax():
     def run():
         return subprocess.run([sys.executable, "-c", WARM], capture_output=True, text=True, timeout=60)

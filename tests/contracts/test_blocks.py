@@ -12,6 +12,8 @@ from contracts.parts import blocks, every, example, made, rollout
 from trimtab.core.record import declarations, numeric, part, period, record, replace
 from trimtab.core.signals import Motion, PlanarForce, measured
 from trimtab.core.time import ms, to_seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.export.function import compile_function
 
 STEPS = 40
 RUNS = 3
@@ -64,6 +66,17 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     both = jax.jit(jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS)))(batch, jnp.arange(RUNS))
     for run, alone in enumerate(_alone(folder, cls)):
         checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+def test_its_c_computes_the_same(folder, cls):
+    """Exportable: the generator writes C for it, and the C gives what JAX gives."""
+    one = made(cls)
+    given = example(folder, one)
+    run = compile_function(lambda one, run: rollout(folder, one, given, run, STEPS), one, np.uint32(0))
+    for seed, (state, outputs) in enumerate(_alone(folder, cls)):
+        checks.assert_near((state, outputs), run(one, np.uint32(seed)))
 
 
 @pytest.mark.parametrize(("folder", "cls"), every(blocks, ("sensors",)))

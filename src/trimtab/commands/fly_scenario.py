@@ -82,11 +82,10 @@ def _again(request: Request) -> Flown | None:
     if ready is None:
         return None
     _outputs(request)
-    return _fly(ready, request.seed)
+    return _fly(ready, request.seed, time.perf_counter())
 
 
-def _fly(ready: Ready, seed: int) -> Flown:
-    started = time.perf_counter()
+def _fly(ready: Ready, seed: int, started: float) -> Flown:
     real = ready.real.fly(seed, 0, ms(1))
     ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, ms(1))
     return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
@@ -118,7 +117,7 @@ def _first(request: Request) -> Flown:
     if use_c(request.backend, compiled):
         files = [*loaded_files(), *read]
         remember(key_of(request.scenario, request.settings, request.without, request.ideal), programs[0], files)
-        return _fly(programs[0], request.seed)
+        return _fly(programs[0], request.seed, started)
     real = simulate(scenario, seed=request.seed, backend="jax")
     ideal = simulate(scenario.ideal(), seed=request.seed, backend="jax") if request.ideal else None
     return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)

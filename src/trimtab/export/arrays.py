@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.export.ir import NAMES, Buffer, Builder, Value
+from trimtab.export.ir import NAMES, TYPES, Buffer, Builder, Value
 
 UNROLL = 48
 """Arrays of more elements than this are kept in buffers, and handled by loops."""
@@ -103,17 +103,21 @@ def items(b: Builder, array: Array) -> Any:
 
 
 def stored(b: Builder, array: Array) -> Array:
-    """The same array in a buffer."""
+    """The same array in a buffer, which serves all who read these values by a computed index: nobody writes to it."""
     if array.items is None:
         return array
-    elements = list(array.items.ravel())
+    elements = tuple(array.items.ravel())
+    buffer = b.once(("stored", array.dtype, elements), lambda: _memory(b, array.dtype, elements))
+    return Array(array.shape, array.dtype, buffer=buffer)
+
+
+def _memory(b: Builder, dtype: str, elements: tuple[Value, ...]) -> Buffer:
     if all(v.op == "const" for v in elements):
-        data = np.array([v.const for v in elements])
-        return Array(array.shape, array.dtype, buffer=Buffer(array.dtype, array.size, "const", data=data))
-    made = b.local(array.dtype, array.size)
+        return Buffer(dtype, len(elements), "const", data=np.array([v.const for v in elements], TYPES[dtype]))
+    made = b.local(dtype, len(elements))
     for i, v in enumerate(elements):
         b.store(made, b.index(i), v)
-    return Array(array.shape, array.dtype, buffer=made)
+    return made
 
 
 def every(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> None:

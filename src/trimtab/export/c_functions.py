@@ -24,7 +24,7 @@ _INTEGER = {
     "rem": "return b == 0 ? a : SIGNED b == (T)-1 ? (T)0 : ELSE (T)(a % b);",
     "shl": "return (U)b < BITS ? (T)((U)a << b) : (T)0;",
     "shr": "return (U)b < BITS ? (T)((U)a >> b) : (T)0;",
-    "sar": "return (T)(a >> ((U)b < BITS ? b : (T)(BITS - 1)));",
+    "sar": "return (T)((S)a >> ((U)b < BITS ? b : (T)(BITS - 1)));",
 }
 _UNARY = {
     "sign": "return (T)(a > 0 ? 1 : a < 0 ? -1 : ZERO);",
@@ -50,11 +50,17 @@ def helper(name: str) -> str:
         test = f"a {sign} b || a != a" if is_float(t) else f"a {sign} b"
         return _function(T, name, f"{T} a, {T} b", f"return {test} ? a : b;")
     bits = str(int(t[1:]))
-    words = {"T": T, "U": C_TYPES[f"u{bits}"] if t[0] != "f" else T, "BITS": bits, "ZERO": "a" if t[0] == "f" else "0"}
+    words = {
+        "T": T,
+        "S": T.removeprefix("u"),
+        "U": C_TYPES[f"u{bits}"] if t[0] != "f" else T,
+        "BITS": bits,
+        "ZERO": "a" if t[0] == "f" else "0",
+    }
     signed = t[0] == "i"
     body = _INTEGER.get(op) or _UNARY[op]
     body = re.sub(r"SIGNED (.*?) : ELSE", r"\1 :" if signed else "", body)
-    body = re.sub(r"\b(T|U|BITS|ZERO)\b", lambda m: words[m[1]], body)
+    body = re.sub(r"\b(T|S|U|BITS|ZERO)\b", lambda m: words[m[1]], body)
     if t[0] == "u":
         body = body.replace(" : a < 0 ? -1", "")
     return _function(T, name, f"{T} a, {T} b" if op in _INTEGER else f"{T} a", body)

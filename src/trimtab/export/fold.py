@@ -61,7 +61,7 @@ def _known(b: Builder, op: str, numbers: list[Any], dtype: str) -> Value | None:
             return b.const(PLAIN[op](*numbers), dtype)
         if op == "div" and is_float(dtype):
             return b.const(np.divide(*numbers), dtype)
-        if op in ("div", "rem") and int(numbers[1]) > 0 and int(numbers[0]) >= 0:
+        if op in ("div", "rem") and not is_float(dtype) and int(numbers[1]) > 0 and int(numbers[0]) >= 0:
             found = divmod(int(numbers[0]), int(numbers[1]))
             return b.const(found[op == "rem"], dtype)
         if op == "convert":
@@ -119,6 +119,8 @@ def _identity(b: Builder, op: str, x: Value, y: Value, dtype: str) -> Value | No
         return y if _is(x, 1) else x if _is(y, 1) else None
     if (op == "sub" and _is(y, 0)) or (op == "div" and _is(y, 1)):
         return x
+    if op == "rem" and not float_ and _is(y, 1):
+        return b.const(0, dtype)
     if op in ("shift_left", "shift_right_logical", "shift_right_arithmetic") and _is(y, 0):
         return x
     if dtype == "bool" and op in ("and", "or"):

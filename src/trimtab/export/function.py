@@ -1,15 +1,20 @@
 """Any JAX function as a compiled one: traced, lowered, written and called through pointers to arrays."""
 
+import ctypes
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
 from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, scalars, small
+from trimtab.export.build import build, load
 from trimtab.export.c_functions import C_TYPES
 from trimtab.export.fold import fold
-from trimtab.export.ir import Buffer, Builder, Value
+from trimtab.export.ir import TYPES, Buffer, Builder, Value
 from trimtab.export.live import prune
 from trimtab.export.lower import Lowering
 from trimtab.export.preamble import preamble
@@ -112,3 +117,43 @@ def _truth(text: str, dtype: str) -> str:
 def lowered(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
     """A JAX function lowered for arguments of these shapes and types."""
     return Function(jax.make_jaxpr(function)(*arguments), real)
+
+
+def compile_function(function: Callable[..., Any], *example: Any) -> Callable[..., Any]:
+    """A JAX function compiled by the machine's C compiler.
+
+    Args:
+        function: pure; arrays, scalars and trees of them in and out.
+        example: arguments; their shapes and types are those that the compiled function takes, numbers play no part.
+
+    Returns:
+        A function of the same arguments that gives the same trees, of numpy arrays.
+
+    Raises:
+        InputError: a primitive without C text, naming the line that made it; or no C compiler.
+    """
+    program, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
+    made = Function(program)
+    call = load(build(made.text("trimtab_call"))).trimtab_call
+    call.restype = None
+    outputs, tree = jax.tree.flatten(shapes)
+    wanted = jax.tree.structure(example)
+
+    def compiled(*arguments: Any) -> Any:
+        flat, given = jax.tree.flatten(arguments)
+        if given != wanted:
+            raise InputError("compiled function", f"takes {wanted}, was given {given}", fix="pass the same trees")
+        held = [np.asarray(v, TYPES[a.dtype], order="C") for v, a in zip(flat, made.inputs, strict=True)]
+        for v, a in zip(held, made.inputs, strict=True):
+            if v.shape != a.shape:
+                problem = f"an argument has shape {v.shape}, wanted is {a.shape}"
+                raise InputError("compiled function", problem, fix="compile it for these shapes")
+        results = [np.empty(o.shape, o.dtype) for o in outputs]
+        call(_pointers(held), _pointers(results), ctypes.c_int32(1))
+        return jax.tree.unflatten(tree, results)
+
+    return compiled
+
+
+def _pointers(arrays: list[Any]) -> Any:
+    return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])

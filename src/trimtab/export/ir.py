@@ -127,7 +127,7 @@ class Builder:
     ) -> None:
         self.prologue, self.top = Block(), Block()
         self.blocks: list[Block] = [self.prologue, self.top]
-        self.known: list[dict[Any, Value]] = [{}, {}]
+        self.known: list[dict[Any, Any]] = [{}, {}]
         self.constants: dict[Any, Value] = {}
         self.fold, self.hoist = fold, hoist
 
@@ -146,6 +146,14 @@ class Builder:
         finally:
             self.blocks.pop()
             self.known.pop()
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What has this key already, here or around; else what is made now."""
+        for table in reversed(self.known):
+            if key in table:
+                return table[key]
+        made = self.known[-1][key] = make()
+        return made
 
     def const(self, number: Any, dtype: str) -> Value:
         """A known number."""

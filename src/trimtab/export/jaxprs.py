@@ -9,15 +9,10 @@ from jax.extend.core import ClosedJaxpr, Literal
 
 CALLS = {
     "jit": "jaxpr",
-    "pjit": "jaxpr",
     "closed_call": "call_jaxpr",
-    "core_call": "call_jaxpr",
     "custom_jvp_call": "call_jaxpr",
     "custom_vjp_call": "call_jaxpr",
-    "custom_vjp_call_jaxpr": "fun_jaxpr",
-    "checkpoint": "jaxpr",
     "remat2": "jaxpr",
-    "custom_lin": "jaxpr",
 }
 
 
@@ -40,9 +35,9 @@ class While(NamedTuple):
     body_constants: int
 
 
-def closed(jaxpr: Any) -> ClosedJaxpr:
+def closed(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
     """A jaxpr with its constants."""
-    return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, ())
+    return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
 def called(equation: Any) -> ClosedJaxpr | None:
@@ -73,18 +68,19 @@ def literal(atom: Any) -> Any:
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
-def source(equation: Any) -> str:
-    """file:line of the Python that made an equation."""
+def source(equation: Any) -> str | None:
+    """file:line of the Python that made an equation, or None where all of it is JAX's own."""
     try:
         frame: Any = source_info_util.user_frame(equation.source_info.traceback)
     except (AttributeError, TypeError):
         frame = source_info_util.user_frame(equation.source_info)
     if frame is None:
-        return "an unknown line"
+        return None
     return f"{os.path.basename(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
 
 
-INDEXED = ("dynamic_slice", "dynamic_update_slice", "gather", "scatter", "scatter-add", "scatter_add", "scatter-update")
+INDEXED = ("dynamic_slice", "dynamic_update_slice", "gather")
+INDEXED += ("scatter", "scatter-add", "scatter-sub", "scatter-mul", "scatter-min", "scatter-max")
 
 
 def indexed(jaxpr: Any, skip: int = 0) -> set[int]:

@@ -41,6 +41,8 @@ def lane_expression(v: Value, name: Name, use: Use, varies: object) -> str:
     a = [name(x) for x in v.args]
     t = v.args[0].dtype
     if op in COMPARE:
+        if t == "bool":  # true is -1 in a mask
+            a = [a[1], a[0]]
         return _mask(f"{a[0]} {COMPARE[op]} {a[1]}", t)
     if op == "select":
         return f"{mask_for(a[0], v.dtype)} ? {a[1]} : {a[2]}"
@@ -107,7 +109,7 @@ def _shift(v: Value, a: list[str], t: str, use: Use) -> str:
         return f"{use(f'tv_{SHIFTS[v.op]}_{t}')}({a[0]}, {a[1]})"
     n = int(by.const)
     if v.op == "shift_right_arithmetic":
-        return f"{a[0]} >> {n}"
+        return f"{a[0]} >> {n}" if t[0] == "i" else f"(v{t})((vi{bits}){a[0]} >> {n})"
     sign = "<<" if v.op == "shift_left" else ">>"
     return f"{a[0]} {sign} {n}" if t[0] == "u" else f"(v{t})((vu{bits}){a[0]} {sign} {n})"
 

@@ -3,6 +3,8 @@
 import ctypes
 import functools
 import os
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +12,9 @@ import numpy as np
 
 from trimtab.core.time import Timetable
 from trimtab.export.build import load
+
+SHORT = 5_000_000
+"""Instants of all runs up to which a call is not watched: a second or so."""
 
 
 class Job(ctypes.Structure):
@@ -72,6 +77,7 @@ def fly(
     log: bool = True,
     stats: bool = False,
     threads: int = 1,
+    progress: Callable[[int], None] | None = None,
 ) -> Flown:
     """Fly runs on a library that `Flight.text` was built into.
 
@@ -84,6 +90,7 @@ def fly(
         widths: numbers in a row, and last values.
         log, stats: what is wanted besides the last values.
         threads: how many fly; the interpreter is free meanwhile.
+        progress: called a few times a second with the number of runs that are done.
     """
     width, count = widths
     runs, rows = len(own), int((row < len(row)).sum())
@@ -97,8 +104,25 @@ def fly(
     at = [a.ctypes.data for a in held]
     out = [None if a is None else a.ctypes.data for a in flown]
     job = Job(at[0], at[1], held[1].shape[1], runs, len(t), rows, at[2], at[3], at[4], *out)
-    _entry(path)(ctypes.byref(job), threads)
+    if runs * len(t) < SHORT:
+        _entry(path)(ctypes.byref(job), threads)
+    else:
+        _long(_entry(path), job, threads, progress)
     return flown
+
+
+def _long(entry: Any, job: Job, threads: int, progress: Callable[[int], None] | None) -> None:
+    """Fly beside the interpreter, so that Ctrl-C ends it: after the runs that are under way."""
+    flying = threading.Thread(target=entry, args=(ctypes.byref(job), threads))
+    flying.start()
+    try:
+        while flying.is_alive():
+            flying.join(0.1)
+            if progress is not None:
+                progress(min(job.done, job.runs))
+    finally:
+        job.stop = 1
+        flying.join()
 
 
 def rows_of(written: Any) -> Any:

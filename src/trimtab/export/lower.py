@@ -9,7 +9,7 @@ from typing import Any
 
 from trimtab.core.errors import InputError
 from trimtab.export import jaxprs
-from trimtab.export.arrays import Array, constant, type_name
+from trimtab.export.arrays import Array, constant, small, stored, type_name
 from trimtab.export.ir import Builder
 
 Rule = Callable[["Site"], list[Array]]
@@ -32,6 +32,7 @@ INSTEAD = {
     "erf_inv": "core.rng.normal2 for normal numbers",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a logged signal: flight code cannot call back into Python",
+    "debug_print": "a logged signal: flight code cannot print",
     "debug_callback": "a logged signal: flight code cannot print",
 }
 
@@ -45,7 +46,7 @@ class Site:
         self.params: dict[str, Any] = equation.params
         aval = equation.outvars[0].aval if equation.outvars else None
         self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
-        self.dtype: str = lowering.type_of(aval.dtype, equation) if aval is not None else ""
+        self.dtype: str = lowering.type_of(aval.dtype) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
         """The results of another program on these operands; those that die may be changed in place."""
@@ -57,20 +58,29 @@ class Lowering:
 
     def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
         self.b, self.rules, self.real = b, rules, real
+        self.around: list[Any] = []
 
-    def type_of(self, dtype: Any, equation: Any = None) -> str:
+    def source(self) -> str:
+        """file:line of the innermost Python that made what is lowered now and is not JAX's own."""
+        for equation in reversed(self.around):
+            found = jaxprs.source(equation)
+            if found is not None:
+                return found
+        return "an unknown line"
+
+    def type_of(self, dtype: Any) -> str:
         """Our name of a JAX type."""
         try:
             name = type_name(dtype)
         except (KeyError, TypeError):
-            where = "" if equation is None else f" at {jaxprs.source(equation)}"
+            where = f", from {self.source()}," if self.around else ""
             fix = "use float64, float32, integers or bool"
             raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
         return self.real if name == "f64" else name
 
-    def array_like(self, aval: Any, equation: Any) -> Array:
+    def array_like(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
-        dtype = self.type_of(aval.dtype, equation)
+        dtype = self.type_of(aval.dtype)
         return Array(aval.shape, dtype, buffer=self.b.local(dtype, math.prod(aval.shape)))
 
     def program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
@@ -84,9 +94,11 @@ class Lowering:
             env[var], doomed[var] = operand, dies
         last = _last_uses(inner)
         for k, equation in enumerate(inner.eqns):
+            self.around.append(equation)
             given = [self._atom(a, env) for a in equation.invars]
             dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
             env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
+            self.around.pop()
         return [self._atom(a, env) for a in inner.outvars]
 
     def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:
@@ -110,10 +122,21 @@ class Lowering:
         name = equation.primitive.name
         rule = self.rules.get(name)
         if rule is None:
-            where = jaxprs.source(equation)
+            where = self.source()
             fix = f"write {INSTEAD[name]}" if name in INSTEAD else "write it with what trimtab.export.coverage lists"
             raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
-        return rule(Site(self, equation, operands, dying))
+        site = Site(self, equation, operands, dying)
+        if name not in ("cond", "scan", "while"):
+            self._in_memory(equation, operands)
+        return rule(site)
+
+    def _in_memory(self, equation: Any, operands: list[Array]) -> None:
+        """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
+        if all(small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
+            return
+        for array in operands:
+            if array.size > 1:
+                stored(self.b, array)
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:

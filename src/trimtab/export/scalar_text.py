@@ -124,8 +124,13 @@ def _shift(v: Value, a: list[str], t: str, use: Use) -> str:
     bits = int(t[1:])
     if by.op != "const" or not 0 <= int(by.const) < bits:
         return f"{use(f'tt_{SHIFTS[v.op]}_{t}')}({a[0]}, {a[1]})"
-    if v.op == "shift_right_arithmetic":
-        return wrapped(f"{a[0]} >> {int(by.const)}", t)
+    if v.op == "shift_right_arithmetic":  # in JAX the top bit is a sign, of unsigned numbers too
+        signed = a[0] if t[0] == "i" else f"({C_TYPES['i' + str(bits)]}){a[0]}"
+        return (
+            f"({C_TYPES[t]})({signed} >> {int(by.const)})"
+            if t[0] == "u"
+            else wrapped(f"{signed} >> {int(by.const)}", t)
+        )
     sign = "<<" if v.op == "shift_left" else ">>"
     unsigned = a[0] if t[0] == "u" else f"({C_TYPES['u' + str(bits)]}){a[0]}"
     shifted = f"{unsigned} {sign} {int(by.const)}"

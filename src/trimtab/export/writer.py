@@ -73,8 +73,8 @@ class Writer:
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
-            numbers = ", ".join(literal(n, buffer.dtype) for n in buffer.data)
-            self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{buffer.size}] = {{{numbers}}};")
+            numbers = ", ".join(literal(n, buffer.dtype) for n in buffer.data) or "0"
+            self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{max(buffer.size, 1)}] = {{{numbers}}};")
         return self.names[id(buffer)]
 
     def block(self, block: Block) -> None:

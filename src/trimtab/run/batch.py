@@ -1,7 +1,7 @@
 """Many runs of one scenario at once: compiled over lanes and threads; signals logged, or reduced while they fly."""
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,6 +52,7 @@ def simulate_batch(
     duration: int | None = None,
     backend: str = "auto",
     threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Batch:
     """Fly a scenario with many seeds, and with parameters that differ from run to run.
 
@@ -65,6 +66,7 @@ def simulate_batch(
         duration: integer time; the scenario's own when None.
         backend: "auto", "c" or "jax", as in `simulate`.
         threads: how many fly; as many as there are cores when None.
+        progress: called a few times a second with the number of runs that are done; in C only.
 
     Returns:
         Rows reduced to least, most, mean and rms, last values, and the log when wanted.
@@ -76,7 +78,7 @@ def simulate_batch(
     scenario, table, written = prepared(scenario, chosen, duration, log_period)
     whole = inputs(scenario, 0, 0)
     own = _own(whole, chosen, dict(spread or {}))
-    job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads))
+    job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads), progress)
     names = _fly_c(job) if use_c(backend, lambda: _ready(job)) else _fly_jax(job)
     flown, columns, last, used = names
     return _batch(chosen, table.t[written], flown, columns, last, used)
@@ -90,6 +92,7 @@ class _Job(NamedTuple):
     signals: tuple[str, ...]
     log: bool
     threads: int
+    progress: Callable[[int], None] | None
 
 
 def _own(whole: Any, seeds: list[int], spread: dict[str, Any]) -> dict[int, Any]:
@@ -139,7 +142,8 @@ def _fly_c(job: _Job) -> Any:
     own = np.concatenate([v.reshape(runs, -1).astype(np.float64) for v in job.own.values()], axis=1)
     shared = compiled.flat(job.fly, frozenset(job.own))
     widths = width_of(columns), width_of(last)
-    flown = fly(path, shared, own, job.table, job.row, widths, log=job.log, stats=True, threads=job.threads)
+    wanted: dict[str, Any] = {"log": job.log, "stats": True, "threads": job.threads, "progress": job.progress}
+    flown = fly(path, shared, own, job.table, job.row, widths, **wanted)
     return flown, columns, last, "c lanes" if n > 1 else "c"
 
 

@@ -1,13 +1,14 @@
 """Rules for branches and loops."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from trimtab.export import jaxprs
-from trimtab.export.arrays import Array, at, copied, copy_into, scalars, small, stored, values
+from trimtab.export.arrays import Array, Index, at, build, copied, copy_into, read, scalars, small, stored, values
 from trimtab.export.ir import Block, Builder, If, Value
 from trimtab.export.lower import Rule, Site
-from trimtab.export.rules.elementwise import convert
+from trimtab.export.rules.reduce import accumulate
 
 
 def _cond(site: Site) -> list[Array]:
@@ -75,10 +76,13 @@ def _joined(b: Builder, made: If, x: Array, y: Array) -> Array:
 class Carried:
     """The arrays that a loop carries: values, or, where they are large or indexed, a buffer of the loop."""
 
-    def __init__(self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int]) -> None:
+    def __init__(
+        self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
+    ) -> None:
+        """others: what else the loop reads; a buffer of theirs is not the loop's to change."""
         self.b, self.like = b, starts
         self.buffers: list[Array | None] = []
-        taken: list[Any] = []
+        taken: list[Any] = [a.buffer for a in others]
         for i, (a, dies) in enumerate(zip(starts, dying, strict=True)):
             own = a.buffer is not None and dies and not a.buffer.fixed and a.offset is None and a.buffer not in taken
             in_memory = a.items is None or i in indexed
@@ -120,8 +124,10 @@ def _scan(site: Site) -> list[Array]:
         site.operands[s.constants : first],
         site.dying[s.constants : first],
         jaxprs.indexed(s.body.jaxpr, s.constants),
+        [*constants, *slices],
     )
-    outs = [site.lowering.array_like(v.aval, site.equation) for v in site.equation.outvars[s.carried :]]
+    _in_memory(b, constants, s.body)
+    outs = [site.lowering.array_like(v.aval) for v in site.equation.outvars[s.carried :]]
 
     def turn(i: Value, flat: list[Value]) -> list[Value]:
         k = b.op("sub", b.index(s.length - 1), i, dtype="i32") if s.reverse else i
@@ -140,7 +146,7 @@ def _scan(site: Site) -> list[Array]:
 def element(b: Builder, array: Array, k: Value) -> Array:
     """array[k], k in range: values when small, else a view."""
     shape = array.shape[1:]
-    size = array.size // array.shape[0] if array.shape[0] else 0
+    size = math.prod(shape)
     offset = b.op("mul", k, b.index(size), dtype="i32")
     if small(shape):
         found = [at(b, array, b.op("add", offset, b.index(j), dtype="i32")) for j in range(size)]
@@ -161,20 +167,49 @@ def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
         b.each(row.size, lambda j: b.store(buffer, b.op("add", offset, j, dtype="i32"), at(b, row, j)))
 
 
+def _kept(b: Builder, holds: Array, new: Array, old: Array) -> Array:
+    """The new numbers of those in a batch whose test holds; the batch's axes are the first."""
+
+    def one(index: Index) -> Value:
+        test = read(b, holds, index[: len(holds.shape)])
+        return b.op("select", test, read(b, new, index), read(b, old, index), dtype=new.dtype)
+
+    return build(b, new.shape, new.dtype, one)
+
+
+def _in_memory(b: Builder, constants: list[Array], program: Any) -> None:
+    """Small arrays that a loop reads at computed indices are put in memory before it, not at each turn."""
+    for i in jaxprs.indexed(program.jaxpr):
+        if i < len(constants):
+            stored(b, constants[i])
+
+
 def _while(site: Site) -> list[Array]:
     b, w = site.b, jaxprs.while_loop(site.equation)
     first = w.test_constants + w.body_constants
     of_test, of_body = site.operands[: w.test_constants], site.operands[w.test_constants : first]
-    carried = Carried(b, site.operands[first:], site.dying[first:], jaxprs.indexed(w.body.jaxpr, w.body_constants))
+    indexed = jaxprs.indexed(w.body.jaxpr, w.body_constants)
+    carried = Carried(b, site.operands[first:], site.dying[first:], indexed, site.operands[:first])
+    _in_memory(b, of_test, w.test)
+    _in_memory(b, of_body, w.body)
 
     def test(flat: list[Value]) -> Value:
         [holds] = site.inline(w.test, [*of_test, *carried.arrays(flat)])
-        return convert(b, values(b, holds)[0], "bool")
+
+        def either(index: Index, so_far: list[Value]) -> list[Value]:
+            return [b.op("or", so_far[0], read(b, holds, index), dtype="bool")]
+
+        return accumulate(b, holds.shape, [b.const(0, "bool")], either)[0]
 
     def turn(flat: list[Value]) -> list[Value]:
         now = carried.arrays(flat)
-        dying = [False] * len(of_body) + [True] * len(now)
-        return carried.close(site.inline(w.body, [*of_body, *now], dying))
+        if not w.test.out_avals[0].shape:
+            dying = [False] * len(of_body) + [True] * len(now)
+            return carried.close(site.inline(w.body, [*of_body, *now], dying))
+        # under vmap the test is an array: those of the batch that are done keep what they have
+        [holds] = site.inline(w.test, [*of_test, *now])
+        nexts = site.inline(w.body, [*of_body, *now])
+        return carried.close([_kept(b, holds, new, old) for new, old in zip(nexts, now, strict=True)])
 
     return carried.arrays(b.loop_while(carried.values, test, turn))
 

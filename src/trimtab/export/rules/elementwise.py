@@ -150,6 +150,30 @@ def _total_less(site: Site, v: list[Value]) -> Value:
     return b.op("or", less, last, dtype="bool")
 
 
+def _total_less_or_equal(site: Site, v: list[Value]) -> Value:
+    b, (x, y) = site.b, v
+    return _or_nan(b, b.op("le", x, y, dtype="bool"), [y])
+
+
+def _total_equal(site: Site, v: list[Value]) -> Value:
+    return _or_nan(site.b, site.b.op("eq", *v, dtype="bool"), v)
+
+
+def _or_nan(b: Builder, test: Value, values: list[Value]) -> Value:
+    """A test that holds also where all these values are NaN."""
+    if not is_float(values[0].dtype):
+        return test
+    nan = b.const(1, "bool")
+    for x in values:
+        nan = b.op("and", nan, b.op("ne", x, x, dtype="bool"), dtype="bool")
+    return b.op("or", test, nan, dtype="bool")
+
+
+def _empty(site: Site) -> list[Array]:
+    """Memory that is written before it is read: zeros."""
+    return [build(site.b, site.shape, site.dtype, lambda index: site.b.const(0, site.dtype))]
+
+
 def _same_array(site: Site) -> list[Array]:
     return [*site.operands]
 
@@ -169,13 +193,16 @@ RULES |= {
     "convert_element_type": elementwise(_convert),
     "add_any": elementwise(_same("add")),
     "lt_to": elementwise(_total_less),
+    "le_to": elementwise(_total_less_or_equal),
+    "eq_to": elementwise(_total_equal),
     "bitcast_convert_type": _bitcast,
     "iota": _iota,
+    "empty2": _empty,
     "copy": _same_array,
-    "copy_p": _same_array,
+    "device_put": _same_array,
+    "name": _same_array,
     "optimization_barrier": _same_array,
     "stop_gradient": _same_array,
-    "sharding_constraint": _same_array,
 }
 
 __all__ = ["RULES", "convert", "each", "select_n"]

@@ -3,6 +3,7 @@
 import numpy as np
 from jax import lax
 
+from trimtab.export import jaxprs
 from trimtab.export.arrays import (
     Array,
     Index,
@@ -14,11 +15,12 @@ from trimtab.export.arrays import (
     items,
     linear,
     read,
+    scalar,
     scalars,
     small,
     values,
 )
-from trimtab.export.ir import Value, is_float
+from trimtab.export.ir import Builder, Value, is_float
 from trimtab.export.lower import Rule, Site
 
 MODE = lax.GatherScatterMode
@@ -30,11 +32,17 @@ def clamped(site: Site, start: Value, extent: int, window: int) -> Value:
     most = extent - window
     if most == 0:
         return b.index(0)
+    start = at_least_32_bits(b, start)
     if start.dtype[0] == "u":
         high = b.op("min", start, b.const(most, start.dtype), dtype=start.dtype)
         return b.op("convert", high, dtype="i32")
     low = b.op("max", start, b.const(0, start.dtype), dtype=start.dtype)
     return b.op("convert", b.op("min", low, b.const(most, start.dtype), dtype=start.dtype), dtype="i32")
+
+
+def at_least_32_bits(b: Builder, start: Value) -> Value:
+    """An index whose type can hold the extent of any array."""
+    return b.op("convert", start, dtype="i32") if start.dtype[1:] in ("8", "16") else start
 
 
 def _starts(site: Site, array: Array, window: tuple[int, ...], given: list[Array]) -> Index:
@@ -120,7 +128,7 @@ class Windows:
         found: Index = [b.index(0)] * len(array.shape)
         inside = b.const(1, "bool")
         for k, axis in enumerate(self.to):
-            start = read(b, self.indices, [*batch, b.index(k)])
+            start = at_least_32_bits(b, read(b, self.indices, [*batch, b.index(k)]))
             most = array.shape[axis] - self.sizes[axis]
             for test, limit in (("ge", 0), ("le", most)):
                 if test == "ge" and start.dtype[0] == "u":
@@ -171,44 +179,79 @@ def _fill(site: Site, array: Array) -> Value:
     return values(site.b, constant(site.b, np.asarray(given), array.dtype))[0]
 
 
+class Updates:
+    """What a scatter writes: where the element of each update goes, whether that is in range, and the new number."""
+
+    def __init__(self, site: Site, combine: str | None, updates: Array, indices: Array) -> None:
+        self.site, self.combine, self.updates = site, combine, updates
+        self.array = array = site.operands[0]
+        self.numbers = numbers = site.params["dimension_numbers"]
+        gone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
+        self.kept = [a for a in range(len(array.shape)) if a not in gone]
+        sizes = [1] * len(array.shape)
+        for a, of_update in zip(self.kept, numbers.update_window_dims, strict=True):
+            sizes[a] = updates.shape[of_update]
+        self.windows = Windows(site, array, indices, tuple(sizes), numbers.scatter_dims_to_operand_dims)
+        self.paired = dict(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True))
+        self.function = site.params["update_jaxpr"] if combine is None else None
+
+    def place(self, index: Index) -> tuple[Value, Value]:
+        """The row-major position of one update, and whether its window is in range."""
+        b, window = self.site.b, self.numbers.update_window_dims
+        batch = [i for a, i in enumerate(index) if a not in window]
+        starts, inside = self.windows.starts(batch, self.paired)
+        place = list(starts)
+        for a, i in zip(self.kept, [index[a] for a in window], strict=True):
+            place[a] = b.op("add", starts[a], i, dtype="i32")
+        if self.site.params["mode"] in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
+            inside = b.const(1, "bool")
+        return linear(b, self.array.shape, place), inside
+
+    def new(self, old: Value, index: Index, inside: Value) -> Value:
+        """What one update makes of the number that is there."""
+        site, b = self.site, self.site.b
+        new = read(b, self.updates, index)
+        if self.combine is not None:
+            new = b.op(self.combine, old, new, dtype=self.array.dtype)
+        elif self.function is not None:
+            function = jaxprs.closed(self.function, site.params["update_consts"])
+            new = values(b, site.inline(function, [scalar(old), scalar(new)])[0])[0]
+        return b.op("select", inside, new, old, dtype=self.array.dtype)
+
+
 def _scatter(combine: str | None) -> Rule:
     def rule(site: Site) -> list[Array]:
-        b, (array, indices, updates) = site.b, site.operands
-        numbers, mode = site.params["dimension_numbers"], site.params["mode"]
-        gone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
-        kept = [a for a in range(len(array.shape)) if a not in gone]
-        extents = [updates.shape[a] for a in numbers.update_window_dims]
-        sizes = [1] * len(array.shape)
-        for a, n in zip(kept, extents, strict=True):
-            sizes[a] = n
-        windows = Windows(site, array, indices, tuple(sizes), numbers.scatter_dims_to_operand_dims)
-        paired = dict(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True))
-        updates = _apart(site, updates, array)
+        b, (array, indices, given) = site.b, site.operands
+        updates = Updates(site, combine, _apart(site, given, array), _apart(site, indices, array))
+        every_index = [[b.index(i) for i in index] for index in np.ndindex(*given.shape)] if small(given.shape) else []
+        if array.items is not None and small(given.shape):
+            places = [updates.place(index) for index in every_index]
+            if all(where.op == "const" for where, _ in places):
+                return [_rewritten(array, updates, every_index, places)]
         target = writable(site, 0)
         buffer = target.buffer
         assert buffer is not None
 
         def write(index: Index) -> None:
-            batch = [i for a, i in enumerate(index) if a not in numbers.update_window_dims]
-            starts, inside = windows.starts(batch, paired)
-            place = list(starts)
-            for a, i in zip(kept, [index[a] for a in numbers.update_window_dims], strict=True):
-                place[a] = b.op("add", starts[a], i, dtype="i32")
-            where = linear(b, array.shape, place)
-            value, old = read(b, updates, index), b.load(buffer, where)
-            new = value if combine is None else b.op(combine, old, value, dtype=array.dtype)
-            if mode not in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
-                new = b.op("select", inside, new, old, dtype=array.dtype)
-            b.store(buffer, where, new)
+            where, inside = updates.place(index)
+            b.store(buffer, where, updates.new(b.load(buffer, where), index, inside))
 
-        if small(updates.shape):
-            for index in np.ndindex(*updates.shape):
-                write([b.index(i) for i in index])
+        if small(given.shape):
+            for index in every_index:
+                write(index)
         else:
-            every(b, updates.shape, write)
+            every(b, given.shape, write)
         return [_unrolled(site, target)]
 
     return rule
+
+
+def _rewritten(array: Array, updates: Updates, indices: list[Index], places: list[tuple[Value, Value]]) -> Array:
+    """A small array with elements replaced at known positions: no memory."""
+    flat = list(array.items.ravel())
+    for index, (where, inside) in zip(indices, places, strict=True):
+        flat[int(where.const)] = updates.new(flat[int(where.const)], index, inside)
+    return scalars(flat, array.shape, array.dtype)
 
 
 def _unrolled(site: Site, array: Array) -> Array:
@@ -223,13 +266,9 @@ RULES: dict[str, Rule] = {
     "dynamic_update_slice": _dynamic_update_slice,
     "gather": _gather,
     "scatter": _scatter(None),
-    "scatter-update": _scatter(None),
     "scatter-add": _scatter("add"),
-    "scatter_add": _scatter("add"),
+    "scatter-sub": _scatter("sub"),
     "scatter-mul": _scatter("mul"),
-    "scatter_mul": _scatter("mul"),
     "scatter-min": _scatter("min"),
-    "scatter_min": _scatter("min"),
     "scatter-max": _scatter("max"),
-    "scatter_max": _scatter("max"),
 }

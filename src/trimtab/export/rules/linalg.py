@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, build, copied, linear, read, small
 from trimtab.export.ir import Buffer, Value
 from trimtab.export.lower import Rule, Site
@@ -13,7 +12,7 @@ from trimtab.export.lower import Rule, Site
 
 def _single(site: Site) -> None:
     if any(len(a.shape) != 2 for a in site.operands):
-        where = jaxprs.source(site.equation)
+        where = site.lowering.source()
         problem = f"primitive {site.equation.primitive.name!r}, from {where}, has a batch of matrices"
         raise InputError("export", problem, fix="write one call for each matrix")
 

@@ -79,6 +79,7 @@ def concatenated(site: Site, parts: list[Array], axis: int) -> Array:
 
 def _at(site: Site, parts: list[Array], axis: int, index: Index) -> Value:
     """The element of the part that an index falls into; only that part is read."""
+    parts = [p for p in parts if p.shape[axis]]
     start = parts[0].shape[axis]
     if len(parts) == 1:
         return read(site.b, parts[0], index)
@@ -92,6 +93,15 @@ def _stack(site: Site) -> list[Array]:
     axis = site.params["axis"]
     widened = [reshaped(a, (*a.shape[:axis], 1, *a.shape[axis:])) for a in site.operands]
     return [concatenated(site, widened, axis)]
+
+
+def _unstack(site: Site) -> list[Array]:
+    axis, b = site.params["axis"], site.b
+
+    def part(k: int) -> Array:
+        return _moved(site, site.operands[0], site.shape, lambda index: [*index[:axis], b.index(k), *index[axis:]])
+
+    return [part(k) for k in range(len(site.equation.outvars))]
 
 
 def _tile(site: Site) -> list[Array]:
@@ -140,13 +150,13 @@ def _pad(site: Site) -> list[Array]:
 RULES: dict[str, Rule] = {
     "reshape": _reshape,
     "squeeze": _reshape,
-    "expand_dims": _reshape,
     "broadcast_in_dim": _broadcast,
     "transpose": _transpose,
     "slice": _slice,
     "split": _split,
     "concatenate": _concatenate,
     "stack": _stack,
+    "unstack": _unstack,
     "tile": _tile,
     "rev": _rev,
     "pad": _pad,

@@ -1,0 +1,77 @@
+"""Which ratios of compare.py are reported, and what is asked of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from paired import Ratio, Timed, row
+from references import HAND_C, HAND_SLP
+
+TRIMTAB, WALK, SCAN, NUMPY = "trimtab C", "trimtab walk (JAX)", "JAX scan", "numpy loop"
+CAMPAIGN, VMAP = "trimtab, lanes x threads", "JAX vmap"
+TITLES = {"single": "one run", "python": "one run", "log": "one run, log of 11", "campaign": "campaign"}
+COMMAND = "python benchmarks/compare.py"
+
+
+class Figure(NamedTuple):
+    """A ratio of two programs' times in one table, with a target or without."""
+
+    table: str
+    over: str
+    under: str
+    most: float | None = None
+    least: float | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{TITLES[self.table]}: {self.over} / {self.under}"
+
+    @property
+    def target(self) -> str:
+        if self.most is not None:
+            return f"≤ {self.most:g}"
+        return f"≥ {self.least:g}" if self.least is not None else ""
+
+    def verdict(self, found: Ratio | None) -> str:
+        """Of the median: met, MISSED, not measured; nothing where there is no target."""
+        if found is None:
+            return "not measured"
+        if not self.target:
+            return ""
+        fits = (self.most is None or found.median <= self.most) and (self.least is None or found.median >= self.least)
+        return "met" if fits else "MISSED"
+
+
+def figures(simd: str) -> list[Figure]:
+    """All ratios that are reported; those with a target first."""
+    return [
+        Figure("single", TRIMTAB, HAND_C, most=1.2),
+        Figure("campaign", simd, CAMPAIGN, least=0.8),
+        Figure("python", SCAN, TRIMTAB, least=8),
+        Figure("campaign", VMAP, CAMPAIGN, least=20),
+        Figure("python", WALK, SCAN, most=1.3),
+        Figure("single", HAND_SLP, HAND_C),
+        Figure("python", NUMPY, TRIMTAB),
+        Figure("campaign", HAND_C, CAMPAIGN),
+        Figure("log", TRIMTAB, HAND_C),
+        Figure("log", WALK, SCAN),
+    ]
+
+
+def report(found: dict[Figure, Ratio | None]) -> bool:
+    """Print ratios and targets; whether all targets are met."""
+    print(f"\n{'ratios within a round':58}{'median (min..max)':>24}{'target':>9}")
+    for figure, x in found.items():
+        print(f"{figure.name:58}{x or '-'!s:>24}{figure.target:>9}  {figure.verdict(x)}")
+    return all(figure.verdict(x) == "met" for figure, x in found.items() if figure.target)
+
+
+def markdown(found: dict[Figure, Ratio | None], tables: dict[str, Timed]) -> None:
+    """Print rows of the documentation's table: two times for orientation, then the ratios."""
+    ms = 1e3 * np.array(tables["single"].times[TRIMTAB])
+    per_s = 1 / np.array(tables["campaign"].times[CAMPAIGN])
+    alone = f"{np.median(ms):.2f} ms ({ms.min():.2f}..{ms.max():.2f})"
+    print("\n" + row(f"one run of 15 s: {TRIMTAB}", alone, "", COMMAND))
+    many = f"{np.median(per_s):.0f} runs/s ({per_s.min():.0f}..{per_s.max():.0f})"
+    print(row(f"campaign: {CAMPAIGN}", many, "", COMMAND))
+    for figure, x in found.items():
+        print(row(figure.name, x or "not measured", figure.target, COMMAND))

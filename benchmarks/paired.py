@@ -1,0 +1,146 @@
+"""Times that can be compared: programs take turns, in shuffled rounds on one input; ratios are taken within a round."""
+
+import os
+import platform
+import random
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Program(NamedTuple):
+    """What is timed.
+
+    call: inputs to numbers, all of them there when it returns.  runs: how many runs one call makes.
+    result: the numbers as they are compared, taken after the clock stopped.
+    """
+
+    call: Callable[..., Any]
+    runs: int = 1
+    result: Callable[..., Any] = np.asarray
+
+
+class Timed(NamedTuple):
+    """What the rounds gave, per program.
+
+    first: time of the first call (s), which traces and compiles.  times: per run (s), one for each later round.
+    worst: largest difference to the reference, over all rounds, the first included.
+    """
+
+    first: dict[str, float]
+    times: dict[str, list[float]]
+    worst: dict[str, float]
+
+
+class Ratio(NamedTuple):
+    """Median, least and largest of the ratios of two programs, each taken within a round."""
+
+    median: float
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        digits = 2 if self.median < 100 else 0
+        return f"{self.median:.{digits}f} ({self.least:.{digits}f}..{self.most:.{digits}f})"
+
+
+def rounds(programs: dict[str, Program], inputs: Sequence[tuple[Any, ...]], reference: str, seed: int = 0) -> Timed:
+    """Call all programs once on each input, in an order that is drawn anew; the first input is the warm-up."""
+    order, rng = list(programs), random.Random(seed)
+    timed = Timed({}, {name: [] for name in order}, dict.fromkeys(order, 0.0))
+    for i, given in enumerate(inputs):
+        found = {}
+        for name in rng.sample(order, len(order)):
+            mine = [np.copy(a) if isinstance(a, np.ndarray) else a for a in given]
+            start = time.perf_counter()
+            given_back = programs[name].call(*mine)
+            took = time.perf_counter() - start
+            found[name] = programs[name].result(given_back)
+            if i:
+                timed.times[name].append(took / programs[name].runs)
+            else:
+                timed.first[name] = took
+        for name in order:
+            timed.worst[name] = max(timed.worst[name], difference(found[name], found[reference]))
+    return timed
+
+
+def several(call: Callable[..., Any], runs: int, result: Callable[..., Any] = np.asarray) -> Program:
+    """A short program, measured as long as its neighbours: runs with keys from the given one on; gives the first."""
+
+    def calls(gains: Any, key: Any) -> Any:
+        first = call(gains, key)
+        for i in range(1, runs):
+            call(gains, key + np.array([0, i], np.uint32))
+        return first
+
+    return Program(calls, runs, result)
+
+
+def difference(found: Any, truth: Any) -> float:
+    """The largest difference; infinite where a number is not finite or the shapes differ."""
+    if np.shape(found) != np.shape(truth):
+        return float("inf")
+    apart = np.abs(np.subtract(found, truth))
+    return float(apart.max()) if np.isfinite(apart).all() else float("inf")
+
+
+def ratio(timed: Timed, over: str, under: str) -> Ratio | None:
+    """Time of one program over time of another; None where one was not measured."""
+    if not timed.times.get(over) or not timed.times.get(under):
+        return None
+    found = np.divide(timed.times[over], timed.times[under])
+    return Ratio(float(np.median(found)), float(found.min()), float(found.max()))
+
+
+def show(title: str, timed: Timed, base: str, steps: int) -> None:
+    """Print a table: times per run, and the ratio to the base with its least and largest."""
+    heads = f"{'median ms':>11}{'min':>9}{'max':>9}{'us/step':>9}{'x ' + base:>17}{'min..max':>16}"
+    print(f"\n{title}\n{'':30}{heads}{'first s':>9}{'max diff':>10}")
+    for name, t in timed.times.items():
+        ms = 1e3 * np.array([np.median(t), min(t), max(t)])
+        x = ratio(timed, name, base)
+        spread = f"{x.least:.2f}..{x.most:.2f}" if x else ""
+        cells = (
+            f"{ms[0]:11.3f}{ms[1]:9.3f}{ms[2]:9.3f}{1e3 * ms[0] / steps:9.3f}{x.median if x else 0:17.2f}{spread:>16}"
+        )
+        print(f"{name:30}{cells}{timed.first[name]:9.2f}{timed.worst[name]:10.0e}")
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def machine(*packages: str) -> str:
+    """The class of machine, without its name, and the versions that matter."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        cpu = platform.processor() or platform.machine()
+    try:
+        said = subprocess.run([os.environ.get("CC", "gcc"), "--version"], capture_output=True, text=True).stdout
+        compiler = said.splitlines()[0] if said else "compiler unknown"
+    except OSError:
+        compiler = "no compiler"
+    from importlib.metadata import version
+
+    names = ", ".join(f"{p} {version(p)}" for p in ("numpy", *packages))
+    return f"{cpu}, {cores()} cores, {compiler}, Python {platform.python_version()}, {names}"
+
+
+def load() -> str:
+    """The load line: how busy the machine was over the last minute, with a warning where that is too much."""
+    now = os.getloadavg()[0]
+    busy = "   busy: only ratios mean something, run again when it is quiet" if now > 0.3 * cores() else ""
+    return f"load {now:.2f} on {cores()} cores{busy}"
+
+
+def row(what: str, figure: object, target: str, command: str) -> str:
+    """One line of the table on the documentation's page of benchmarks."""
+    return f"| {what} | {figure} | {target} | `{command}` |"

@@ -1,0 +1,41 @@
+"""Runs in a peer's environment: reads [program, gains, key] a line, answers with 14 numbers a line.
+
+    python worker.py peer_drake
+
+Started by run.py. What the peer prints goes to the standard error.
+"""
+
+import importlib
+import json
+import os
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent / "reference")]
+import hover_np
+
+
+def versions() -> str:
+    """What this environment has of the packages that matter."""
+    found = [f"Python {platform.python_version()}"]
+    for name in ("numpy", "scipy", "jax", "drake", "control", "pathsim", "jaxonomy"):
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
+
+
+if __name__ == "__main__":
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    programs = {"numpy": hover_np.single, "peer": importlib.import_module(sys.argv[1]).single}
+    print(json.dumps(versions()), file=answers, flush=True)
+    for line in sys.stdin:
+        program, gains, key = json.loads(line)
+        numbers = programs[program](np.array(gains), np.array(key, np.uint32))
+        print(json.dumps(np.asarray(numbers, float).tolist()), file=answers, flush=True)

@@ -1,0 +1,126 @@
+"""The loop as C and SIMD C++ written by hand: built with the machine's compiler, called through ctypes."""
+
+import ctypes
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SOURCES = Path(__file__).parent / "reference"
+sys.path.insert(0, str(SOURCES))
+import spec
+
+CC, CXX = os.environ.get("CC", "gcc"), os.environ.get("CXX", "g++")
+FLAGS = ["-O3", "-shared", "-fPIC"]
+HAND_C, HAND_SLP = "hand C", "hand C, SLP on"
+KNOWN = np.array(
+    [
+        *(0.0359807356968819, 0.0300824255925851, 0.00182891280533006, -0.0991717791979678, -3.92524697596123),
+        *(10.9585213852944, 10.9473455499011, 0.00247880849785609, -0.0997645564191161, -3.92949262830810),
+        *(0.0132121395138743, -0.0239376256565529, 0.0282358010078955, -0.0204137281635220),
+    ]
+)
+"""The 14 numbers of gains (1, 2.5) and key (7, 0), printed in README.md."""
+
+
+def sh(*command: str) -> str:
+    """Output of a command; ends the program with the command's own message if it fails."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True)
+    except FileNotFoundError:
+        sys.exit(f"{command[0]} not found (Debian: apt-get install gcc g++; or name compilers in CC and CXX)")
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
+    return done.stdout
+
+
+def widest(march: str) -> int:
+    """Lanes for code with this -march: 8 with AVX-512, 4 with AVX2, 0 with neither."""
+    macros = sh(CC, f"-march={march}", "-dM", "-E", "-x", "c", os.devnull)
+    if all(f"__AVX512{x}__" in macros for x in ("F", "DQ", "VL")):
+        return 8
+    return 4 if "__AVX2__" in macros else 0
+
+
+def hand(folder: str, march: str) -> dict[str, ctypes.CDLL]:
+    """Hand C, and the same with SLP (gcc packs neighbouring scalars into vectors)."""
+    libraries = {}
+    for name, extra in ((HAND_C, ["-fno-tree-vectorize"]), (HAND_SLP, [])):
+        out = f"{folder}/hand{len(libraries)}.so"
+        sh(CC, *FLAGS, f"-march={march}", *extra, "-o", out, str(SOURCES / "hover_c.c"), "-lm", "-lpthread")
+        libraries[name] = ctypes.CDLL(out)
+    return libraries
+
+
+def simd(folder: str, march: str, lanes: int) -> dict[str, ctypes.CDLL]:
+    """Hand SIMD; nothing, with a line why, where it can't be had."""
+    if not lanes:
+        print("hand SIMD is left out: no AVX2")
+        return {}
+    out, source = f"{folder}/simd.so", str(SOURCES / "hover_simd.cpp")
+    try:
+        sh(CXX, *FLAGS, f"-march={march}", f"-DW={lanes}", "-o", out, source, "-lm", "-lmvec", "-lpthread")
+        return {hand_simd(lanes): ctypes.CDLL(out)}
+    except (RuntimeError, OSError) as reason:
+        print(f"hand SIMD is left out: it needs g++, x86-64 and glibc 2.35 or newer\n{str(reason)[:500]}")
+        return {}
+
+
+def hand_simd(lanes: int) -> str:
+    """What hand SIMD is called."""
+    return f"hand SIMD x{lanes}"
+
+
+def at(a: Any) -> ctypes.c_void_p:
+    """Where an array lies."""
+    return ctypes.c_void_p(a.ctypes.data)
+
+
+def single(library: ctypes.CDLL) -> Callable[..., Any]:
+    """One run: gains, key to 14 numbers."""
+    out = np.empty(14)
+
+    def call(gains: Any, key: Any) -> Any:
+        library.sim_sum(at(gains), at(key), spec.N, at(out))
+        return out.copy()
+
+    return call
+
+
+def block(library: ctypes.CDLL, lanes: int) -> Callable[..., Any]:
+    """As many runs as there are lanes, keys from the given one on; gives the first."""
+    out = np.empty((lanes, 14))
+
+    def call(gains: Any, key: Any) -> Any:
+        runs = key[1] + np.arange(lanes, dtype=np.uint32)
+        library.sim_block(at(gains), int(key[0]), at(runs), spec.N, at(out))
+        return out[0].copy()
+
+    return call
+
+
+def logged(library: ctypes.CDLL) -> Callable[..., Any]:
+    """One run: gains, key to the log of 11 numbers after each step: x 6, estimate 3, thrust, rudder."""
+
+    def call(gains: Any, key: Any) -> Any:
+        log = np.empty((spec.N, 11))
+        library.sim_log(at(gains), at(key), spec.N, at(log))
+        return log
+
+    return call
+
+
+def campaign(library: ctypes.CDLL) -> Callable[..., Any]:
+    """Runs, threads to runs x 14."""
+    gains = np.array(spec.GAINS)
+
+    def call(runs: int, threads: int) -> Any:
+        out = np.empty((runs, 14))
+        library.mc(at(gains), spec.KEY0, runs, spec.N, threads, at(out))
+        return out
+
+    return call

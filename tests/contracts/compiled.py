@@ -1,0 +1,144 @@
+"""Runs JAX functions as JAX, as scalar C and as C++ over lanes that hold different inputs, and compares the results."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.float64 import jax
+from trimtab.export.build import build, load
+from trimtab.export.function import lowered
+
+CPU = Path("/proc/cpuinfo")
+LANES = 8 if CPU.exists() and "avx512dq" in CPU.read_text() else 4
+"""Runs side by side: what this CPU carries."""
+
+
+class Case(NamedTuple):
+    """A function and what it is tried on.
+
+    sets: arguments, one tuple for each lane.  ulp: units in the last place by which floats may differ; 0: not a bit.
+    close: relative to the largest number, where sums come in another order.  lanes: whether C++ carries its types.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    sets: list[tuple[Any, ...]]
+    ulp: int = 0
+    close: float = 0.0
+    lanes: bool = True
+
+
+def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[str]:
+    """Names of all primitives in a function's jaxpr, inner ones included."""
+    found: set[str] = set()
+
+    def walk(jaxpr: Any) -> None:
+        for equation in jaxpr.eqns:
+            found.add(equation.primitive.name)
+            for value in equation.params.values():
+                for inner in value if isinstance(value, tuple | list) else [value]:
+                    inner = getattr(inner, "jaxpr", inner)
+                    if hasattr(inner, "eqns"):
+                        walk(inner)
+
+    walk(jax.make_jaxpr(function)(*arguments).jaxpr)
+    return found
+
+
+def compiled(cases: list[Case], lanes: int, *flags: str) -> list[list[Any]]:
+    """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C."""
+    if lanes:
+        texts = [_spaced(lowered(c.function, c.sets[0]).text(f"go{k}", lanes), k) for k, c in enumerate(cases)]
+        library = load(build(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
+        parts = [_run(getattr(library, f"go{k}"), c, lanes) for k, c in enumerate(cases)]
+        return [[leaf for part in row for leaf in part] for row in zip(*parts, strict=True)]
+    function, sets = together(cases)
+    library = load(build(lowered(function, sets[0]).text("go", 0), "c", extra=("-O1", "-w", *flags)))
+    return _run(library.go, Case("all", function, sets), 1)
+
+
+INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stdint.h>\n#include <string.h>\n"
+INCLUDES += "#if defined __x86_64__\n#include <immintrin.h>\n#endif\n"
+
+
+def _spaced(text: str, k: int) -> str:
+    """C++ text in a space of names of its own: several programs in one file, which has included all before."""
+    return f"namespace program{k} {{\n{text}\n}}\n"
+
+
+def _run(go: Any, case: Case, runs: int) -> list[list[Any]]:
+    """The leaves of the results for each set, `runs` sets in one call."""
+    like = jax.tree.leaves(jax.eval_shape(case.function, *case.sets[0]))
+    flat = [[np.ascontiguousarray(a) for a in jax.tree.leaves(s)] for s in case.sets]
+    found = []
+    for first in range(0, len(flat), runs):
+        some = flat[first : first + runs]
+        together = [np.stack(arrays) for arrays in zip(*some, strict=True)]
+        outs = [np.zeros((len(some), *a.shape), a.dtype) for a in like]
+        given = (ctypes.c_void_p * (len(together) + 1))(*[a.ctypes.data for a in together], None)
+        go(given, (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None), len(some))
+        found += [[o[i] for o in outs] for i in range(len(some))]
+    return found
+
+
+def reference(function: Callable[..., Any], sets: list[tuple[Any, ...]]) -> list[list[Any]]:
+    """Results for each set of arguments, of JAX."""
+    jitted = jax.jit(function)
+    return [[np.asarray(o) for o in jax.tree.leaves(jitted(*s))] for s in sets]
+
+
+def together(cases: list[Case]) -> tuple[Callable[..., Any], list[tuple[Any, ...]]]:
+    """All cases as one function with one compilation: it takes and gives a tuple for each case."""
+    count = min(len(c.sets) for c in cases)
+    sets = [tuple(c.sets[i] for c in cases) for i in range(count)]
+    return lambda *given: tuple(c.function(*a) for c, a in zip(cases, given, strict=True)), sets
+
+
+def differences(cases: list[Case]) -> list[str]:
+    """A line for each case that differs from JAX, in either shape; empty when all agree."""
+    with ThreadPoolExecutor() as pool:  # compilers run beside JAX's own
+        wanted = pool.submit(reference, *together(cases))
+        wide = [c for c in cases if c.lanes]
+        tries = [(0, cases, pool.submit(compiled, cases, 0))]
+        if wide:
+            tries.append((LANES, wide, pool.submit(compiled, wide, LANES)))
+        return [
+            line for lanes, some, got in tries for line in _lines(cases, some, lanes, wanted.result(), got.result())
+        ]
+
+
+def _lines(cases: list[Case], some: list[Case], lanes: int, wanted: list[Any], got: list[Any]) -> list[str]:
+    found = []
+    of_case = [c for c in cases for _ in jax.tree.leaves(jax.eval_shape(c.function, *c.sets[0]))]
+    chosen = {id(c) for c in some}
+    here = [k for k, c in enumerate(of_case) if id(c) in chosen]
+    first = {id(c): k for k, c in reversed(list(enumerate(of_case)))}
+    for j, k in enumerate(here):
+        for lane, (w, g) in enumerate(zip(wanted, got, strict=True)):
+            wrong = disagreement(of_case[k], w[k], g[j])
+            if wrong is not None:
+                place = tuple(int(a[0]) for a in np.nonzero(np.atleast_1d(wrong)))[: wrong.ndim]
+                shape = f"lane {lane} of {lanes}" if lanes else f"set {lane}"
+                line = f"{of_case[k].name}, result {k - first[id(of_case[k])]}{place}, {shape}: {g[j][place]!r}"
+                found.append(f"{line}, not {w[k][place]!r}; {int(wrong.sum())} such")
+                break
+    return found
+
+
+def disagreement(case: Case, wanted: Any, got: Any) -> Any:
+    """Where two arrays differ by more than the case allows, or None."""
+    if wanted.dtype.kind != "f":
+        wrong = wanted != got
+    else:
+        with np.errstate(all="ignore"):
+            same = (wanted == got) | (np.isnan(wanted) & np.isnan(got))
+            finite = np.isfinite(wanted)
+            largest = np.max(np.abs(wanted[finite]), initial=0.0) if case.close else 0.0
+            allowed = case.ulp * np.spacing(np.abs(wanted)) + case.close * largest
+            near = finite & (np.abs(wanted - got) <= allowed)
+        wrong = ~(same | near)
+    return wrong if wrong.any() else None

@@ -1,0 +1,66 @@
+"""Every shipped scenario, flown on JAX, on C, over lanes and by threads: the same numbers, seed by seed.
+
+The source of the tolerance: the specification of the compiled backend, 1e-10 relative until the first switch on data.
+"""
+
+import numpy as np
+import pytest
+
+from trimtab.core.record import replace
+from trimtab.core.time import ms, seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.logs.difference import difference
+from trimtab.run.simulate import simulate, simulate_many
+from trimtab.scenarios import catalogue
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+SEEDS = range(100)
+NAMES = list(catalogue.names())
+
+
+def agree(name, duration, ideal):
+    """Compare 100 seeds; gives the switches that differed, for the record."""
+    scenario, _ = catalogue.load(name)
+    scenario = replace(scenario.ideal() if ideal else scenario, duration=duration)
+    reference = simulate_many(scenario, seeds=SEEDS, backend="jax")
+    lanes = simulate_many(scenario, seeds=SEEDS, backend="c", threads=2)
+    switches = []
+    for seed, (a, b) in enumerate(zip(reference, lanes, strict=True)):
+        found = difference(a, b)
+        assert found.equal, f"{name}, seed {seed}: {found.number}"
+        if found.switch is not None:
+            switches.append((seed, found.switch))
+    for seed in (0, 57, 99):
+        alone = simulate(scenario, seed=seed, backend="c", log_period=ms(10))
+        for path in alone.paths:  # scalar code gives the bits of the lanes
+            np.testing.assert_array_equal(alone[path], lanes[seed][path], err_msg=f"{name} seed {seed} {path}")
+    for switch in switches:
+        print(f"{name}: a switch differs at seed {switch[0]}: {switch[1]}")
+    assert len(switches) <= 5, switches
+    return switches
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_backends_agree(name):
+    agree(name, seconds(1), ideal=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ideal", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_backends_agree_over_whole_runs(name, ideal):
+    scenario, _ = catalogue.load(name)
+    agree(name, scenario.duration, ideal)
+
+
+def test_threads_change_nothing():
+    scenario, _ = catalogue.load("hovercraft/heading-bang-bang")
+    scenario = replace(scenario, duration=seconds(1))
+    one = simulate_many(scenario, seeds=SEEDS, backend="c", threads=1)
+    two = simulate_many(scenario, seeds=SEEDS, backend="c", threads=3)
+    few = simulate_many(scenario, seeds=[4, 2], backend="c", threads=2)
+    for a, b in zip(one, two, strict=True):
+        for path in a.paths:
+            np.testing.assert_array_equal(a[path], b[path])
+    assert few[1].metadata["backend"] == "c"
+    np.testing.assert_array_equal(few[1]["truth.heading"], one[2]["truth.heading"])

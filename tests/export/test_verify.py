@@ -1,0 +1,58 @@
+"""verify notices what was changed, and says where."""
+
+import json
+
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.export.compiler import find_compiler
+from trimtab.export.verify import verify
+from trimtab.run.export_c import export_c
+from trimtab.scenarios import catalogue
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    export_c(scenario, tmp_path, steps=200)
+    return tmp_path
+
+
+def edit(file, old, new):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+
+
+def test_a_changed_gain_is_found_with_step_and_name(folder):
+    edit(folder / "autopilot.c", "p->law.k2 = ", "p->law.k2 = 1.001 * ")
+    verdict = verify(folder)
+    assert not verdict.good
+    step, name, got, wanted = verdict.first
+    assert name.startswith("law.")
+    assert got != wanted
+    assert 0 < step < 200
+
+
+def test_text_that_warns_is_refused(folder):
+    edit(folder / "autopilot.c", "void autopilot_init", "static int unused;\nvoid autopilot_init")
+    with pytest.raises(InputError, match="refused"):
+        verify(folder)
+
+
+def test_undefined_behaviour_is_found(folder):
+    bad = "double room[2] = {0, 0};\n    volatile int k = 2;\n    room[k] = p->law.k1;\n    out->law.lyapunov = room[k]"
+    edit(folder / "autopilot.c", "out->law.lyapunov = ", f"{bad}; out->law.lyapunov = ")
+    with pytest.raises(InputError, match="stopped with"):
+        verify(folder)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path, folder):
+    with pytest.raises(InputError, match="trimtab export SCENARIO"):
+        verify(tmp_path / "nothing")
+    about = json.loads((folder / "export.json").read_text())
+    (folder / "export.json").write_text(json.dumps(about | {"name": "../../x"}))
+    with pytest.raises(InputError, match="not a folder"):
+        verify(folder)

@@ -1,0 +1,61 @@
+"""Where two logs part: rounding, switches, NaN."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.logs.difference import difference
+from trimtab.logs.log import Log
+
+TICKS = np.arange(0, 50_000, 10_000)
+
+
+def log(x, mode=(0, 0, 1, 1, 1)):
+    return Log(TICKS * 1e-7, TICKS, {"truth.x": np.array(x, float), "law.mode": np.array(mode, np.int32)})
+
+
+ONE = log([1.0, 2.0, 3.0, 4.0, 5.0])
+
+
+def test_equal_logs_agree():
+    found = difference(ONE, ONE)
+    assert found.equal
+    assert found.switch is None
+    assert found.instants == 5
+    assert found.worst == {"truth.x": 0.0}
+
+
+def test_rounding_is_within_the_tolerance_of_the_signals_size():
+    near = log([1.0, 2.0 + 1e-10, 3.0, 4.0, 5.0])
+    assert difference(ONE, near).equal
+    found = difference(ONE, near, 1e-12)
+    assert not found.equal
+    assert found.number == (0.001, "truth.x", 2.0, 2.0 + 1e-10)
+
+
+def test_what_comes_after_a_switch_is_not_compared():
+    other = log([1.0, 2.0, 3.0, 4.0, 9.0], mode=(0, 0, 1, 2, 2))
+    found = difference(ONE, other)
+    assert found.equal
+    assert found.switch == (0.003, "law.mode", 1.0, 2.0)
+    assert found.instants == 3
+
+
+def test_what_differs_before_a_switch_is_found():
+    found = difference(ONE, log([1.0, 2.5, 3.0, 4.0, 9.0], mode=(0, 0, 1, 2, 2)))
+    assert found.number[1:] == ("truth.x", 2.0, 2.5)
+
+
+def test_nan_is_equal_to_nan_alone():
+    nan = log([1.0, np.nan, 3.0, 4.0, 5.0])
+    assert difference(nan, nan).equal
+    assert not difference(ONE, nan).equal
+
+
+def test_logs_of_other_runs_are_refused():
+    short = Log(TICKS[:3] * 1e-7, TICKS[:3], {"truth.x": np.zeros(3), "law.mode": np.zeros(3, np.int32)})
+    with pytest.raises(InputError, match="other instants"):
+        difference(ONE, short)
+    renamed = Log(TICKS * 1e-7, TICKS, {"truth.y": np.zeros(5), "law.mode": np.zeros(5, np.int32)})
+    with pytest.raises(InputError, match=r"truth\.x"):
+        difference(ONE, renamed)

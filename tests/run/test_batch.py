@@ -1,0 +1,90 @@
+"""simulate_batch: dispersed parameters, reductions on the fly, refusals; equal on every backend."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace, with_leaf
+from trimtab.core.time import ms, seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.run.batch import ENOUGH, simulate_batch
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+RUNS = ENOUGH + 3
+MASSES = np.linspace(2.2, 3.2, RUNS)
+SPREAD = {"world.vehicle.mass": MASSES}
+needs_c = pytest.mark.skipif(find_compiler("c++") is None, reason="no C++ compiler here")
+
+
+@pytest.fixture(scope="module")
+def short():
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    return replace(scenario, duration=seconds("0.4"))
+
+
+@pytest.fixture(scope="module")
+def lanes(short):
+    return simulate_batch(short, seeds=range(RUNS), spread=SPREAD, log=True, log_period=ms(1))
+
+
+@needs_c
+def test_a_run_of_the_batch_is_the_run_alone(short, lanes):
+    assert lanes.backend == "c lanes"
+    for i in (0, 20, RUNS - 1):
+        heavy = with_leaf(short, "world.vehicle.mass", lambda old, declared, i=i: MASSES[i])
+        alone = simulate(heavy, seed=i, backend="c")
+        for path in alone.paths:
+            np.testing.assert_array_equal(lanes.log[path][i], alone[path], err_msg=path)
+        for path, value in alone.final.items():
+            assert lanes.final[path][i] == value
+
+
+@needs_c
+def test_reductions_are_those_of_the_log(lanes):
+    for path in ("truth.yaw_rate", "law.demand.FX", "actuators.u.FY"):
+        rows = lanes.log[path]
+        np.testing.assert_array_equal(lanes.least[path], rows.min(axis=1))
+        np.testing.assert_array_equal(lanes.most[path], rows.max(axis=1))
+        np.testing.assert_allclose(lanes.mean[path], rows.mean(axis=1), atol=1e-12)
+        np.testing.assert_allclose(lanes.rms[path], np.sqrt((rows**2).mean(axis=1)), atol=1e-12)
+
+
+def test_jax_gives_the_same(short):
+    chosen = {"seeds": range(5), "spread": {"world.vehicle.mass": MASSES[:5]}, "signals": ("truth",), "log": True}
+    c, on_jax = simulate_batch(short, **chosen), simulate_batch(short, **chosen, backend="jax")
+    assert on_jax.backend == "jax"
+    for path in c.log:
+        np.testing.assert_allclose(c.log[path], on_jax.log[path], atol=1e-11)
+        np.testing.assert_allclose(c.rms[path], on_jax.rms[path], atol=1e-11)
+        np.testing.assert_allclose(c.most[path], on_jax.most[path], atol=1e-11)
+    for path in c.final:
+        np.testing.assert_allclose(c.final[path], on_jax.final[path], atol=1e-11)
+
+
+def test_without_a_log_nothing_is_kept(short):
+    batch = simulate_batch(short, seeds=[1, 2], signals=("truth.yaw_rate",))
+    assert batch.log == {}
+    assert list(batch.rms) == ["truth.yaw_rate"]
+    assert batch.rms["truth.yaw_rate"].shape == (2,)
+
+
+@pytest.mark.parametrize(
+    ("spread", "says"),
+    [
+        ({"world.vehicle.mas": [1.0, 2.0]}, "world.vehicle.mass"),
+        ({"world.vehicle.mass": [1.0]}, r"shape \(1,\)"),
+        ({"world.vehicle.mass": [1.0, np.nan]}, "finite"),
+        ({"key.seed": [1, 2]}, "no such parameter"),
+    ],
+)
+def test_wrong_spread_is_refused(short, spread, says):
+    with pytest.raises(InputError, match=says):
+        simulate_batch(short, seeds=[1, 2], spread=spread)
+
+
+def test_unknown_signal_and_backend_are_refused(short):
+    with pytest.raises(InputError, match="truth"):
+        simulate_batch(short, seeds=[1], signals=("thruth",))
+    with pytest.raises(InputError, match="auto"):
+        simulate_batch(short, seeds=[1], backend="gpu")

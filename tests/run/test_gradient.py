@@ -1,0 +1,57 @@
+"""Gradients of whole runs in C against differences of JAX runs, where the run has no switch on the way."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves, replace, with_leaf
+from trimtab.core.time import seconds, to_seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.run.gradient import gradient
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+PATHS = ("autopilot.law.k1", "autopilot.law.k2", "world.vehicle.mass", "initial.yaw_rate")
+
+
+def cost(s):
+    return s.truth.yaw_rate**2 + 0.5 * s.truth.sway_velocity**2
+
+
+@pytest.fixture(scope="module")
+def ideal():
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    return replace(scenario.ideal(), duration=seconds(4))
+
+
+def integral(scenario):
+    log = simulate(scenario, backend="jax")
+    running = log["truth.yaw_rate"] ** 2 + 0.5 * log["truth.sway_velocity"] ** 2
+    return float((running * np.diff(np.append(log.t, to_seconds(scenario.duration)))).sum())
+
+
+def test_cost_is_the_integral_of_the_log(ideal):
+    assert gradient(ideal, cost, PATHS[:1]).cost == pytest.approx(integral(ideal), rel=1e-12)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_slope_is_that_of_central_differences(ideal, path):
+    found = gradient(ideal, cost, PATHS)
+    value = float({p: v for p, v, _ in leaves(ideal)}[path])
+    h = 1e-5 * max(abs(value), 1.0)
+    high, low = (integral(with_leaf(ideal, path, lambda old, d, s=s: value + s * h)) for s in (1, -1))
+    assert found.slope[path] == pytest.approx((high - low) / (2 * h), rel=1e-6, abs=1e-8)
+
+
+def test_real_scenario_has_a_gradient_too():
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    found = gradient(replace(scenario, duration=seconds(1)), cost, ("autopilot.law.k2",))
+    assert np.isfinite(found.cost)
+    assert np.isfinite(found.slope["autopilot.law.k2"])
+
+
+@pytest.mark.parametrize("paths", [(), ("autopilot.law.k3",), ("key.seed",)])
+def test_what_is_no_real_parameter_is_refused(ideal, paths):
+    with pytest.raises(InputError, match="parameter"):
+        gradient(ideal, cost, paths)
