@@ -221,7 +221,7 @@ def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
     assert state.position_fix.given_in[-1] == 1
     first = np.flatnonzero(state.position_fix.given_in)[0]
     assert state.sigma_north[first] > state.sigma_north[399]
-    truth = TRUTH._replace(position=np.asarray(TRUTH.position) + [0.5, 0.0])
+    truth = TRUTH._replace(position=np.asarray(TRUTH.position) + np.array([0.5, 0.0]))
     assert sigmas_off(state, first + 30, truth) < 4.5
     stubborn = replace(FEEDBACK, intake=replace(FEEDBACK.intake, patience_position=np.int32(0)))
     alone, _ = flown(sent, stubborn)
