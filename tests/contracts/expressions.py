@@ -72,7 +72,12 @@ def integers(w: Any, env: list[Var]) -> Made:
     texts = ["{0} + {1}", "{0} - {1}", "{0} * {1}", "{0} & {1}", "{0} ^ {1}"]
     # a divisor that XLA knows to be zero brings its compiler down: never zero here; tests of primitives divide by zero
     texts += ["lax.div({0}, {1} | 1)", "lax.rem({0}, {1} | 1)"]
-    texts += ["{0} | {1}", "lax.shift_left({0}, {1} % 40)", "lax.shift_right_logical({0}, {1} % 40)", "{0} // ({1} | 1)"]
+    texts += [
+        "{0} | {1}",
+        "lax.shift_left({0}, {1} % 40)",
+        "lax.shift_right_logical({0}, {1} % 40)",
+        "{0} // ({1} | 1)",
+    ]
     texts += [
         "lax.shift_right_arithmetic({0}, {1} % 40)",
         "jnp.maximum({0}, {1})",
