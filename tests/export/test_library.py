@@ -48,8 +48,16 @@ def test_progress_rises_to_all_runs(short, monkeypatch):
     np.testing.assert_array_equal(watched.rms["truth.yaw_rate"], plain.rms["truth.yaw_rate"])
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises, also in a process that was started in the background, where it is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @needs_c
-def test_ctrl_c_ends_it(short):
+def test_ctrl_c_ends_it(short, interruptible):
     simulate_batch(short, seeds=range(2), signals=("truth",))  # compiled before the clock starts
     many = range(40_000)  # a quarter of a minute at least
     threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT)).start()
