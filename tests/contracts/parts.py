@@ -159,9 +159,10 @@ def commands() -> list[Any]:
 class Everything:
     """What an IMU, a heading sensor and a position sensor tell, in one. Source: this test."""
 
-    yaw_rate: Any = quantity("rad/s", "Rate.")
-    forward: Any = quantity("m/s^2", "Force per mass.")
-    starboard: Any = quantity("m/s^2", "Force per mass.")
+    angular_rate: Any = quantity("rad/s", "Rate.", shape=(3,))
+    specific_force: Any = quantity("m/s^2", "Force per mass.", shape=(3,))
+    gyro_saturated: Any = quantity("1", "Whether the gyro is at its limit.", kind="flag")
+    accelerometer_saturated: Any = quantity("1", "Whether an accelerometer is at its limit.", kind="flag")
     heading: Any = quantity("rad", "Heading.", kind="angle")
     north: Any = quantity("m", "North.")
     east: Any = quantity("m", "East.")
@@ -170,7 +171,9 @@ class Everything:
 def everything(t: Any) -> Everything:
     """Measurements that differ at each instant."""
     s = t * 1e-7
-    return Everything(*(0.3 * jnp.cos(s + k) for k in range(6)))
+    three = np.arange(3.0)
+    felt = 0.3 * jnp.cos(s + three), 0.3 * jnp.sin(s + three), jnp.asarray(False), jnp.asarray(False)
+    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)))
 
 
 def sensed() -> list[Any]:

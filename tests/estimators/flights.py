@@ -21,6 +21,7 @@ from trimtab.estimators.kalman import nees
 from trimtab.estimators.measurement_history import newest
 from trimtab.estimators.planar_inertial import InertialStart
 from trimtab.loop.structure import strong
+from trimtab.sensors.imu import InertialReading
 
 TICK = ms(6.5536)
 DT = to_seconds(TICK)
@@ -28,13 +29,11 @@ QUICK = {"xla_llvm_disable_expensive_passes": True}
 """Options for programs that take longer to compile than to run."""
 
 
-@record
-class Felt:
-    """What a planar IMU tells. Source: this test."""
-
-    yaw_rate: Scalar = quantity("rad/s", "Rate.")
-    forward: Scalar = quantity("m/s^2", "Force per mass.")
-    starboard: Scalar = quantity("m/s^2", "Force per mass.")
+def reading(yaw_rate: Any, forward: Any, starboard: Any) -> InertialReading:
+    """What an IMU tells of a motion in the plane, its numbers (n,)."""
+    none = np.zeros_like(yaw_rate)
+    force, rate = np.stack([forward, starboard, none], axis=-1), np.stack([none, none, yaw_rate], axis=-1)
+    return InertialReading(force, rate, none > 0, none > 0)
 
 
 @record
@@ -176,15 +175,15 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
 def frames(form: Any, now: Any, felt: Any, heading: Any = None, position: Any = None) -> Frame:
     """Frames with a leading axis of instants; each sensor's (t, values (n, k), fresh), t its time of measurement."""
     given = {
-        form.intake.imu: (Felt, felt),
+        form.intake.imu: (reading, felt),
         form.intake.heading: (Compass, heading),
         form.intake.position: (Fix, position),
     }
     samples = {}
-    for name, (cls, one) in given.items():
+    for name, (made, one) in given.items():
         if name:
             t, values, fresh = (np.array(x) for x in one)
-            sample = held(now, measured(t, cls(*values.T)), fresh=fresh)
+            sample = held(now, measured(t, made(*values.T)), fresh=fresh)
             samples[name] = replace(sample, valid=np.ones(len(t), bool))
     return Frame(now, samples)
 

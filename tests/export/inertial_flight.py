@@ -9,17 +9,14 @@ from trimtab.core.rng import Key, normals
 from trimtab.core.signals import measured
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
+from trimtab.estimators.dual_filter import InertialNoise
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
+from trimtab.sensors.imu import InertialReading
+from trimtab.vehicles.hovercraft import HovercraftState
 
-
-@record
-class Inertial:
-    """Planar rate and specific force. Source: none."""
-
-    yaw_rate: Scalar = quantity("rad/s", "Rate.", frame="B")
-    forward: Scalar = quantity("m/s^2", "Specific force.", frame="B")
-    starboard: Scalar = quantity("m/s^2", "Specific force.", frame="B")
+NOISE = InertialNoise(gyro=0.0126**2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8)
+"""That of the sensors below."""
 
 
 @record
@@ -51,14 +48,15 @@ class Noisy:
 
     def measure(self, motion: Any) -> Any:
         if self.kind == 0:
-            return Inertial(motion.w_WB_B[2], motion.a_WB_B[0], motion.a_WB_B[1])
+            return InertialReading(motion.a_WB_B, motion.w_WB_B, np.bool_(False), np.bool_(False))
         return Heading(motion.attitude[2]) if self.kind == 1 else Position(motion.p_WB[0], motion.p_WB[1])
 
     def step(self, t: Any, key: Key, motion: Any) -> Any:
         z = self.sigma * normals(key, t // self.period, 3)
         true = self.measure(motion)
         if self.kind == 0:
-            value = Inertial(true.yaw_rate + z[0], true.forward + z[1], true.starboard + z[2])
+            rate, force = true.angular_rate.at[2].add(z[0]), true.specific_force.at[:2].add(z[1:])
+            value = replace(true, angular_rate=rate, specific_force=force)
         elif self.kind == 1:
             value = Heading(true.heading + z[0])
         else:
@@ -75,5 +73,7 @@ def scenario(name: str = "hovercraft/zero-velocity") -> Any:
         "position": Noisy(sigma=np.full(3, 0.0237), kind=2, period=ms(100)),
     }
     world = replace(made.world, sensors=sensors, downlink=Wire(period=ms(1)))
-    autopilot = replace(made.autopilot, estimator=AidedInertialFeedforward())
-    return replace(made, world=world, autopilot=autopilot, duration=seconds(5), name="inertial flight")
+    autopilot = replace(made.autopilot, estimator=AidedInertialFeedforward(noise=NOISE))
+    start = HovercraftState(surge_velocity=0.2, sway_velocity=-0.7, yaw_rate=3.0)  # within the gyro's range
+    changed = {"world": world, "autopilot": autopilot, "initial": start, "duration": seconds(5)}
+    return replace(made, **changed, name="inertial flight")

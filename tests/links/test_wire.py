@@ -2,6 +2,7 @@ import numpy as np
 
 from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
+from trimtab.core.signals import held, measured
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 
@@ -22,6 +23,19 @@ def test_nothing_is_valid_before_the_first_sample(drive):
     np.testing.assert_array_equal(out.valid, t >= ms(10))
 
 
-def test_it_is_a_channel_without_memory_or_faults():
+def test_what_is_measured_between_two_looks_is_fresh_once():
+    tick, end = ms(6.5536), ms(200)
+    wire, made, fresh = Wire(), -1, []
+    state = wire.init(key(0), measured(np.int64(0), 0.0))
+    for t in sorted({*range(0, end, ms(1)), *range(0, end, tick)}):
+        made = t if t % tick == 0 else made
+        if t % ms(1) == 0:
+            sample = held(np.int64(t), measured(np.int64(made), 0.0), fresh=np.bool_(t == made))
+            state, out = wire.step(np.int64(t), state, sample)
+            fresh += [int(out.t)] if out.fresh else []
+    assert fresh == list(range(0, end, tick))
+
+
+def test_it_is_a_channel_without_faults():
     assert isinstance(Wire(), Channel)
     assert Wire.IMPERFECTIONS == ()

@@ -1,13 +1,17 @@
 """simulate: refusals before the run, determinism, batch equal to single runs, what the log holds."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import record, replace
+from trimtab.core.record import quantity, record, replace
+from trimtab.core.signals import Estimate
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.latency_trace import LatencyTrace, read_trace
+from trimtab.links.wire import Wire
 from trimtab.loop.world import World
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
@@ -83,6 +87,48 @@ def test_instants_without_a_common_divisor_are_all_walked(short):
     assert set(range(0, seconds(1), 65536)) <= set(log.ticks.tolist())
     fresh = log.ticks[log["sensors.navigation.fresh"]]
     np.testing.assert_array_equal(fresh, np.arange(0, seconds(1), 65536))
+
+
+@record
+class Counted:
+    """What laws read, and how many samples were fresh. Source: this test."""
+
+    surge_velocity: Any = quantity("m/s", "Along x.")
+    sway_velocity: Any = quantity("m/s", "Along y.")
+    yaw_rate: Any = quantity("rad/s", "Rate of turn.")
+    heading: Any = quantity("rad", "Heading.", kind="angle")
+    fresh: Any = quantity("1", "Samples seen for the first time.", kind="count")
+
+
+@record
+class Counting:
+    """An estimator that believes its sensor, and counts. Source: this test."""
+
+    listens = ("navigation",)
+
+    def init(self, key):
+        return np.int32(0)
+
+    def step(self, t, state, frame):
+        sample = frame.samples["navigation"]
+        state = state + sample.fresh.astype(np.int32)
+        z = sample.value
+        told = Counted(z.surge_velocity, z.sway_velocity, z.yaw_rate, z.heading, state)
+        return state, Estimate(t=t, age=sample.age, fresh=sample.fresh, valid=sample.valid, state=told)
+
+
+@pytest.mark.parametrize("backend", ["c", "jax"])
+@pytest.mark.parametrize("wire", [ms(1), 65536, ms(3)])
+def test_each_sample_is_fresh_to_the_estimator_once(short, wire, backend):
+    """An IMU's tick, a wire and an autopilot that keep different times: nothing is lost, nothing is counted twice."""
+    world = replace(short.world, sensors={"navigation": NavigationErrors(period=65536)}, downlink=Wire(period=wire))
+    counted = replace(short, world=world, autopilot=replace(short.autopilot, estimator=Counting()))
+    log = simulate(counted, backend=backend)
+    taken = np.arange(0, seconds(1), 65536)
+    arrived = -(-taken // wire) * wire
+    acted_on = -(-arrived // ms(1)) * ms(1)
+    seen = [int(np.sum(acted_on <= t)) for t in log.ticks]
+    np.testing.assert_array_equal(log["estimate.state.fresh"], seen)
 
 
 @record

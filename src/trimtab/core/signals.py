@@ -35,7 +35,7 @@ class Sample:
     value: Any = part("What was measured.")
     t: Scalar = quantity("100 ns", "When it was measured.", kind="time")
     age: Scalar = quantity("s", "How long ago that was, for who holds it.")
-    fresh: Scalar = quantity("1", "Whether it arrived at this very instant.", kind="flag")
+    fresh: Scalar = quantity("1", "Whether it is seen for the first time.", kind="flag")
     valid: Scalar = quantity("1", "Whether there has been any measurement at all.", kind="flag")
 
 
@@ -47,6 +47,14 @@ def measured(t: Any, value: Any, *, fresh: Any = True) -> Sample:
 def held(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
     """The same sample as seen at a later time `now`."""
     return replace(sample, age=to_seconds(now - sample.t), fresh=fresh)
+
+
+def is_new(sample: Sample, seen: Any) -> Any:
+    """Whether a sample has come since the one measured at integer time `seen` was held: what makes it fresh.
+
+    Told by the time of measurement, for the two ends of a line need not keep the same time.
+    """
+    return sample.valid & (sample.fresh | (sample.t != seen))
 
 
 @record

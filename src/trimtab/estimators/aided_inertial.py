@@ -29,8 +29,9 @@ from trimtab.estimators.sensor_watch import NEVER, Judgement, SensorWatch, judge
 class Intake:
     """Which samples are read, what of them is believed, and how much of the past is kept.
 
-    Reads: yaw_rate, forward and starboard of the IMU; heading of the heading sensor; north and east of the position
-    sensor. A name left empty means that there is no such sensor.
+    Reads: angular_rate (3,), specific_force (3,), gyro_saturated and accelerometer_saturated of the IMU, whose axes are
+    B's; heading of the heading sensor; north and east of the position sensor. A name left empty means that there is no
+    such sensor.
     Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; the rest chosen here.
     """
 
@@ -40,8 +41,10 @@ class Intake:
         "1", "Headings refused in a row after which the filter gives in; 0: never.", default=0, kind="count"
     )
     patience_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
-    rate_range: Scalar = quantity("rad/s", "Where the gyro saturates.", default=np.deg2rad(300.0), above=0)
-    force_range: Scalar = quantity("m/s^2", "Where the accelerometers saturate.", default=1.7 * 9.80665, above=0)
+    rate_range: Scalar = quantity(
+        "rad/s", "Where the gyro saturates, if it does not say so itself.", default=np.deg2rad(300.0), above=0
+    )
+    force_range: Scalar = quantity("m/s^2", "The same of the accelerometers.", default=1.7 * 9.80665, above=0)
     frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")
     frozen_heading: Scalar = quantity("1", "The same for headings.", default=50, kind="count")
     frozen_position: Scalar = quantity("1", "The same for positions.", default=10, kind="count")
@@ -108,10 +111,11 @@ def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[Ine
 def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
     """Each sensor's event, the IMU's first, with what was found about it."""
     sample = frame.samples[intake.imu]
-    felt = sample.value.yaw_rate, sample.value.forward, sample.value.starboard
+    reading = sample.value
+    felt = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
     one = judge(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
-    gyro = jnp.abs(one.value[0]) >= intake.rate_range * (1 - 1e-9)
-    force = jnp.max(jnp.abs(one.value[1:])) >= intake.force_range * (1 - 1e-9)
+    gyro = (jnp.abs(one.value[0]) >= intake.rate_range * (1 - 1e-9)) | reading.gyro_saturated
+    force = (jnp.max(jnp.abs(one.value[1:])) >= intake.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
     lost = one.watch.frozen | ((one.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
     doubt = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
     watch = replace(one.watch, saturated=jnp.where(one.usable, gyro | force, state.imu.saturated))

@@ -2,18 +2,28 @@
 
 from typing import Any, ClassVar
 
-from trimtab.core.record import period, record
+import numpy as np
+
+from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Sample, held
+from trimtab.core.signals import Sample, held, is_new
 from trimtab.core.time import ms
+from trimtab.links.fifo import NEVER, measurement_time
+
+
+@record
+class WireState:
+    """What the receiving end holds. Source: docs page."""
+
+    seen: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
 
 
 @record
 class Wire:
-    """A channel without any fault: the sample comes out at the instant at which it went in, with its age.
+    """A channel without any fault: the newest sample comes out each time the wire is looked at, with its age.
 
-    A wire has no memory, so it is as fast as what it carries; for a slower link that looks at its input only now and
-    then, use `DelayChain(period, steps=0)`.
+    Fresh is what was not there before, so a sensor need not keep the wire's time: a sample measured between two looks
+    is fresh at the next.
 
     Frames:  those of the values carried.    Not modelled: anything.    Source: docs page.
     """
@@ -22,10 +32,10 @@ class Wire:
 
     IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
 
-    def init(self, key: Key, like: Sample) -> tuple[()]:
-        """No state."""
-        return ()
+    def init(self, key: Key, like: Sample) -> WireState:
+        """Nothing received."""
+        return WireState(seen=np.int64(NEVER))
 
-    def step(self, t: Any, state: tuple[()], sample: Sample) -> tuple[tuple[()], Sample]:
+    def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
         """The same sample, as seen at integer time t."""
-        return state, held(t, sample, fresh=sample.fresh)
+        return WireState(seen=measurement_time(sample)), held(t, sample, fresh=is_new(sample, state.seen))

@@ -2,11 +2,14 @@
 
 from typing import Any
 
+import numpy as np
+
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import children, is_record, part, period, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Command, Estimate, Frame
+from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
 from trimtab.core.time import ms
+from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.structure import tree_where, zeros_of
 
 
@@ -20,6 +23,7 @@ class AutopilotState:
     estimate: Any = part("Last estimate.")
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
+    seen: Any = part("When each sample of the last frame had been measured, by the sensor's name.")
 
 
 @record
@@ -52,18 +56,33 @@ class Autopilot:
         _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)
         return AutopilotState(
-            estimator=states[0], law=states[1], allocation=states[2], estimate=estimate, output=output, command=command
+            estimator=states[0],
+            law=states[1],
+            allocation=states[2],
+            estimate=estimate,
+            output=output,
+            command=command,
+            seen={name: np.int64(NEVER) for name in self.estimator.listens},
         )
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
-        """The command at integer time t."""
+        """The command at integer time t. What came since the last step is fresh, whenever that was."""
+        seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
+        renewed = {name: _renewed(frame.samples[name], state.seen[name]) for name in seen}
+        frame = replace(frame, samples={**frame.samples, **renewed})
         estimator, estimate = self.estimator.step(t, state.estimator, frame)
         law, output = self.law.step(t, state.law, estimate)
         law = tree_where(estimate.valid, law, state.law)
         allocation, value = self.allocation.step(t, state.allocation, output.demand)
         command = Command(t=t, valid=estimate.valid, value=value)
         new = AutopilotState(
-            estimator=estimator, law=law, allocation=allocation, estimate=estimate, output=output, command=command
+            estimator=estimator,
+            law=law,
+            allocation=allocation,
+            estimate=estimate,
+            output=output,
+            command=command,
+            seen=seen,
         )
         return new, command
 
@@ -92,3 +111,7 @@ class Autopilot:
         problem = f"the autopilot reads sensor {name!r}, the world sends ({', '.join(sent) or 'nothing'})"
         fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
         raise InputError("autopilot.estimator", problem, choices=sent, fix=fix)
+
+
+def _renewed(sample: Sample, seen: Any) -> Sample:
+    return replace(sample, fresh=is_new(sample, seen))
