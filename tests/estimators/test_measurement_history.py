@@ -40,10 +40,10 @@ class Toy:
         x = node.x + dt / 2 * (node.felt[:2] + felt[:2])
         return replace(node, felt=felt, x=x, P=node.P + 0.3 * dt * (1 + doubt))
 
-    def correct_heading(self, node, z):
+    def correct_heading(self, node, z, variance):
         return self._correct(node, 0, z)
 
-    def correct_position(self, node, z):
+    def correct_position(self, node, z, variance):
         return self._correct(node, 1, z[0])
 
     def _correct(self, node, i, z):

@@ -30,8 +30,8 @@ class Intake:
     """Which samples are read, what of them is believed, and how much of the past is kept.
 
     Reads: angular_rate (3,), specific_force (3,), gyro_saturated and accelerometer_saturated of the IMU, whose axes are
-    B's; heading of the heading sensor; north and east of the position sensor. A name left empty means that there is no
-    such sensor.
+    B's; heading of the heading sensor; north and east of the position sensor; of these two also `variance`, where they
+    have one and it is above 0. A name left empty means that there is no such sensor.
     Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; the rest chosen here.
     """
 
@@ -75,6 +75,7 @@ class InertialState:
     imu: SensorWatch = part("What the IMU has done.")
     heading: Any = part("What the heading sensor has done; None without one.")
     position: Any = part("What the position sensor has done; None without one.")
+    heard: Scalar = quantity("100 ns", "When a sample of the IMU last arrived.", kind="time")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
 
@@ -87,6 +88,7 @@ def begin(form: Any) -> InertialState:
         imu=unwatched(),
         heading=unwatched() if intake.heading else None,
         position=unwatched() if intake.position else None,
+        heard=np.int64(NEVER),
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -102,6 +104,7 @@ def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[Ine
     new = InertialState(
         history=history,
         **{name: watches.get(name) for name in ("imu", "heading", "position")},  # pyright: ignore[reportArgumentType]
+        heard=jnp.where(found["imu"][1].usable, t, state.heard),
         clock=jnp.maximum(state.clock, t),
         clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
@@ -122,12 +125,12 @@ def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[st
     found = {"imu": (Event(one.t, ring.IMU, one.value, doubt), one._replace(watch=watch))}
     if intake.heading:
         sample = frame.samples[intake.heading]
-        value = (sample.value.heading,)
+        value = sample.value.heading, getattr(sample.value, "variance", 0.0)
         two = judge(state.heading, t, sample, value, frozen_after=intake.frozen_heading, ordered=False)
         found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _unfrozen(two)
     if intake.position:
         sample = frame.samples[intake.position]
-        value = sample.value.north, sample.value.east
+        value = sample.value.north, sample.value.east, getattr(sample.value, "variance", 0.0)
         three = judge(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
         found["position"] = Event(three.t, ring.POSITION, three.value, np.zeros(2)), _unfrozen(three)
     return found
@@ -161,13 +164,14 @@ def _told(form: Any, t: Any, state: InertialState, fresh: Any) -> Estimate:
     """The estimate at the time of the newest IMU sample; while the IMU is silent, what can be said of now."""
     node = ring.newest(state.history)
     begun = node.t > NEVER
-    silent = begun & (t - node.t > form.intake.gap)
+    silent = begun & (t - state.heard > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
     belief, rate, variance = lax.cond(
         silent,
         lambda: _coasted(form, node, age),
         lambda: (form.belief(node), node.felt[0], jnp.asarray(form.noise.gyro, np.float64)),
     )
+    belief = belief._replace(P=belief.P + jnp.diag(form.noise.constant()))
     told = at_reference(belief, rate, variance, form.arms)
     valid = begun
     if form.intake.heading:

@@ -121,22 +121,22 @@ class AidedInertialCoupled:
         moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
 
-    def correct_heading(self, node: CoupledNode, z: Any) -> CoupledNode:
-        """With a heading z (rad), any equal of it."""
+    def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
-        R = jnp.reshape(self.noise.heading, (1, 1))
+        R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         done, fix = fuse(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
         return replace(_reset(node, done), heading_fix=fix)
 
-    def correct_position(self, node: CoupledNode, z: Any) -> CoupledNode:
-        """With a position z (2,) of the aided point."""
+    def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
         arm, slope = turned_lever(node.x[0], self.arms.between())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
         y = node.x[3:5] + arm - z
-        R = self.noise.position_noise()
+        R = self.noise.position_noise(variance)
         consider = None
         if self.rest == "consider":
             learns = jnp.where(self.moves(node), 1.0, 0.0)

@@ -106,17 +106,17 @@ class AidedInertialDirect:
         x2, P2 = predict(node.x2, node.P2, F2, motion_noise(growth, node.x1[0], reach))
         return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
-    def correct_heading(self, node: DirectNode, z: Any) -> DirectNode:
-        """With a heading z (rad), any equal of it."""
-        R = jnp.reshape(self.noise.heading, (1, 1))
+    def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         done, fix = fuse(node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed)
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
-    def correct_position(self, node: DirectNode, z: Any) -> DirectNode:
-        """With a position z (2,) of the aided point."""
+    def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
         arm, slope = turned_lever(node.x1[0], self.arms.between())
-        R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
+        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         y = z - node.x2[2:4] - arm
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
         done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)

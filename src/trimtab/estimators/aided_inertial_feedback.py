@@ -112,10 +112,10 @@ class AidedInertialFeedback:
         P2 = predict_covariance(node.P2, motion_transition(dt, node.heading), motion_noise(growth, node.heading, reach))
         return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
 
-    def correct_heading(self, node: FeedbackNode, z: Any) -> FeedbackNode:
-        """With a heading z (rad), any equal of it."""
+    def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z)[None]
-        R = jnp.reshape(self.noise.heading, (1, 1))
+        R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         done, fix = fuse(node.heading_fix, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
         return replace(
@@ -126,10 +126,10 @@ class AidedInertialFeedback:
             heading_fix=fix,
         )
 
-    def correct_position(self, node: FeedbackNode, z: Any) -> FeedbackNode:
-        """With a position z (2,) of the aided point."""
+    def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
         arm, slope = turned_lever(node.heading, self.arms.between())
-        R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
+        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         y = node.position + arm - z
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
         done, fix = fuse(node.position_fix, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)

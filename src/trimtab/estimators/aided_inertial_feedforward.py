@@ -113,19 +113,19 @@ class AidedInertialFeedforward:
             node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
         )
 
-    def correct_heading(self, node: FeedforwardNode, z: Any) -> FeedforwardNode:
-        """With a heading z (rad), any equal of it."""
+    def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z - node.x1[0])[None]
-        R = jnp.reshape(self.noise.heading, (1, 1))
+        R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         done, fix = fuse(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
-    def correct_position(self, node: FeedforwardNode, z: Any) -> FeedforwardNode:
-        """With a position z (2,) of the aided point."""
+    def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
         arm, slope = turned_lever(node.heading - node.x1[0], self.arms.between())
         y = node.position + arm - z - node.x2[2:4]
-        R = turned_noise(self.noise.position_noise(), slope, node.P1[0, 0])
+        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
         done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
         return replace(node, x2=done.x, P2=done.P, position_fix=fix)

@@ -5,6 +5,8 @@
 
 from typing import Any
 
+from jax import lax
+
 from trimtab.core.float64 import jnp
 from trimtab.environment.ultrasonic_cone import LINEAR, QUADRATIC, off_axis, range_ratio
 
@@ -34,13 +36,16 @@ def compensate(measured: Any, height: Any) -> tuple[Any, Any, Any]:
     climbs = (measured > height) & (height > 0)
     goal = jnp.where(climbs, height / jnp.where(climbs, measured, 1.0), 0.9)
     beta = jnp.clip(off_axis(goal, jnp.ones_like(goal)), START, FARTHEST)
-    iterations = jnp.zeros_like(beta)
-    for _ in range(ITERATIONS):
+
+    def closer(_: Any, carry: Any) -> Any:
+        beta, iterations = carry
         ratio, slope = range_ratio(beta), 2 * QUADRATIC * beta + LINEAR
         excess = ratio * jnp.cos(beta) - goal
         step = excess / (slope * jnp.cos(beta) - ratio * jnp.sin(beta))
         going = jnp.abs(excess) > TOLERANCE
         beta = jnp.where(going, jnp.clip(beta - step, 1.5 * TOP, FARTHEST), beta)
-        iterations = iterations + going
+        return beta, iterations + going
+
+    beta, iterations = lax.fori_loop(0, ITERATIONS, closer, (beta, jnp.zeros_like(beta)))
     true_range = jnp.where(climbs, range_ratio(beta) * measured, measured)
     return true_range, jnp.where(climbs, beta, 0.0), jnp.where(climbs, iterations, 0.0)

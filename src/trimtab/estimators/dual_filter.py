@@ -44,6 +44,15 @@ class InertialNoise:
     doubtful_force: Scalar = quantity(
         "m/s/sqrt(s)", "How a velocity may wander while the accelerometers can't be trusted.", default=2.0, low=0
     )
+    heading_constant: Scalar = quantity(
+        "rad",
+        "Constant error of the heading sensor, e.g. of its mounting: counted, as no filter sees it.",
+        default=0.0,
+        low=0,
+    )
+    position_constant: Scalar = quantity(
+        "m", "Constant error of the positions, e.g. of a beacon's survey: counted likewise.", default=0.0, low=0
+    )
     tick: int = period("Time between the samples that these numbers belong to.", default=ms(6.5536))
     covariance: str = option(
         "How the noise enters: with its units mended, or as printed.",
@@ -71,9 +80,19 @@ class InertialNoise:
         """Over what time (s) noise is integrated within a step: all of it; none of it as printed."""
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
-    def position_noise(self) -> Any:
-        """R of a position fix (2, 2)."""
-        return self.position * jnp.eye(2)
+    def heading_noise(self, variance: Any) -> Any:
+        """R of a heading (1, 1): its own variance where that is above 0."""
+        return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
+
+    def position_noise(self, variance: Any) -> Any:
+        """R of a position fix (2, 2): its own variance, of each coordinate, where that is above 0."""
+        return jnp.where(variance > 0, variance, self.position) * jnp.eye(2)
+
+    def constant(self) -> Any:
+        """Variances (8,), in the order of Belief.x, of what no measurement tells: constant errors of the aiding."""
+        heading, place = self.heading_constant**2, self.position_constant**2
+        zero = jnp.zeros(())
+        return jnp.stack([jnp.asarray(v, np.float64) for v in (heading, zero, zero, place, place, zero, zero, zero)])
 
 
 def heading_transition(dt: Any) -> Any:

@@ -105,7 +105,7 @@ def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
 def replay(form: Any, h: History, reached: Any) -> tuple[History, Any]:
     """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state.
 
-    form: gives propagate(node, dt, felt, doubt), correct_heading(node, z) and correct_position(node, z).
+    form: gives propagate(node, dt, felt, doubt), correct_heading(node, z, variance) and correct_position.
     """
     n, last = h.t.shape[0], done(h)
 
@@ -125,6 +125,13 @@ def newest(h: History) -> Any:
     return _take(h.nodes, _wrapped(h.head + done(h), h.t.shape[0]))
 
 
+def state_before(h: History, t: Any) -> Any:
+    """The filter's state after the last event measured at integer time t or before; the oldest where all are later."""
+    n = h.t.shape[0]
+    last = jnp.minimum(jnp.sum(h.t <= t) - 1, done(h))
+    return _take(h.nodes, _wrapped(h.head + jnp.maximum(last, 0).astype(np.int32), n))
+
+
 def _processed(form: Any, h: History, node: Any, slot: Any) -> Any:
     """The state after the event in a slot, from that after the event before it."""
     t, kind, value = (_take(x, slot) for x in (h.t, h.kind, h.value))
@@ -140,9 +147,9 @@ def _processed(form: Any, h: History, node: Any, slot: Any) -> Any:
     moved = form.propagate(node, dt, now, jnp.maximum(node.doubt, doubt))
     moved = replace(moved, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
     if form.intake.heading:
-        moved = lax.cond(kind == HEADING, lambda: form.correct_heading(moved, value[0]), lambda: moved)
+        moved = lax.cond(kind == HEADING, lambda: form.correct_heading(moved, value[0], value[1]), lambda: moved)
     if form.intake.position:
-        moved = lax.cond(kind == POSITION, lambda: form.correct_position(moved, value[:2]), lambda: moved)
+        moved = lax.cond(kind == POSITION, lambda: form.correct_position(moved, value[:2], value[2]), lambda: moved)
     return moved
 
 

@@ -9,7 +9,7 @@ Heights are those of the beacons above the unit. A position that cannot be found
 from collections.abc import Callable
 from typing import Any
 
-import jax
+from jax import lax
 
 from trimtab.core.float64 import jnp
 from trimtab.core.linalg import solve_spd
@@ -105,8 +105,8 @@ def least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) ->
 
     Args: as `bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.5.
     """
-    place = start
-    for _ in range(ITERATIONS):
+
+    def closer(_: Any, place: Any) -> Any:
         away = jnp.where(used[:, None], place - plan, 0.0)
         distance = jnp.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + height**2)
         H = away / jnp.where(distance > 0, distance, 1.0)[:, None]
@@ -114,23 +114,41 @@ def least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) ->
         xx, xy, yy = (jnp.sum(H[:, i] * H[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
         gx, gy = jnp.sum(H[:, 0] * r), jnp.sum(H[:, 1] * r)
         determinant = xx * yy - xy * xy
-        place = place + jnp.stack([yy * gx - xy * gy, xx * gy - xy * gx]) / determinant
+        return place + jnp.stack([yy * gx - xy * gy, xx * gy - xy * gx]) / determinant
+
+    place = lax.fori_loop(0, ITERATIONS, closer, start)
     rms = root_mean_square(residuals(plan, height, ranges, used, place), used)
     return Solution(place=place, bias=jnp.zeros_like(rms), residual=rms)
 
 
-def leave_one_out(solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
-    """The solutions without each of the beacons in turn: fields have a leading axis (n,).
+def leave_one_out(
+    solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
+) -> Solution:
+    """The solution with all, then those without each of the beacons in turn: fields have a leading axis (n + 1,).
+
+    The others are only looked for where the first does not suffice; they are 0 otherwise.
 
     Args:
         solve: of (plan, height, ranges, used) gives a Solution.
         plan, height, ranges, used: as `bancroft`.
+        suffices: tells of a Solution whether it will do.
     """
+    n = used.shape[0]
 
-    def without(i: Any) -> Solution:
-        return solve(plan, height, ranges, used & (jnp.arange(used.shape[0]) != i))
+    def solved(carry: Any) -> Any:
+        i, end, found = carry
+        one = solve(plan, height, ranges, used & (jnp.arange(n) != i - 1))
+        end = jnp.where((i == 0) & suffices(one), 1, end)
+        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(found, _numbers(one), strict=True)]
+        return i + 1, end, tuple(put)
 
-    return jax.vmap(without)(jnp.arange(used.shape[0]))
+    none = jnp.zeros((n + 1, 2)), jnp.zeros(n + 1), jnp.zeros(n + 1)
+    _, _, found = lax.while_loop(lambda carry: carry[0] < carry[1], solved, (jnp.int32(0), jnp.int32(n + 1), none))
+    return Solution(*found)
+
+
+def _numbers(one: Solution) -> tuple[Any, Any, Any]:
+    return one.place, one.bias, one.residual
 
 
 def two_ranges(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:

@@ -165,11 +165,16 @@ class RangingPosition:
 
     def _checked(self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any) -> tuple[Solution, Any]:
         """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
-        every = self._solve(plan, height, ranges, usable)
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
-            return every, jnp.asarray(-1)
-        without = leave_one_out(self._solve, plan, height, ranges, usable)
+            return self._solve(plan, height, ranges, usable), jnp.asarray(-1)
+        enough = jnp.sum(usable) >= fewest
+
+        def suffices(one: Solution) -> Any:
+            return (one.residual <= self.residual_limit) | ~enough
+
+        solved = leave_one_out(self._solve, plan, height, ranges, usable, suffices)
+        every, without = jax.tree.map(lambda a: a[0], solved), jax.tree.map(lambda a: a[1:], solved)
         rest = usable[None, :] & ~jnp.eye(usable.shape[0], dtype=np.bool_)
         away = without.place[:, None, :] - plan
         wide = away[:, :, 0] ** 2 + away[:, :, 1] ** 2 > (height * jnp.tan(self.cone_limit)) ** 2
@@ -178,7 +183,7 @@ class RangingPosition:
         cost = (4.0 * without.residual / self.residual_limit) ** 2 + jnp.where(known, jump, 0.0)
         wrong = jnp.argmin(jnp.where(fits, cost, jnp.inf))
         agrees = every.residual <= self.residual_limit
-        drop = (jnp.sum(usable) >= fewest) & ~agrees & jnp.any(fits) & (known | (jnp.sum(fits) == 1))
+        drop = enough & ~agrees & jnp.any(fits) & (known | (jnp.sum(fits) == 1))
         chosen = jax.tree.map(lambda a, b: jnp.where(drop, a[wrong], b), without, every)
         return chosen, jnp.where(drop, wrong, -1)
 

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jax import lax
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
@@ -111,10 +112,13 @@ def audible(beacons: Beacons, positions: Any, unit: Any) -> Any:
 
 def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
     """Where the beacons (n, 3) really are at integer time t: map, survey error, and the move of a fault."""
-    i = jnp.arange(np.shape(beacons.map)[0])
-    north, east = normal2(key, i, SURVEY)
-    down, _ = normal2(key, i, SURVEY + 1)
-    error = beacons.survey_error * jnp.stack([north, east, down], axis=1)
+
+    def surveyed(i: Any) -> Any:
+        north, east = normal2(key, i, SURVEY)
+        down, _ = normal2(key, i, SURVEY + 1)
+        return jnp.stack([north, east, down])
+
+    error = beacons.survey_error * lax.map(surveyed, jnp.arange(np.shape(beacons.map)[0]))
     return jnp.asarray(beacons.map) + error + jnp.where(t >= beacons.fault_time, beacons.moved, 0.0)
 
 
@@ -135,12 +139,14 @@ def corrupted(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: M
         crystal: standard deviation of the timers' relative errors.
     """
     n = ranges.shape[0]
-    i = jnp.arange(n)
-    index = jnp.asarray(number) * n + i
-    timer, _ = normal2(key, i, CRYSTAL)
-    noise, _ = normal2(key, index, NOISE)
-    stray, size = uniform2(key, index, STRAY)
-    echo, detour = uniform2(key, index, ECHO)
+
+    def draws(i: Any) -> Any:
+        index = jnp.asarray(number) * n + i
+        timer, _ = normal2(key, i, CRYSTAL)
+        noise, _ = normal2(key, index, NOISE)
+        return timer, noise, *uniform2(key, index, STRAY), *uniform2(key, index, ECHO)
+
+    timer, noise, stray, size, echo, detour = lax.map(draws, jnp.arange(n))
     scale = speed_of_sound(medium.assumed) / speed_of_sound(medium.actual) * (1.0 + crystal * timer)
     error = errors.noise * noise
     error = error + jnp.where(stray < errors.stray_probability, errors.stray_size * (2.0 * size - 1.0), 0.0)

@@ -61,7 +61,7 @@ def exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any
     """
     n = ready.shape[0]
     base = jnp.asarray(number) * ATTEMPTS
-    first, _ = uniform2(key, base + jnp.arange(n), FIRST)
+    first = jax.lax.map(lambda i: uniform2(key, base + i, FIRST)[0], jnp.arange(n))
     message = sense.message_bytes * sense.byte_time
 
     def attempt(k: Any, carry: Any) -> Any:

@@ -8,13 +8,13 @@ from typing import Any, Literal
 from trimtab.actuators.allocation import ThrustVectorAllocation
 from trimtab.actuators.drive import FanDrive
 from trimtab.core.time import ms, seconds
-from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.bluetooth import bluetooth
 from trimtab.links.delay_chain import DelayChain
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
+from trimtab.scenarios.hovercraft._navigation import Floor, Navigation, equipment
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
@@ -30,7 +30,10 @@ def flight(
     duration_s: float,
     targets: tuple[Target, ...],
     links: Links = "chain",
-    navigation: NavigationErrors | None = None,
+    navigation: Navigation = "errors",
+    *,
+    errors: NavigationErrors | None = None,
+    floor: Floor = (-5, 5, -5, 5),
 ) -> Scenario:
     """A scenario around a law, on the source's vehicle, actuators, radio and navigation errors.
 
@@ -42,20 +45,23 @@ def flight(
         targets: where signals should go, for the metrics.
         links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with
             the statistics of [1, table 5.1].
-        navigation: what the vehicle's navigation gives, with its errors; the source's when None.
+        navigation: what the vehicle finds its way with, see `_navigation`.
+        errors: of "errors"; the source's when None.
+        floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
     if links == "chain":
         downlink, uplink = DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2)
     else:
         downlink, uplink = bluetooth(PAIRING, "down"), bluetooth(PAIRING, "up")
+    sensors, estimator = equipment(navigation, errors, floor)
     world = World(
         vehicle=Hovercraft(),
-        sensors={"navigation": navigation or NavigationErrors()},
+        sensors=sensors,
         downlink=downlink,
         uplink=uplink,
         actuators=FanDrive(),
     )
-    autopilot = Autopilot(estimator=Passthrough("navigation"), law=law, allocation=ThrustVectorAllocation())
+    autopilot = Autopilot(estimator=estimator, law=law, allocation=ThrustVectorAllocation())
     return Scenario(
         world=world, autopilot=autopilot, initial=x, duration=seconds(duration_s), targets=targets, name=name
     )

@@ -2,11 +2,21 @@
 
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._navigation import Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain") -> Scenario:
+def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scenario:
     """[1] fig. 6.8, table 6.2."""
     law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
-    return flight("hovercraft/forward", law, HovercraftState(), 15, towards(surge=2.8 / 2.6), links)
+    return flight(
+        "hovercraft/forward",
+        law,
+        HovercraftState(),
+        15,
+        towards(surge=2.8 / 2.6),
+        links,
+        navigation,
+        floor=(-2, 18, -4, 5),
+    )

@@ -2,12 +2,22 @@
 
 from trimtab.laws.spin import SupervisedSpin
 from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._navigation import Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain") -> Scenario:
+def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scenario:
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
-    return flight("hovercraft/spin", law, initial, 22, towards(yaw_rate=3.0, yaw_band=0.15), links)
+    return flight(
+        "hovercraft/spin",
+        law,
+        initial,
+        22,
+        towards(yaw_rate=3.0, yaw_band=0.15),
+        links,
+        navigation,
+        floor=(-4, 4, -4, 4),
+    )

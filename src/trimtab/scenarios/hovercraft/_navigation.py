@@ -1,0 +1,82 @@
+"""What the hovercraft finds its way with: the source's model of navigation errors, or the navigation system itself.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
+5.4, 5.5 and 6.1. Reconstructed: the hall, where beacons and units sit, and errors of survey and temperature.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from trimtab.core.record import replace
+from trimtab.environment.acoustics import Air
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
+from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.estimators.planar_inertial import InertialStart
+from trimtab.estimators.ranging_position import RangingPosition
+from trimtab.estimators.ultrasonic_inertial import UltrasonicInertial
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.magnetometer import Magnetometer
+from trimtab.sensors.navigation_errors import NavigationErrors
+from trimtab.sensors.time_of_flight import Beacons, Medium
+from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
+
+Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled"]
+"""errors: the source's error model. ins: IMU, ultrasonic network and dual filters, heading from two units.
+ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, which reads no heading."""
+
+CEILING, SPACING = 4.0, 3.4
+"""Height of the beacons and distance between them (m): from anywhere on the floor four or more are in their cones."""
+UNITS = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
+"""The ultrasonic units, fore and aft (m)."""
+NOISE = InertialNoise(
+    gyro=1.6e-4, gyro_walk=1e-5, forward=6.8e-3, starboard=6.8e-3, force_walk=2e-3, position_constant=0.01
+)
+"""IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
+START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
+Floor = tuple[float, float, float, float]
+
+
+def hall(floor: Floor) -> Beacons:
+    """Beacons on a square grid below the ceiling, over a floor of north from, to, east from, to (m)."""
+    south, north, west, east = floor
+
+    def across(low: float, high: float) -> Any:
+        n = int(np.ceil((high - low) / SPACING))
+        return (low + high - n * SPACING) / 2 + SPACING * np.arange(n + 1)
+
+    grid = [(x, y, -CEILING) for x in across(south, north) for y in across(west, east)]
+    return Beacons(map=np.array(grid), survey_error=0.005)
+
+
+def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Floor) -> tuple[Mapping[str, Any], Any]:
+    """Sensors by name, and the estimator that reads them.
+
+    Args:
+        navigation: which.
+        errors: the error model, the source's when None.
+        floor: over which the vehicle may move (m).
+    """
+    if navigation == "errors":
+        return {"navigation": errors or NavigationErrors()}, Passthrough("navigation")
+    beacons = hall(floor)
+    medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
+    sensors = {
+        "imu": Imu.microstrain_3dm_gx1(),
+        "ranging": UltrasonicRanging(beacons=beacons, units=UNITS, clients=2, medium=medium),
+    }
+    if navigation == "ins-magnetometer":
+        sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
+    inertial: Any = AidedInertialFeedback(noise=NOISE, start=START)
+    if navigation == "ins-coupled":
+        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=Intake(heading=""))
+    estimator = UltrasonicInertial(
+        positioning=RangingPosition(beacons=beacons.map, units=UNITS),
+        inertial=inertial,
+        magnetometer="magnetometer" if navigation == "ins-magnetometer" else "",
+    )
+    return sensors, estimator
