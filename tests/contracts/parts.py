@@ -157,7 +157,7 @@ def commands() -> list[Any]:
 
 @record
 class Everything:
-    """What an IMU, a heading sensor and a position sensor tell, in one. Source: this test."""
+    """What an IMU, a heading, a position and a ranging sensor tell, in one. Source: this test."""
 
     angular_rate: Any = quantity("rad/s", "Rate.", shape=(3,))
     specific_force: Any = quantity("m/s^2", "Force per mass.", shape=(3,))
@@ -166,6 +166,9 @@ class Everything:
     heading: Any = quantity("rad", "Heading.", kind="angle")
     north: Any = quantity("m", "North.")
     east: Any = quantity("m", "East.")
+    range: Any = quantity("m", "To four beacons.", shape=(4,))
+    arrived: Any = quantity("1", "Which of them replied.", kind="flag", shape=(4,))
+    unit: Any = quantity("1", "Which unit pinged.", kind="count")
 
 
 def everything(t: Any) -> Everything:
@@ -173,7 +176,8 @@ def everything(t: Any) -> Everything:
     s = t * 1e-7
     three = np.arange(3.0)
     felt = 0.3 * jnp.cos(s + three), 0.3 * jnp.sin(s + three), jnp.asarray(False), jnp.asarray(False)
-    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)))
+    ranges = 3.4 + 0.01 * jnp.sin(s + np.arange(4.0)), jnp.asarray([True] * 4), jnp.int32(0)
+    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges)
 
 
 def sensed() -> list[Any]:

@@ -24,6 +24,8 @@ from trimtab.estimators.ranging_position import RangingPosition, RangingPosition
 from trimtab.estimators.sensor_watch import NEVER
 from trimtab.estimators.two_unit_heading import two_unit_heading
 
+PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
+"""Two units on the body's axis, fore and aft (m)."""
 KNOWN = 0.3
 """A heading (rad) with a smaller sigma than this is used to bring fixes to the reference point."""
 
@@ -78,7 +80,7 @@ class UltrasonicInertial:
     Source:  [1] sections 5.4 and 5.5.
     """
 
-    positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition())
+    positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
     inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
     range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.006, above=0)
     unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)

@@ -18,7 +18,7 @@ from trimtab.estimators.dual_filter import InertialNoise
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.estimators.planar_inertial import InertialStart
 from trimtab.estimators.ranging_position import RangingPosition
-from trimtab.estimators.ultrasonic_inertial import UltrasonicInertial
+from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.magnetometer import Magnetometer
 from trimtab.sensors.navigation_errors import NavigationErrors
@@ -31,10 +31,14 @@ ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all
 
 CEILING, SPACING = 4.0, 3.4
 """Height of the beacons and distance between them (m): from anywhere on the floor four or more are in their cones."""
-UNITS = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-"""The ultrasonic units, fore and aft (m)."""
 NOISE = InertialNoise(
-    gyro=1.6e-4, gyro_walk=1e-5, forward=6.8e-3, starboard=6.8e-3, force_walk=2e-3, position_constant=0.01
+    gyro=1.6e-4,
+    gyro_walk=1e-5,
+    forward=6.8e-3,
+    starboard=6.8e-3,
+    force_walk=1e-3,
+    position_constant=0.01,
+    heading_constant=0.01,
 )
 """IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
@@ -67,7 +71,7 @@ def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Fl
     medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
     sensors = {
         "imu": Imu.microstrain_3dm_gx1(),
-        "ranging": UltrasonicRanging(beacons=beacons, units=UNITS, clients=2, medium=medium),
+        "ranging": UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium),
     }
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
@@ -75,7 +79,7 @@ def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Fl
     if navigation == "ins-coupled":
         inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=Intake(heading=""))
     estimator = UltrasonicInertial(
-        positioning=RangingPosition(beacons=beacons.map, units=UNITS),
+        positioning=RangingPosition(beacons=beacons.map, units=PAIR),
         inertial=inertial,
         magnetometer="magnetometer" if navigation == "ins-magnetometer" else "",
     )

@@ -1,0 +1,150 @@
+"""What each imperfection costs: the same flights with one of them switched off, and with that one alone.
+
+Source: docs page, Error budget.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import full_path
+from trimtab.loop.scenario import Scenario
+from trimtab.run.simulate import simulate_many
+
+ALL, NONE = "all", "none"
+"""The rows with every imperfection, and with none."""
+NAVIGATED = {
+    "position": ("north", "east"),
+    "velocity": ("surge_velocity", "sway_velocity"),
+    "heading": ("heading",),
+}
+"""What of an estimate is compared with the truth, by measure."""
+UNITS = {"position": "m", "velocity": "m/s", "heading": "rad"}
+
+
+class Cost(NamedTuple):
+    """One imperfection. Each by measure: root mean square over runs and instants, and its standard error.
+
+    without: with all others but this.  alone: with this and no other.
+    """
+
+    name: str
+    without: Mapping[str, tuple[float, float]]
+    alone: Mapping[str, tuple[float, float]]
+
+
+class Budget(NamedTuple):
+    """All of it. units: by measure.  whole, least: measures with all imperfections, and with none.  costs: dearest first.
+
+    A cost is the measure's mean square with all less that without one; as imperfections work together they need not
+    add up to the whole.
+    """
+
+    units: Mapping[str, str]
+    whole: Mapping[str, tuple[float, float]]
+    least: Mapping[str, tuple[float, float]]
+    costs: tuple[Cost, ...]
+
+
+def error_budget(
+    scenario: Scenario,
+    *,
+    seeds: Iterable[int] = range(20),
+    names: Iterable[str] = (),
+    tell: Callable[[str], None] = lambda done: None,
+    backend: str = "auto",
+) -> Budget:
+    """Fly a scenario with all its imperfections, without each, with each alone, and with none.
+
+    Measured over the second half of each run: how far the truth is from the scenario's targets, and, where the
+    estimate is one of navigation, how far the estimate is from the truth of its moment.
+
+    Args:
+        scenario: what flies.
+        seeds: the same for every row, so that rows differ by the imperfection alone.
+        names: of imperfections; all that the scenario has when empty.
+        tell: called with a name after each set of flights.
+        backend: as `simulate`.
+
+    Raises: InputError where the scenario has no imperfection of a name.
+    """
+    chosen, known = list(seeds), scenario.imperfections()
+    if not chosen:
+        raise InputError("error_budget", "there are no seeds", fix="give one or more, e.g. range(20)")
+    wanted = list(names) or sorted(known)
+    for name in wanted:
+        scenario.without(name)  # refuses names that it does not have
+
+    def flown(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
+        changed = scenario
+        for name in switched_off:
+            changed = changed.without(name)
+        logs = simulate_many(changed, seeds=chosen, signals=("truth", "estimate"), backend=backend)
+        found = _measured(logs, scenario)
+        tell(label)
+        return found
+
+    whole = flown(ALL, ())
+    least = flown(NONE, known)
+    costs = [
+        Cost(name, flown(f"without {name}", [name]), flown(f"{name} alone", [n for n in known if n != name]))
+        for name in wanted
+    ]
+    first = next(iter(whole))
+    costs.sort(key=lambda cost: cost.without[first][0])
+    return Budget(_units(scenario, whole), whole, least, tuple(costs))
+
+
+def sets_of_flights(scenario: Scenario, names: Iterable[str] = ()) -> int:
+    """How many times `error_budget` calls tell."""
+    return 2 + 2 * len(list(names) or scenario.imperfections())
+
+
+def share(budget: Budget, cost: Cost, measure: str) -> float:
+    """How much of the whole's mean square an imperfection costs; below 0 where it helps."""
+    whole, without = budget.whole[measure][0], cost.without[measure][0]
+    return (whole**2 - without**2) / whole**2 if whole > 0 else 0.0
+
+
+def _units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:
+    from trimtab.core.record import declarations
+
+    declared = declarations(scenario.initial)
+    return {m: UNITS[m] if m in UNITS else declared[m].unit for m in measures}
+
+
+def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, float]]:
+    half = to_seconds(scenario.duration) / 2
+    squares: dict[str, list[float]] = {}
+    for log in logs:
+        late = log.t >= half
+        for target in scenario.targets:
+            path = full_path(target.path)
+            away = log[path][late] - target.value
+            squares.setdefault(path.removeprefix("truth."), []).append(float(np.mean(away**2)))
+        for measure, signals in NAVIGATED.items():
+            paths = [(f"estimate.state.{s}", f"truth.{s}") for s in signals]
+            if all(a in log and b in log for a, b in paths):
+                errors = [navigation_error(log, s)[late] for s in signals]
+                squares.setdefault(measure, []).append(float(np.mean(np.sum(np.square(errors), axis=0))))
+    return {measure: _root(np.array(values)) for measure, values in squares.items()}
+
+
+def navigation_error(log: Log, signal: str) -> Any:
+    """Estimate less truth (n,) of a signal such as "north", at the time of the estimate's newest measurement."""
+    then = np.interp(log.t - log["estimate.age"], log.t, log[f"truth.{signal}"])
+    error = log[f"estimate.state.{signal}"] - then
+    return (error + np.pi) % (2 * np.pi) - np.pi if signal == "heading" else error
+
+
+def _root(squares: Any) -> tuple[float, float]:
+    """Root of the mean of the runs' mean squares, and its standard error."""
+    mean, n = float(squares.mean()), len(squares)
+    root = float(np.sqrt(mean))
+    if n < 2 or root == 0.0:
+        return root, 0.0
+    return root, float(squares.std(ddof=1)) / np.sqrt(n) / (2 * root)
