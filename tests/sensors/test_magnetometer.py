@@ -84,7 +84,7 @@ def test_dipole_against_biot_savart():
 
 
 def test_a_motor_disturbs_while_it_runs():
-    motor = RunningMotor(begins=seconds(1), ends=seconds(2))
+    motor = RunningMotor(instants=(seconds(1), seconds(2)), duty=(1.0, 0.0))
     sensor = Magnetometer(disturbances=(motor,))
     off = [seen(sensor, motion(t=seconds(s), heading=0.4)).field for s in (0.5, 2.0)]
     on = seen(sensor, motion(t=seconds(1), heading=0.4)).field
@@ -94,6 +94,21 @@ def test_a_motor_disturbs_while_it_runs():
     assert size == pytest.approx(1e-7 * 0.3 / 0.25**3, rel=0.02), "across the axis: mu0 m/(4 pi r³)"
     turned = seen(sensor, motion(t=seconds(1), heading=2.0)).field - sensor.measure(motion(heading=2.0)).field
     np.testing.assert_allclose(turned, on - off[0], atol=1e-18, err_msg="it is fixed in the body")
+
+
+def test_a_motors_field_follows_its_duty():
+    sensor = Magnetometer()
+    course = RunningMotor(instants=(seconds(1), seconds(2), seconds(4)), duty=(0.3, -0.7, 0.1))
+    full = RunningMotor().field(motion(), sensor.position)
+    for t, duty in ((0.0, 0.0), (0.9, 0.0), (1.0, 0.3), (1.9, 0.3), (2.0, -0.7), (3.9, -0.7), (4.0, 0.1), (99.0, 0.1)):
+        field = course.field(motion(t=seconds(t)), sensor.position)
+        np.testing.assert_allclose(field, duty * full, rtol=1e-12, atol=1e-20)
+
+
+@pytest.mark.parametrize("course", [{"duty": (1.0, 0.0)}, {"instants": (2, 1), "duty": (1.0, 0.0)}])
+def test_a_course_needs_a_duty_for_each_of_rising_instants(course):
+    with pytest.raises(InputError, match=r"RunningMotor\.(duty|instants)"):
+        RunningMotor(**course).check()
 
 
 def test_steel_disturbs_where_it_lies():

@@ -46,8 +46,8 @@ class Intake:
     )
     force_range: Scalar = quantity("m/s^2", "The same of the accelerometers.", default=1.7 * 9.80665, above=0)
     frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")
-    frozen_heading: Scalar = quantity("1", "The same for headings.", default=50, kind="count")
-    frozen_position: Scalar = quantity("1", "The same for positions.", default=10, kind="count")
+    frozen_heading: Scalar = quantity("1", "The same for headings.", default=20, kind="count")
+    frozen_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
     gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
     imu: str = option("Name of the inertial sensor.", default="imu")
     heading: str = option("Name of the heading sensor, or nothing.", default="heading")
@@ -62,6 +62,13 @@ class Intake:
         """Refuse a ring without room, and one name for two things."""
         if self.slots < 4:
             raise InputError("intake.slots", f"{self.slots} events are too few to order", fix="keep 4 or more, e.g. 64")
+        for name in ("heading", "position"):
+            patience, frozen = (int(getattr(self, f"{kind}_{name}")) for kind in ("patience", "frozen"))
+            if 0 < patience < frozen:
+                problem = (
+                    f"the filter gives in after {patience} samples, and sees only after {frozen} that they are frozen"
+                )
+                raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to {patience} or less")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
             problem = f"sensors {self.listens()} are not an IMU and others, each by its own name"
             raise InputError("intake", problem, fix="name the IMU, and give each sensor its own name")
@@ -76,19 +83,22 @@ class InertialState:
     heading: Any = part("What the heading sensor has done; None without one.")
     position: Any = part("What the position sensor has done; None without one.")
     heard: Scalar = quantity("100 ns", "When a sample of the IMU last arrived.", kind="time")
+    told: Any = part("What was told last of motion: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
 
 
 def begin(form: Any) -> InertialState:
     """First state of a form."""
-    intake = form.intake
+    intake, first = form.intake, form.first()
+    told = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _motion(form, first, 0, False)))
     return InertialState(
-        history=ring.empty(form.first(), intake.slots),
+        history=ring.empty(first, intake.slots),
         imu=unwatched(),
         heading=unwatched() if intake.heading else None,
         position=unwatched() if intake.position else None,
         heard=np.int64(NEVER),
+        told=told | {"coasting": np.bool_(True)},  # so the first step tells it anew
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -97,18 +107,40 @@ def begin(form: Any) -> InertialState:
 @jax.jit
 def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
     """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
+    arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in _samples(form.intake, frame)]).any()
+    watches = {name: getattr(state, name) for name in ("imu", "heading", "position")}
+    same = state.history, watches, state.heard, jnp.asarray(False)
+    history, watches, heard, fresh = lax.cond(arrived, lambda: _received(form, t, state, frame), lambda: same)
+    node = ring.newest(history)
+    begun = node.t > NEVER
+    silent = begun & (t - heard > form.intake.gap)
+    age = jnp.where(begun, to_seconds(t - node.t), 0.0)
+    anew = fresh | silent | state.told["coasting"]
+    told = lax.cond(anew, lambda: _motion(form, ring.newest(history), age, silent), lambda: state.told)
+    new = InertialState(
+        history=history,
+        **watches,
+        heard=heard,
+        told=told,
+        clock=jnp.maximum(state.clock, t),
+        clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
+    )
+    return new, Estimate(t=t, age=age, fresh=fresh, valid=_valid(form, node), state=_navigation(node, new))
+
+
+def _samples(intake: Intake, frame: Frame) -> list[Any]:
+    """Those that are read."""
+    return [frame.samples[name] for name in intake.listens()]
+
+
+def _received(form: Any, t: Any, state: InertialState, frame: Frame) -> Any:
+    """The history with what has arrived, each sensor's watch, when the IMU came last, whether anything was usable."""
     found = _look(form.intake, t, state, frame)
     fresh = jnp.stack([judgement.usable for _, judgement in found.values()]).any()
     before = state.history, {name: judgement.watch for name, (_, judgement) in found.items()}
     history, watches = lax.cond(fresh, lambda: _fused(form, state.history, found), lambda: before)
-    new = InertialState(
-        history=history,
-        **{name: watches.get(name) for name in ("imu", "heading", "position")},  # pyright: ignore[reportArgumentType]
-        heard=jnp.where(found["imu"][1].usable, t, state.heard),
-        clock=jnp.maximum(state.clock, t),
-        clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
-    )
-    return new, _told(form, t, new, fresh)
+    heard = jnp.where(found["imu"][1].usable, t, state.heard)
+    return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, heard, fresh
 
 
 def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
@@ -146,53 +178,58 @@ def _fused(form: Any, history: History, found: dict[str, tuple[Event, Judgement]
     reached = ring.done(history)
     watches: dict[str, SensorWatch] = {}
     for name, (event, judgement) in found.items():
-        room, known = ring.fits(history, reached, event)
-        history, reached = lax.cond(
-            judgement.usable & room & ~known,
-            lambda h=history, d=reached, e=event: ring.insert(h, d, e),
-            lambda h=history, d=reached: (h, d),
+        history, reached, late, known = lax.cond(
+            judgement.usable,
+            lambda h=history, d=reached, e=event: _entered(h, d, e),
+            lambda h=history, d=reached: (h, d, jnp.asarray(False), jnp.asarray(False)),
         )
-        watches[name] = replace(
-            judgement.watch,
-            late=plus(judgement.watch.late, judgement.usable & ~room & ~known),
-            duplicates=plus(judgement.watch.duplicates, judgement.usable & known),
-        )
+        watch = judgement.watch
+        watches[name] = replace(watch, late=plus(watch.late, late), duplicates=plus(watch.duplicates, known))
     return ring.replay(form, history, reached)[0], watches
 
 
-def _told(form: Any, t: Any, state: InertialState, fresh: Any) -> Estimate:
-    """The estimate at the time of the newest IMU sample; while the IMU is silent, what can be said of now."""
-    node = ring.newest(state.history)
-    begun = node.t > NEVER
-    silent = begun & (t - state.heard > form.intake.gap)
-    age = jnp.where(begun, to_seconds(t - node.t), 0.0)
-    belief, rate, variance = lax.cond(
-        silent,
-        lambda: _coasted(form, node, age),
-        lambda: (form.belief(node), node.felt[0], jnp.asarray(form.noise.gyro, np.float64)),
-    )
-    belief = belief._replace(P=belief.P + jnp.diag(form.noise.constant()))
-    told = at_reference(belief, rate, variance, form.arms)
-    valid = begun
+def _entered(history: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
+    """The history with an event, how far its states hold, and why it is not in it: too late, or here before."""
+    room, known = ring.fits(history, reached, event)
+    enters = room & ~known
+    new, now = lax.cond(enters, lambda: ring.insert(history, reached, event), lambda: (history, reached))
+    return new, now, ~room & ~known, known
+
+
+def _motion(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
+    """Kinematic fields of NavigationState at the time of the newest IMU sample; where it is silent, what holds now."""
+    sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
+    node, rate, variance = lax.cond(silent, lambda: _coasted(form, node, age), lambda: sampled)
+    x, P = form.belief(node)
+    belief = Belief(x, P + jnp.diag(form.noise.constant()))
+    return at_reference(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
+
+
+def _coasted(form: Any, node: Any, age: Any) -> tuple[Any, Any, Any]:
+    """A node, its gyro reading and that one's variance at an age (s): constant velocity and heading, with all doubt."""
+    still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
+    moved = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
+    return moved, still[0], form.noise.gyro + form.noise.doubtful_rate**2
+
+
+def _valid(form: Any, node: Any) -> Any:
+    """Whether every sensor has been used."""
+    valid = node.t > NEVER
     if form.intake.heading:
         valid = valid & (node.heading_fix.used > 0)
     if form.intake.position:
         valid = valid & (node.position_fix.used > 0)
-    state_now = NavigationState(
-        **told,
+    return valid
+
+
+def _navigation(node: Any, state: InertialState) -> NavigationState:
+    """All that is told."""
+    return NavigationState(
+        **state.told,
         heading_fix=node.heading_fix,
         position_fix=node.position_fix,
         imu=state.imu,
         heading_sensor=state.heading,
         position_sensor=state.position,
-        coasting=silent,
         clock_backwards=state.clock_backwards,
     )
-    return Estimate(t=t, age=age, fresh=fresh, valid=valid, state=state_now)
-
-
-def _coasted(form: Any, node: Any, age: Any) -> tuple[Belief, Any, Any]:
-    """Belief, gyro reading and its variance at an age (s): constant velocity and heading, with all doubt."""
-    still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
-    belief = form.belief(form.propagate(replace(node, felt=still), age, still, jnp.ones(2)))
-    return belief, still[0], form.noise.gyro + form.noise.doubtful_rate**2

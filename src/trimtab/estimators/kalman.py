@@ -12,7 +12,6 @@ navigation problems", Advances in control systems 3 (1966): consider states.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jax import lax
 
 from trimtab.core.float64 import jnp
 from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
@@ -134,14 +133,18 @@ def health(P: Any) -> CovarianceHealth:
     whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
     """
     n = P.shape[0]
-    variances = jnp.sum(jnp.where(np.eye(n, dtype=bool), P, 0.0), axis=1)
-    shares = pivots(symmetric(P)) / variances
-    positive = jnp.all(jnp.isfinite(P)) & jnp.all(shares > 0) & jnp.all(variances > 0)
+    variances = jnp.stack([P[j, j] for j in range(n)])
+    i, k = np.triu_indices(n)
+    flat = P.reshape(-1)
+    upper, lower = flat[i * n + k], flat[k * n + i]
+    apart = jnp.max(jnp.abs(upper - lower))  # not finite where one of them is not
+    shares = _pivots((upper + lower) / 2, n) / variances
+    positive = jnp.isfinite(apart) & jnp.all(shares > 0) & jnp.all(variances > 0)
     determinant = jnp.prod(shares)
-    largest, P = jnp.max(jnp.abs(variances)), jnp.where(jnp.isfinite(P), P, 0.0)
+    largest = jnp.max(jnp.abs(variances))
     return CovarianceHealth(
         positive=positive,
-        asymmetry=jnp.where(positive, jnp.max(jnp.abs(P - P.T)) / jnp.where(largest > 0, largest, 1.0), 1.0),
+        asymmetry=jnp.where(positive, apart / jnp.where(largest > 0, largest, 1.0), 1.0),
         least_pivot=jnp.where(positive, jnp.min(shares), 0.0),
         eigenvalue_bound=jnp.where(positive, determinant * ((n - 1) / n) ** (n - 1), 0.0),
         trace=jnp.sum(jnp.where(jnp.isfinite(variances), variances, 0.0)),
@@ -154,10 +157,17 @@ def pivots(P: Any) -> Any:
     d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
     computations", section 4.1.
     """
+    n = P.shape[0]
+    i, k = np.triu_indices(n)
+    return _pivots(P.reshape(-1)[i * n + k], n)
 
-    def eliminate(A: Any, j: Any) -> Any:
-        column = lax.dynamic_index_in_dim(A, j, keepdims=False)
-        d = lax.dynamic_index_in_dim(column, j, keepdims=False)
-        return A - column[:, None] * (column / d)[None, :], d
 
-    return lax.scan(eliminate, P, jnp.arange(P.shape[0]))[1]
+def _pivots(upper: Any, n: int) -> Any:
+    """The same from the upper triangle (n (n + 1)/2,), row by row: what is left shrinks with each state."""
+    found = []
+    for m in range(n, 0, -1):
+        row, upper, d = upper[:m], upper[m:], upper[0]
+        found.append(d)
+        i, k = np.triu_indices(m - 1)
+        upper = upper - row[1:][i] * (row / d)[1:][k]
+    return jnp.stack(found)

@@ -19,7 +19,7 @@ from jax import lax
 
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.time import FOREVER, to_seconds
+from trimtab.core.time import to_seconds
 from trimtab.estimators.sensor_watch import NEVER, WIDTH
 
 EMPTY, IMU, HEADING, POSITION = range(4)
@@ -56,16 +56,15 @@ def empty(node: Any, slots: int) -> History:
         kind=np.zeros(slots, np.int32),
         value=np.zeros((slots, WIDTH)),
         doubt=np.zeros((slots, 2)),
-        nodes=jax.tree.map(lambda leaf: jnp.stack([jnp.asarray(leaf)] * slots), node),
+        nodes=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (slots, *np.shape(leaf))), node),
     )
 
 
 def done(h: History) -> Any:
     """How far the filter has come: which event, from the oldest, is the newest of the IMU; the last where none is."""
-    n = h.t.shape[0]
-    order = _wrapped(jnp.arange(n, dtype=np.int32) - h.head, n)
-    newest = jnp.max(jnp.where(h.kind == IMU, order, -1))
-    return jnp.where(newest < 0, n - 1, newest).astype(np.int32)
+    last = np.int32(h.t.shape[0] - 1)
+    i = lax.while_loop(lambda i: (i >= 0) & (_take(h.kind, _slot(h, i)) != IMU), lambda i: i - 1, last)
+    return jnp.where(i < 0, last, i)
 
 
 def fits(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
@@ -73,33 +72,37 @@ def fits(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
 
     What was measured before all that is remembered has no state to start from. One slot is kept for the IMU.
     """
-    before = h.t <= event.t
-    known = jnp.any((h.t == event.t) & (h.kind == event.kind))
+    before = _last(h, event.t)
+
+    def other(i: Any) -> Any:
+        slot = _slot(h, i)
+        return (i >= 0) & (_take(h.t, slot) == event.t) & (_take(h.kind, slot) != event.kind)
+
+    same = lax.while_loop(other, lambda i: i - 1, before)
+    known = (same >= 0) & (_take(h.t, _slot(h, same)) == event.t)
     if event.kind == IMU:
         return reached >= 1, known
-    base = jnp.max(jnp.where(before, h.t, NEVER))
-    return (jnp.sum(before) >= 2) & (base > NEVER) & (reached >= 2), known
+    return (before >= 1) & (_take(h.t, _slot(h, before)) > NEVER) & (reached >= 2), known
 
 
 def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
     """The ring with one event more and the oldest dropped, and how far the filter's states still hold.
 
-    Events of one instant are ordered as they came, the IMU's first.
+    Events of one instant are ordered as they came, the IMU's first. What is newer moves up one slot, so the newest
+    event moves nothing.
     """
-    n = h.t.shape[0]
-    before = h.t < event.t if event.kind == IMU else h.t <= event.t
-    place = (jnp.sum(before) - 1).astype(np.int32)
-    head = _wrapped(h.head + 1, n)
-    order = _wrapped(jnp.arange(n, dtype=np.int32) - head, n)
+    place = _last(h, event.t - 1 if event.kind == IMU else event.t)
+    h = replace(h, head=_wrapped(h.head + 1, h.t.shape[0]))
 
-    def put(ring: Any, new: Any) -> Any:
-        shape = (n,) + (1,) * (ring.ndim - 1)
-        at, after = (order == place).reshape(shape), (order > place).reshape(shape)
-        moved = jnp.concatenate([ring[-1:], ring[:-1]])
-        return jnp.where(after, moved, jnp.where(at, jnp.asarray(new, ring.dtype), ring))
+    def up(carry: Any) -> Any:
+        i, rings = carry
+        return i - 1, _put(rings, _slot(h, i), _take(rings, _slot(h, i - 1)))
 
-    changed = {name: put(getattr(h, name), getattr(event, name)) for name in ("t", "kind", "value", "doubt")}
-    return replace(h, head=head, **changed), jnp.minimum(reached - 1, place - 1)
+    rings = {name: getattr(h, name) for name in ("t", "kind", "value", "doubt")}
+    last = np.int32(h.t.shape[0] - 1)
+    _, rings = lax.while_loop(lambda carry: carry[0] > place, up, (last, rings))
+    rings = _put(rings, _slot(h, place), {name: getattr(event, name) for name in rings})
+    return replace(h, **rings), jnp.minimum(reached - 1, place - 1)
 
 
 def replay(form: Any, h: History, reached: Any) -> tuple[History, Any]:
@@ -107,50 +110,59 @@ def replay(form: Any, h: History, reached: Any) -> tuple[History, Any]:
 
     form: gives propagate(node, dt, felt, doubt), correct_heading(node, z, variance) and correct_position.
     """
-    n, last = h.t.shape[0], done(h)
+    last = done(h)
 
     def body(carry: Any) -> Any:
         i, nodes, node = carry
-        slot = _wrapped(h.head + i, n)
-        node = _processed(form, h, node, slot)
-        return i + 1, _put(nodes, slot, node), node
+        node = _processed(form, h, node, i, last)
+        return i + 1, _put(nodes, _slot(h, i), node), node
 
-    start = reached + 1, h.nodes, _take(h.nodes, _wrapped(h.head + reached, n))
+    start = reached + 1, h.nodes, _take(h.nodes, _slot(h, reached))
     _, nodes, node = lax.while_loop(lambda carry: carry[0] <= last, body, start)
     return replace(h, nodes=nodes), node
 
 
 def newest(h: History) -> Any:
     """The filter's state after the newest IMU sample."""
-    return _take(h.nodes, _wrapped(h.head + done(h), h.t.shape[0]))
+    return _take(h.nodes, _slot(h, done(h)))
 
 
 def state_before(h: History, t: Any) -> Any:
     """The filter's state after the last event measured at integer time t or before; the oldest where all are later."""
-    n = h.t.shape[0]
-    last = jnp.minimum(jnp.sum(h.t <= t) - 1, done(h))
-    return _take(h.nodes, _wrapped(h.head + jnp.maximum(last, 0).astype(np.int32), n))
+    return _take(h.nodes, _slot(h, jnp.maximum(jnp.minimum(_last(h, t), done(h)), 0)))
 
 
-def _processed(form: Any, h: History, node: Any, slot: Any) -> Any:
-    """The state after the event in a slot, from that after the event before it."""
-    t, kind, value = (_take(x, slot) for x in (h.t, h.kind, h.value))
-    imu = h.kind == IMU
-    ahead = jnp.min(jnp.where(imu & (h.t >= t), h.t, FOREVER))  # the IMU sample at or after this event
-    there = (imu & (h.t == ahead))[:, None]
-    felt, doubt = (jnp.sum(jnp.where(there, x, 0.0), axis=0) for x in (h.value, h.doubt))
+def _processed(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
+    """The state after event i, from that after the event before it; last: the newest of the IMU."""
+    t, kind, value = (_take(x, _slot(h, i)) for x in (h.t, h.kind, h.value))
+    # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
+    j = lax.while_loop(lambda j: (j < last) & (_take(h.kind, _slot(h, j)) != IMU), lambda j: j + 1, i)
+    ahead, felt, doubt = (_take(x, _slot(h, j)) for x in (h.t, h.value, h.doubt))
     span = (ahead - node.t).astype(np.float64)
     share = jnp.where(ahead > node.t, (t - node.t).astype(np.float64) / jnp.where(span > 0, span, 1.0), 1.0)
     dt = jnp.where(node.t > NEVER, to_seconds(t - node.t), 0.0)
     is_imu = kind == IMU
     now = jnp.where(is_imu, felt, node.felt + share * (felt - node.felt))
-    moved = form.propagate(node, dt, now, jnp.maximum(node.doubt, doubt))
+    doubts = jnp.maximum(node.doubt, doubt)
+    # no time passes between events of one instant: most headings and fixes come with a sample
+    moved = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
     moved = replace(moved, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
     if form.intake.heading:
         moved = lax.cond(kind == HEADING, lambda: form.correct_heading(moved, value[0], value[1]), lambda: moved)
     if form.intake.position:
         moved = lax.cond(kind == POSITION, lambda: form.correct_position(moved, value[:2], value[2]), lambda: moved)
     return moved
+
+
+def _last(h: History, t: Any) -> Any:
+    """Which event, from the oldest, is the last that was measured at t or before; -1 where none was."""
+    i = np.int32(h.t.shape[0] - 1)
+    return lax.while_loop(lambda i: (i >= 0) & (_take(h.t, _slot(h, i)) > t), lambda i: i - 1, i)
+
+
+def _slot(h: History, i: Any) -> Any:
+    """Where event i, from the oldest, lies."""
+    return _wrapped(h.head + i, h.t.shape[0])
 
 
 def _wrapped(i: Any, n: int) -> Any:

@@ -150,14 +150,14 @@ def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms)
     arm, slope = turned_lever(x[0], arms.imu)
     surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
     lever = jnp.stack([-arms.imu[1], arms.imu[0]])
-    none, eye = jnp.zeros((3, 2)), jnp.eye(2)
+    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # of force biases nothing here depends
     by_heading = jnp.concatenate([jnp.stack([v[1], -v[0]]), jnp.zeros(1), -slope])[:, None]
     by_velocity = jnp.concatenate([B.T, none])
     by_position = jnp.concatenate([none, eye])
     by_rate_bias = jnp.concatenate([lever, -jnp.ones(1), jnp.zeros(2)])[:, None]
-    J = jnp.concatenate([by_heading, by_velocity, by_position, by_rate_bias, jnp.zeros((5, 2))], axis=1)
+    J = jnp.concatenate([by_heading, by_velocity, by_position, by_rate_bias], axis=1)
     noise = gyro_variance * by_rate_bias[:, 0] ** 2
-    outer = jnp.sqrt(jnp.maximum(jnp.sum((J @ P) * J, axis=1) + noise, 0.0))
+    outer = jnp.sqrt(jnp.maximum(jnp.sum((J @ P[:6, :6]) * J, axis=1) + noise, 0.0))
     own = [jnp.sqrt(jnp.maximum(P[j, j], 0.0)) for j in range(DIMENSION)]
     names = ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east")
     sigmas = {f"sigma_{name}": outer[j] for j, name in enumerate(names)}

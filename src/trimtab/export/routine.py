@@ -6,7 +6,7 @@ from trimtab.export import jaxprs
 from trimtab.export.arrays import Array, copied, copy_into, scalars, small
 from trimtab.export.c_functions import C_TYPES
 from trimtab.export.fold import fold
-from trimtab.export.ir import Block, Buffer, Builder, If, Loop, Value
+from trimtab.export.ir import Block, Buffer, Builder, If, Local, Loop, Value
 from trimtab.export.live import prune
 from trimtab.export.lower import Lowering
 from trimtab.export.members import Member
@@ -28,14 +28,14 @@ class Routine:
     def __init__(self, jaxpr: Any, sources: list[Place], targets: list[Place], real: str) -> None:
         self.b = b = Builder(fold, hoist=False)
         indexed = jaxprs.indexed(jaxpr.jaxpr)
-        self.operands: list[tuple[str, Member, Array]] = []
+        self.operands: list[tuple[str, Member, Array, bool]] = []
         dying: list[bool] = []
         for place in sources:
             for m in place.members:
                 array = _operand(m, place, len(dying) in indexed)
-                self.operands.append((place.base, m, array))
+                self.operands.append((place.base, m, array, place.writable))
                 dying.append(place.writable)
-        found = Lowering(b, RULES, real).program(jaxpr, [a for _, _, a in self.operands], dying)
+        found = Lowering(b, RULES, real).program(jaxpr, [a for _, _, a, _ in self.operands], dying)
         self.results: list[tuple[str, Member, Array]] = []
         rest = iter(found)
         pairs = [(place, m, next(rest)) for place in targets for m in place.members]
@@ -48,17 +48,31 @@ class Routine:
 
     def _state(self, place: Place, m: Member) -> Buffer | None:
         """The buffer in which a member is kept between calls, if it is one."""
-        for base, other, array in self.operands:
+        for base, other, array, _ in self.operands:
             if base == place.base and other.path == m.path:
                 return array.buffer
         return None
 
     def _out(self, place: Place, m: Member, array: Array) -> None:
+        if self._moved_out(array):
+            self.results.append((place.base, m, array))
+            return
         if array.items is None or not small(array.shape):
             target = Buffer(array.dtype, array.size, "state", f"{place.base}{m.path}")
             copy_into(self.b, target, array)
             array = Array(array.shape, array.dtype, buffer=target)
         self.results.append((place.base, m, array))
+
+    def _moved_out(self, array: Array) -> bool:
+        """Let a result's own memory be the member itself, where nothing else needs it: no copy, and no stack."""
+        buffer = array.buffer
+        if buffer is None or buffer.kind != "local" or array.offset is not None:
+            return False
+        own = [item for item in self.b.top.items if isinstance(item, Local) and item.buffer is buffer]
+        if own:
+            self.b.top.items.remove(own[0])
+            buffer.kind = "state"
+        return bool(own)
 
     def _settle(self, pairs: list[tuple[Place, Member, Array]]) -> None:
         """Large states end in their own buffers; one that another state reads from is copied first."""
@@ -82,13 +96,15 @@ class Routine:
         blocks = [self.b.prologue, self.b.top]
         w.live, start = self.live, len(w.lines)
         w.survey(blocks)
-        for base, m, array in self.operands:
+        for base, m, array, writable in self.operands:
             if array.buffer is not None:
                 w.names[id(array.buffer)] = f"{base}{m.path}"
                 continue
             assert array.items is not None
             for k, v in enumerate(array.items.ravel()):
-                if id(v) in self.live:
+                if not writable and id(v) in self.live:  # read where it is used: a branch not taken loads nothing
+                    w.names[id(v)] = m.at(base, k)
+                elif id(v) in self.live:
                     w.names[id(v)] = name = w.fresh("x")
                     w.line(f"const {C_TYPES[v.dtype]} {name} = {m.at(base, k)};")
         for base, m, array in self.results:

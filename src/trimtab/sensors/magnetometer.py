@@ -3,13 +3,15 @@
 import math
 from typing import Any, ClassVar
 
+import numpy as np
+
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion, Sample, measured
-from trimtab.core.time import ms, seconds
+from trimtab.core.time import ms
 from trimtab.environment.magnetic import COLLEGE_PARK
 
 GAUSS = 1e-4
@@ -39,23 +41,36 @@ def dipole_field(moment: Any, away: Any, size: Any) -> Any:
 
 @record
 class RunningMotor:
-    """A motor on the vehicle: a dipole fixed in the body, there while the motor draws current.
+    """A motor on the vehicle: a dipole fixed in the body, as strong as the current that the motor draws.
+
+    The current follows a course given here, since a motion does not say what the vehicle draws; between two instants
+    it stays, before the first there is none. Run backwards, at a duty below 0, the field turns round.
 
     Frames: position and moment in B.    Not modelled: the ripple of the brushes, which the noise stands for.
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
     position: Any = quantity("m", "Place on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,))
-    moment: Any = quantity("A m^2", "Moment at the current drawn.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
+    moment: Any = quantity("A m^2", "Moment at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
     size: Scalar = quantity("m", "Radius.", default=0.014, above=0)
-    begins: Scalar = quantity("100 ns", "When it starts.", kind="time", default=0)
-    ends: Scalar = quantity("100 ns", "When it stops.", kind="time", default=seconds(1e6))
+    instants: Any = quantity("100 ns", "When the duty changes (n,), rising.", kind="time", default=(0,))
+    duty: Any = quantity("1", "Share of that current from each of these on (n,); negative: backwards.", default=(1.0,))
+
+    def check(self) -> None:
+        """Refuse a course that is not one duty for each instant, or whose instants do not rise."""
+        instants, duty = np.asarray(self.instants), np.asarray(self.duty)
+        if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
+            problem = f"{instants.shape} instants for {duty.shape} duties"
+            raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
+        if (np.diff(instants) <= 0).any():
+            raise InputError("RunningMotor.instants", f"{instants.tolist()} do not rise", fix="sort them")
 
     def field(self, motion: Motion, place: Any) -> Any:
         """Field (3,) (T) in B at a place (3,) (m) in B."""
-        running = (motion.t >= self.begins) & (motion.t < self.ends)
+        begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
+        duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
-        return jnp.where(running, dipole_field(jnp.asarray(self.moment), away, self.size), 0.0)
+        return dipole_field(duty * jnp.asarray(self.moment), away, self.size)
 
 
 @record

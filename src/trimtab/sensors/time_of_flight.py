@@ -11,7 +11,7 @@ from jax import lax
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
-from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion
@@ -152,3 +152,24 @@ def corrupted(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: M
     error = error + jnp.where(stray < errors.stray_probability, errors.stray_size * (2.0 * size - 1.0), 0.0)
     error = error + jnp.where(echo < errors.echo_probability, errors.echo_size * detour, 0.0)
     return jnp.maximum(ranges * scale + error, 0.0)
+
+
+def without_fault(sensor: Any, name: str, own: dict[str, dict[str, Any]]) -> Any:
+    """A copy of a sensor that has beacons, errors, medium and cone_error, with one fault switched off.
+
+    own: fault -> changed fields, for what this sensor has and others have not, or switch off otherwise.
+    """
+    if name not in sensor.IMPERFECTIONS:
+        problem = f"it has no imperfection {name!r}"
+        raise InputError(type(sensor).__name__, problem, choices=sensor.IMPERFECTIONS)
+    errors, beacons = sensor.errors, sensor.beacons
+    changes: dict[str, dict[str, Any]] = {
+        "range-noise": {"errors": replace(errors, noise=0.0)},
+        "stray-ranges": {"errors": replace(errors, stray_probability=0.0)},
+        "echoes": {"errors": replace(errors, echo_probability=0.0)},
+        "cone-error": {"cone_error": False},
+        "sound-speed": {"medium": replace(sensor.medium, assumed=sensor.medium.actual)},
+        "survey-error": {"beacons": replace(beacons, survey_error=0.0)},
+        "beacon-fault": {"beacons": replace(beacons, moved=0.0 * np.asarray(beacons.moved), dead=False)},
+    }
+    return replace(sensor, **(changes | own)[name])

@@ -26,6 +26,7 @@ from trimtab.sensors.time_of_flight import (
     measured_range,
     unit_position,
     unit_velocity,
+    without_fault,
 )
 from trimtab.sensors.ultrasonic_channel import CarrierSense, exchange
 
@@ -95,19 +96,8 @@ class UltrasonicListening:
 
     def without(self, name: str) -> "UltrasonicListening":
         """A copy with one fault switched off."""
-        errors, beacons = self.errors, self.beacons
-        changes: dict[str, dict[str, Any]] = {
-            "range-noise": {"errors": replace(errors, noise=0.0), "beacons": replace(beacons, crystal=0.0)},
-            "stray-ranges": {"errors": replace(errors, stray_probability=0.0)},
-            "echoes": {"errors": replace(errors, echo_probability=0.0)},
-            "cone-error": {"cone_error": False},
-            "sound-speed": {"medium": replace(self.medium, assumed=self.medium.actual)},
-            "survey-error": {"beacons": replace(beacons, survey_error=0.0)},
-            "beacon-fault": {"beacons": replace(beacons, moved=0.0 * np.asarray(beacons.moved), dead=False)},
-        }
-        if name not in changes:
-            raise InputError("UltrasonicListening", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **changes[name])
+        quiet = {"errors": replace(self.errors, noise=0.0), "beacons": replace(self.beacons, crystal=0.0)}
+        return without_fault(self, name, {"range-noise": quiet})
 
     def init(self, key: Key) -> ListeningState:
         """Nothing heard."""

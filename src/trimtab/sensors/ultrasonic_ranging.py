@@ -26,6 +26,7 @@ from trimtab.sensors.time_of_flight import (
     measured_range,
     unit_position,
     unit_velocity,
+    without_fault,
 )
 from trimtab.sensors.ultrasonic_channel import CarrierSense, exchange
 
@@ -130,24 +131,12 @@ class UltrasonicRanging:
 
     def without(self, name: str) -> "UltrasonicRanging":
         """A copy with one fault switched off."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("UltrasonicRanging", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        errors, beacons = self.errors, self.beacons
-        changes: dict[str, dict[str, Any]] = {
-            "range-noise": {"errors": replace(errors, noise=0.0)},
-            "stray-ranges": {"errors": replace(errors, stray_probability=0.0)},
-            "echoes": {"errors": replace(errors, echo_probability=0.0)},
-            "cone-error": {"cone_error": False},
-            "sound-speed": {"medium": replace(self.medium, assumed=self.medium.actual)},
-            "clock-error": {
-                "clock": replace(self.clock, residual=0.0, drift=0.0, tick=0.0),
-                "beacons": replace(beacons, crystal=0.0),
-            },
-            "survey-error": {"beacons": replace(beacons, survey_error=0.0)},
+        exact = replace(self.clock, residual=0.0, drift=0.0, tick=0.0)
+        own = {
+            "clock-error": {"clock": exact, "beacons": replace(self.beacons, crystal=0.0)},
             "collisions": {"collisions": False},
-            "beacon-fault": {"beacons": replace(beacons, moved=0.0 * np.asarray(beacons.moved), dead=False)},
         }
-        return replace(self, **changes[name])
+        return without_fault(self, name, own)
 
     def init(self, key: Key) -> RangingState:
         """Nothing under way."""
