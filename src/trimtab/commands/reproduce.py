@@ -2,13 +2,13 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from trimtab.commands.progress import progress
 from trimtab.studies import catalogue
 from trimtab.studies.catalogue import Group
 
@@ -66,7 +66,7 @@ def _list(as_json: bool) -> None:
 def _computed(chosen: list[Group], out: Path | None) -> tuple[Found, list[Path]]:
     found: Found = []
     files: list[Path] = []
-    with _progress(len(chosen)) as tell:
+    with progress(len(chosen)) as tell:
         for group in chosen:
             tell(group.title, 0)
             rows = []
@@ -78,23 +78,6 @@ def _computed(chosen: list[Group], out: Path | None) -> tuple[Found, list[Path]]
                 files += group.figures(out)
             tell(group.title, 1)
     return found, files
-
-
-@contextmanager
-def _progress(groups: int) -> Iterator[Any]:
-    """A bar on standard error that vanishes; nothing where that is no terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        yield lambda text, done: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=groups)
-        yield lambda text, done: progress.update(task, description=text, advance=done)
 
 
 def counts(rows: Iterable["Row"]) -> dict[str, int]:

@@ -38,10 +38,9 @@ class Cost(NamedTuple):
 
 
 class Budget(NamedTuple):
-    """All of it. units: by measure.  whole, least: measures with all imperfections, and with none.  costs: dearest first.
+    """All of it, the dearest imperfection first. As they work together, their costs need not add up to the whole.
 
-    A cost is the measure's mean square with all less that without one; as imperfections work together they need not
-    add up to the whole.
+    units: by measure.  whole, least: measures with all imperfections, and with none.
     """
 
     units: Mapping[str, str]
