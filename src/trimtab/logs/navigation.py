@@ -23,6 +23,10 @@ HONEST, TELLING = 1.1, 2.0
 SETTLED = 1.5
 """A sigma has settled where it stays below so many times its largest value in the second half of the run."""
 LAGS = 20
+FEW = 10
+"""Fewer draws than these say nothing but that errors are too large: the number itself is not well known then."""
+WINDOW = 6
+"""Correlations are summed over so many times the correlation time that they sum to."""
 GROUPS = {
     "heading": ("heading",),
     "yaw rate": ("yaw_rate",),
@@ -89,12 +93,13 @@ class Navigation(NamedTuple):
 
     verdict: of all rows together.  probability: that a consistent filter keeps within all bounds.
     since_s: errors and innovations are judged from there on, when the sigmas have settled.
-    aiding, errors, learned: by sensor, by group of states, by state.
+    where: path of the state in the log.  aiding, errors, learned: by sensor, by group of states, by state.
     """
 
     verdict: str
     probability: float
     since_s: float
+    where: str
     aiding: dict[str, Aiding]
     errors: dict[str, Judged]
     learned: dict[str, Learned]
@@ -140,7 +145,7 @@ def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     aiding = {name: _aiding(update, tail) for name, update in updates.items()}
     found = {group: _judged(np.mean(np.sum(z * z, axis=1)), _draws(z), z.shape[1], tail) for group, z in errors.items()}
     verdict = _together([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
-    return Navigation(verdict, probability, since, aiding, found, learned)
+    return Navigation(verdict, probability, since, _base(log) or "", aiding, found, learned)
 
 
 def series(log: Log) -> dict[str, Series]:
@@ -213,7 +218,7 @@ def _updates(log: Log, path: str, since: float) -> _Updates:
 def _aiding(u: _Updates, tail: float) -> Aiding:
     dof = u.normalised.shape[1]
     draws = np.mean(_draws(u.normalised)) * np.ones(dof)
-    white = whiteness(u.normalised, LAGS) if len(u.nis) > 3 * LAGS and u.normalised.any() else None
+    white = whiteness(u.normalised, LAGS, 1 - 2 * tail) if len(u.nis) > 3 * LAGS and u.normalised.any() else None
     nis = _judged(float(np.mean(u.nis)), draws, dof, tail)
     p = None if white is None else white.p
     return Aiding(len(u.nis), u.refused, u.unseen, nis, None if white is None else white.white, p)
@@ -235,12 +240,11 @@ def _draws(z: Any) -> Any:
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
     sums = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:n]
     rho = sums / (n - np.arange(n))[:, None] / np.maximum(sums[0] / n, np.finfo(float).tiny)
-    lost = np.abs(rho) < 2 / np.sqrt(n)
-    lost[-1] = True
-    inside = np.arange(n)[:, None] < np.argmax(lost, axis=0)
     weight = (1 - np.arange(n) / n)[:, None]
-    total = np.sum(np.where(inside, weight * np.minimum(rho * rho, 1.0), 0.0)[1:], axis=0)
-    return n / (1 + 2 * total)
+    tau = 2 * np.cumsum(weight * np.minimum(rho * rho, 1.0), axis=0) - 1
+    enough = np.arange(n)[:, None] >= WINDOW * tau
+    enough[-1] = True
+    return n / np.take_along_axis(tau, np.argmax(enough, axis=0)[None], axis=0)[0]
 
 
 def _judged(mean: float, draws: Any, dof: int, tail: float) -> Judged:
@@ -252,6 +256,8 @@ def _judged(mean: float, draws: Any, dof: int, tail: float) -> Judged:
     verdict = UNDECIDED
     if least > HONEST:
         verdict = OPTIMISTIC
+    elif np.min(draws) < FEW:
+        pass
     elif most < 1 / HONEST:
         verdict = PESSIMISTIC
     elif least > 1 / TELLING and most < TELLING:
