@@ -82,19 +82,6 @@ def test_errors_of_each_group_lie_within_their_interval(flown):
         assert np.median([r.draws for r in rows]) < 40, "errors that last seconds are not that many draws in ten"
 
 
-def test_draws_of_white_and_of_lasting_errors():
-    """A first-order sequence: its squares are worth n (1 - a²)/(1 + a²) draws; a constant about one."""
-    from trimtab.logs.navigation import _draws
-
-    g, n = np.random.default_rng(0), 4000
-    for a in (0.0, 0.5, 0.9, 0.97):
-        z, noise = np.zeros((n, 20)), g.standard_normal((n, 20))
-        for k in range(1, n):
-            z[k] = a * z[k - 1] + np.sqrt(1 - a * a) * noise[k]
-        assert np.mean(_draws(z)) == pytest.approx(n * (1 - a * a) / (1 + a * a), rel=0.1)
-    assert 0.9 < _draws(np.full((500, 1), 0.3))[0] < 2
-
-
 def test_measurements_count_where_the_counter_rises(flown):
     """Rows of 1 ms hold each update six or seven times; the verdict is that of the updates, once each."""
     log = flown[1.0][0]

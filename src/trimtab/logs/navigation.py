@@ -12,21 +12,14 @@ J. R. Statist. Soc. B 8 (1946), for the number of draws, here of squares of Gaus
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
 
 from trimtab.logs.consistency import CONSISTENT, OPTIMISTIC, PESSIMISTIC, whiteness
+from trimtab.logs.effective_draws import UNDECIDED, Judged, effective_draws, judge_average
 from trimtab.logs.log import Log
 
-UNDECIDED = "undecided"
-HONEST, TELLING = 1.1, 2.0
-"""A factor up to the first is as good as 1; a verdict `consistent` excludes factors of the second."""
 SETTLED = 1.5
 """A sigma has settled where it stays below so many times its largest value in the second half of the run."""
 LAGS = 20
-FEW = 10
-"""Fewer draws than these say nothing but that errors are too large: the number itself is not well known then."""
-WINDOW = 6
-"""Correlations are summed over so many times the correlation time that they sum to."""
 GROUPS = {
     "heading": ("heading",),
     "yaw rate": ("yaw_rate",),
@@ -36,26 +29,6 @@ GROUPS = {
     "force bias": ("forward_bias", "starboard_bias"),
 }
 """Fields of a NavigationState that are judged together, where the log has their truth."""
-
-
-class Judged(NamedTuple):
-    """An average of squares of normalised numbers, against the bounds of a consistent filter.
-
-    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: of a consistent filter.
-    low, high: bounds of that average.  draws: how many independent squares it is worth.
-    factor: errors over sigmas.  factor_low, factor_high: its interval.  verdict: consistent, optimistic (sigmas too
-    small), pessimistic (too large) or undecided, where a factor of two could not be told.
-    """
-
-    mean: float
-    expected: int
-    low: float
-    high: float
-    draws: float
-    factor: float
-    factor_low: float
-    factor_high: float
-    verdict: str
 
 
 class Aiding(NamedTuple):
@@ -143,7 +116,10 @@ def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     updates = {name: update for name, path in fixes.items() if len((update := _updates(log, path, since)).nis) > 3}
     tail = (1 - probability) / (2 * max(len(errors) + len(updates), 1))
     aiding = {name: _aiding(update, tail) for name, update in updates.items()}
-    found = {group: _judged(np.mean(np.sum(z * z, axis=1)), _draws(z), z.shape[1], tail) for group, z in errors.items()}
+    found = {
+        group: judge_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
+        for group, z in errors.items()
+    }
     verdict = _together([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
     return Navigation(verdict, probability, since, _base(log) or "", aiding, found, learned)
 
@@ -217,9 +193,9 @@ def _updates(log: Log, path: str, since: float) -> _Updates:
 
 def _aiding(u: _Updates, tail: float) -> Aiding:
     dof = u.normalised.shape[1]
-    draws = np.mean(_draws(u.normalised)) * np.ones(dof)
+    draws = np.mean(effective_draws(u.normalised)) * np.ones(dof)
     white = whiteness(u.normalised, LAGS, 1 - 2 * tail) if len(u.nis) > 3 * LAGS and u.normalised.any() else None
-    nis = _judged(float(np.mean(u.nis)), draws, dof, tail)
+    nis = judge_average(float(np.mean(u.nis)), draws, dof, tail)
     p = None if white is None else white.p
     return Aiding(len(u.nis), u.refused, u.unseen, nis, None if white is None else white.white, p)
 
@@ -228,42 +204,6 @@ def _normalised(s: Series, since: float) -> Any:
     """Errors over sigmas, only where both are numbers."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
-
-
-def _draws(z: Any) -> Any:
-    """Of each column of z (n, m), by how many independent Gaussian numbers' squares its mean square is known: (m,).
-
-    n over 1 + 2 sum (1 - k/n) rho_k², up to where rho is lost in its own noise; about zero, so that a lasting error
-    is one draw, however often it is looked at.
-    """
-    n = len(z)
-    spectrum = np.fft.rfft(z, 2 * n, axis=0)
-    sums = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:n]
-    rho = sums / (n - np.arange(n))[:, None] / np.maximum(sums[0] / n, np.finfo(float).tiny)
-    weight = (1 - np.arange(n) / n)[:, None]
-    tau = 2 * np.cumsum(weight * np.minimum(rho * rho, 1.0), axis=0) - 1
-    enough = np.arange(n)[:, None] >= WINDOW * tau
-    enough[-1] = True
-    return n / np.take_along_axis(tau, np.argmax(enough, axis=0)[None], axis=0)[0]
-
-
-def _judged(mean: float, draws: Any, dof: int, tail: float) -> Judged:
-    """Of the mean of a sum of `dof` squares, worth `draws` (dof,) independent ones each."""
-    N = float(np.sum(draws))
-    low, high = 2 * special.gammaincinv(N / 2, [tail, 1 - tail]) / N
-    factor = np.sqrt(mean / dof)
-    least, most = factor / np.sqrt(high), factor / np.sqrt(max(low, np.finfo(float).tiny))
-    verdict = UNDECIDED
-    if least > HONEST:
-        verdict = OPTIMISTIC
-    elif np.min(draws) < FEW:
-        pass
-    elif most < 1 / HONEST:
-        verdict = PESSIMISTIC
-    elif least > 1 / TELLING and most < TELLING:
-        verdict = CONSISTENT
-    numbers = (mean, dof, low * dof, high * dof, N, factor, least, most)
-    return Judged(*(float(x) if i != 1 else x for i, x in enumerate(numbers)), verdict)  # pyright: ignore
 
 
 def _learned(s: Series) -> Learned:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.logs.consistency import gate
 from trimtab.logs.log import Log
 from trimtab.logs.navigation import Series, innovations, navigation, series
 from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save
@@ -88,9 +89,7 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
 
 def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
     """NIS of each update on a logarithmic scale, with what 95 % stay below, and the mean that is expected."""
-    from scipy import special
-
-    limit = 2 * special.gammaincinv(dof / 2, 0.95)
+    limit = gate(dof, 0.95)
     axes.plot(t, np.where(nis > 0, nis, np.nan), ".", color=BLUE, ms=3, alpha=0.5)
     axes.plot(t, np.where(nis > limit, nis, np.nan), ".", color=VERMILION, ms=3)
     axes.axhline(limit, color=GREY, lw=1, ls="--")
