@@ -167,20 +167,24 @@ def _navigation(log: Log) -> "Navigation | None":
 
 def _outputs(request: Request) -> tuple[Path | None, Path | None]:
     """Picture and log file; refuses before the run what could not be written after it."""
-    picture, log_file = request.plot, None
-    if request.out is not None:
-        picture = picture or request.out / "run.png"
-        log_file = request.out / "run.mcap"
-        check_folder("--out", request.out)
+    out = request.out
+    picture = request.plot or (None if out is None else out / "run.png")
+    check_picture(picture, out)
+    return picture, None if out is None else out / "run.mcap"
+
+
+def check_picture(picture: Path | None, out: Path | None) -> None:
+    """Refuse a folder or a picture that could not be written."""
+    if out is not None:
+        check_folder("--out", out)
     if picture is not None:
         if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
             problem = f"{picture.name!r} has no picture's ending"
             raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
-        if request.out is None or picture.parent != request.out:
+        if out is None or picture.parent != out:
             check_folder("--plot", picture.parent)
         if picture.is_dir():
             raise InputError("--plot", f"{str(picture)!r} is a folder", fix=f"--plot {picture / 'run.png'}")
-    return picture, log_file
 
 
 def check_folder(part: str, folder: Path) -> None:

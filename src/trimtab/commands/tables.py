@@ -10,6 +10,8 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
     from rich.table import Table
 
+    from trimtab.commands.calibrate import Axis
+    from trimtab.identify.allan import Coefficient
     from trimtab.logs.navigation import Navigation
     from trimtab.studies.row import Row
 
@@ -143,6 +145,32 @@ def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
 
 def _short(value: float) -> str:
     return f"{value:.2f}" if value < 100 else "∞"
+
+
+def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
+    """Noise coefficients of each axis with their intervals, and what a filter takes."""
+    any_axis = next(iter(axes.values()))
+    shown, dt = console(), any_axis.fit.sampling_period
+    table = _table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
+    for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
+        table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
+    for axis, a in axes.items():
+        cells = (_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
+        table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
+    shown.print(table)
+    table = _table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
+    for heading in ("axis", "R of a sample (U²)", "Q of the integral (U² s²)", "Q of the bias (U²)"):
+        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    for axis, a in axes.items():
+        n = a.noise
+        cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
+        table.add_row(axis.replace("[", r"\["), *cells)
+    shown.print(table)
+    click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
+
+
+def _coefficient(c: "Coefficient") -> str:
+    return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"
 
 
 def print_rows(title: str, rows: Iterable["Row"]) -> None:
