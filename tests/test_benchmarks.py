@@ -70,6 +70,32 @@ with tempfile.TemporaryDirectory() as folder:
     assert done.stdout.splitlines() == ["['wrong (one run)', 'not a number (one run)']", "['hand C']"], done.stderr
 
 
+@needs_compilers
+def test_filters_in_c_numpy_and_where_it_is_installed_filterpy_agree():
+    done = python(BENCHMARKS / "filters.py", "--quick")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("all results agree to 1e-09") == 2
+    there = importlib.util.find_spec("filterpy") is not None
+    assert ("filterpy" in done.stdout) == there
+    assert ('pip install "trimtab[bench]"' in done.stderr) != there
+
+
+@needs_compilers
+def test_a_filter_that_is_wrong_fails_the_command():
+    text = """
+import sys
+sys.path.insert(0, sys.argv[1])
+sys.argv = ["filters.py", "--quick"]
+import filters
+right = filters.filters_np.Kalman.predict
+filters.filters_np.Kalman.predict = lambda self, F, Q: right(self, F, 1.000001 * Q)
+sys.exit(filters.main())
+"""
+    done = python("-c", text, BENCHMARKS)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "WRONG by more than 1e-09: trimtab C" in done.stdout
+
+
 def test_hand_c_is_held_to_the_numbers_of_the_definition():
     text = (BENCHMARKS / "references.py").read_text(encoding="utf-8")
     known = [float(x) for x in re.findall(r"-?\d+\.\d{8,}", text.split("KNOWN")[1].split('"""')[0])]

@@ -41,6 +41,7 @@ def main() -> None:
     trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
+    trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     """
 
 
@@ -199,6 +200,41 @@ def reproduce(study: str | None, only: tuple[str, ...], out: Path | None, as_jso
 
     if not carry_out(Request(study, only, out, as_json)):
         sys.exit(1)
+
+
+@main.group()
+def calibrate() -> None:
+    """From measured data to parameters.
+
+    \b
+    trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
+    """
+
+
+@calibrate.command(name="noise")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal; repeatable.")
+@click.option(
+    "--shortest", metavar="TIME", help="Leave shorter averages out, e.g. of a sensor that filters its output."
+)
+@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: that of the sensor]")
+@click.option("--time", metavar="NAME", help="Column of times (s) of a CSV file.  [default: t, time, …]")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of the Allan deviations.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for figures (JSON) and picture.")
+@JSON
+def noise(as_json: bool, **asked: Any) -> None:
+    """Noise coefficients of a sensor at rest: white, flicker and walk, with intervals, and a filter's Q and R.
+
+    LOG is an MCAP file of `trimtab run … --out`, or a CSV file with a column of times in seconds.
+
+    \b
+    trimtab run navigation/still --out still
+    trimtab calibrate noise still/run.mcap --plot allan.png
+    trimtab calibrate noise bench.csv --signal gyro_z --shortest '20 ms' --json
+    """
+    from trimtab.commands.calibrate import Request, calibrate_noise
+
+    calibrate_noise(Request(**asked, as_json=as_json))
 
 
 if __name__ == "__main__":

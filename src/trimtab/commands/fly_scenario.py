@@ -21,6 +21,7 @@ from trimtab.logs.metrics import Target, metrics, mode_switches
 from trimtab.run.program import check_seed
 
 if TYPE_CHECKING:
+    from trimtab.logs.navigation import Navigation
     from trimtab.loop.scenario import Scenario
 
 
@@ -63,13 +64,18 @@ def fly(request: Request) -> None:
         "real": summary(real, flown.targets),
         "ideal": None if ideal is None else summary(ideal, flown.targets),
     }
+    navigated = _navigation(real)
+    if navigated is not None:
+        result["navigation"] = navigated.plain()
     written = [*_write_log(real, ideal, log_file), *_draw(flown, picture)]
     if request.as_json:
         click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
         return
-    from trimtab.commands.tables import print_result
+    from trimtab.commands.tables import print_navigation, print_result
 
     print_result(result, {signal: real.unit(f"truth.{signal}") for signal in result["real"]["metrics"]})
+    if navigated is not None:
+        print_navigation(navigated, {name: real.unit(f"{navigated.where}.{name}") for name in navigated.learned})
     for file in written:
         click.echo(f"wrote {file}")
 
@@ -150,22 +156,35 @@ def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     return {"metrics": found, "final": final, "mode_switches": mode_switches(log)}
 
 
+def _navigation(log: Log) -> "Navigation | None":
+    """What a run with an aided INS says about it; what judges it is imported only then."""
+    if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
+        return None
+    from trimtab.logs.navigation import navigation
+
+    return navigation(log)
+
+
 def _outputs(request: Request) -> tuple[Path | None, Path | None]:
     """Picture and log file; refuses before the run what could not be written after it."""
-    picture, log_file = request.plot, None
-    if request.out is not None:
-        picture = picture or request.out / "run.png"
-        log_file = request.out / "run.mcap"
-        check_folder("--out", request.out)
+    out = request.out
+    picture = request.plot or (None if out is None else out / "run.png")
+    check_picture(picture, out)
+    return picture, None if out is None else out / "run.mcap"
+
+
+def check_picture(picture: Path | None, out: Path | None) -> None:
+    """Refuse a folder or a picture that could not be written."""
+    if out is not None:
+        check_folder("--out", out)
     if picture is not None:
         if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
             problem = f"{picture.name!r} has no picture's ending"
             raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
-        if request.out is None or picture.parent != request.out:
+        if out is None or picture.parent != out:
             check_folder("--plot", picture.parent)
         if picture.is_dir():
             raise InputError("--plot", f"{str(picture)!r} is a folder", fix=f"--plot {picture / 'run.png'}")
-    return picture, log_file
 
 
 def check_folder(part: str, folder: Path) -> None:
@@ -205,4 +224,10 @@ def _draw(flown: Flown, file: Path | None) -> list[Path]:
 
     file.parent.mkdir(parents=True, exist_ok=True)
     plot_run(flown.real, flown.ideal, file, title=flown.name, targets=flown.targets)
-    return [file]
+    if _navigation(flown.real) is None:
+        return [file]
+    from trimtab.plots.navigation import plot_navigation
+
+    second = file.with_stem(f"{file.stem}-navigation")
+    plot_navigation(flown.real, second, title=f"{flown.name}: navigation")
+    return [file, second]

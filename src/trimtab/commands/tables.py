@@ -10,6 +10,9 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
     from rich.table import Table
 
+    from trimtab.commands.calibrate import Axis
+    from trimtab.identify.allan import Coefficient
+    from trimtab.logs.navigation import Navigation
     from trimtab.studies.row import Row
 
 METRICS = {
@@ -110,6 +113,64 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     console().print(table)
     switches = ", ".join(f"{side} {found['mode_switches']}" for side, found in flown.items())
     click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
+
+
+def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
+    """Whether a run's navigation knew how wrong it was, and what it learned."""
+    screen = console()
+    table = _table(title="Navigation: errors against the filter's own sigmas", title_justify="left")
+    for heading in ("what", "of", "draws", "mean", "bounds", "error / sigma", "white", "verdict"):
+        table.add_column(heading, justify="left" if heading in ("what", "white", "verdict") else "right")
+    rows: list[tuple[str, str, Any, str]] = []
+    for name, aid in found.aiding.items():
+        refused = f", {aid.refused} refused" if aid.refused else ""
+        white = "-" if aid.white is None else f"{'yes' if aid.white else 'no'}, p {aid.p:.2g}"
+        rows.append((f"{name} innovations", f"{aid.updates}{refused}", aid.nis, white))
+    rows += [(f"{name} error", "truth", judged, "") for name, judged in found.errors.items()]
+    for name, of, j, white in rows:
+        bounds = f"{j.low:.3g} … {j.high:.3g}"
+        factor = f"{j.factor:.2f}  ({_short(j.factor_low)} … {_short(j.factor_high)})"
+        table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
+    screen.print(table)
+    table = _table()
+    for heading in ("state", "sigma at first", "at the end", "settled (s)", "seen"):
+        table.add_column(heading, justify="left" if heading in ("state", "seen") else "right")
+    for name, state in found.learned.items():
+        cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
+        table.add_row(f"{name} ({units[name]})", *cells)
+    screen.print(table)
+    sure = f"{100 * found.probability:g} % of a consistent filter's runs keep within all bounds"
+    click.echo(f"navigation: {found.verdict}; judged from {found.since_s:.2f} s on; {sure} (docs, Navigation of a run)")
+
+
+def _short(value: float) -> str:
+    return f"{value:.2f}" if value < 100 else "∞"
+
+
+def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
+    """Noise coefficients of each axis with their intervals, and what a filter takes."""
+    any_axis = next(iter(axes.values()))
+    shown, dt = console(), any_axis.fit.sampling_period
+    table = _table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
+    for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
+        table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
+    for axis, a in axes.items():
+        cells = (_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
+        table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
+    shown.print(table)
+    table = _table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
+    for heading in ("axis", "R of a sample (U²)", "Q of the integral (U² s²)", "Q of the bias (U²)"):
+        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    for axis, a in axes.items():
+        n = a.noise
+        cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
+        table.add_row(axis.replace("[", r"\["), *cells)
+    shown.print(table)
+    click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
+
+
+def _coefficient(c: "Coefficient") -> str:
+    return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"
 
 
 def print_rows(title: str, rows: Iterable["Row"]) -> None:

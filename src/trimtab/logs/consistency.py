@@ -9,7 +9,7 @@ Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracki
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from trimtab.core.errors import InputError
 
@@ -73,13 +73,21 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
         problem = f"dof {dof}, n {n}, probability {probability}"
         raise InputError("chi_square_bounds", problem, fix="give dof and n of 1 or more, and a probability in (0, 1)")
     tail = (1 - probability) / 2
-    low, high = stats.chi2.ppf([tail, 1 - tail], dof * n) / n
+    low, high = chi_square_quantile(np.array([tail, 1 - tail]), dof * n) / n
     return float(low), float(high)
 
 
 def gate(dof: int, probability: float) -> float:
     """The NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
-    return float(stats.chi2.ppf(probability, dof))
+    return float(chi_square_quantile(probability, dof))
+
+
+def chi_square_quantile(probability: Any, dof: Any) -> Any:
+    """What a chi-square number stays below with a probability; dof may be a fraction.
+
+    The functions behind it are used as they are: importing scipy.stats would take longer than a run.
+    """
+    return 2 * special.gammaincinv(np.asarray(dof) / 2, probability)
 
 
 def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
@@ -130,9 +138,9 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
     power = np.sum(y * y)
     rho = np.array([np.sum(y[:-k] * y[k:]) / power for k in range(1, lags + 1)])
     effective = n * m - m * np.arange(1, lags + 1)  # products in each sum
-    bound = float(stats.norm.ppf((1 + probability) / 2) / np.sqrt(n * m))
+    bound = float(special.ndtri((1 + probability) / 2) / np.sqrt(n * m))
     statistic = float(n * m * (n * m + 2) * np.sum(rho**2 / effective))
-    p = float(stats.chi2.sf(statistic, lags))
+    p = float(special.gammaincc(lags / 2, statistic / 2))
     return Whiteness(rho, bound, float(np.mean(np.abs(rho) <= bound)), statistic, p, p > 1 - probability)
 
 

@@ -86,7 +86,7 @@ def plot_run(
     where = (right, 1 - 0.3 / height)
     figure.legend(handles=handles, loc="center right", bbox_to_anchor=where, ncols=5, frameon=False, fontsize=11)
     if path is not None:
-        _save(figure, Path(path))
+        save(figure, Path(path))
     return figure
 
 
@@ -248,7 +248,8 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
     return handles
 
 
-def _save(figure: "Figure", path: Path) -> None:
+def save(figure: "Figure", path: Path) -> None:
+    """Save a figure; the file appears whole or not at all."""
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:

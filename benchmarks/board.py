@@ -1,0 +1,84 @@
+"""Instructions of an autopilot's step with an aided INS in it, on an emulated Cortex-M7: minutes, most of them export.
+
+    python benchmarks/board.py                   also: --target cortex-m4
+
+The flight is that of the tests, tests/export/inertial_flight.py: feed-forward dual filter, inertial unit and heading
+each 6.5536 ms, position each 100 ms, steps of 1 ms. Counted are whole steps, as exported: samples judged, put in
+order of measurement into a history of 64, filters, what the estimate tells, law and allocation. QEMU counts
+instructions; the processor's cycles are another matter (docs/export/microcontroller.md).
+
+Exits with 1 where the board computes something else, 2 where its tools are missing.
+"""
+
+import argparse
+import importlib.util
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from paired import row
+
+from trimtab.export.microcontroller import TARGETS, emulate, missing_tools, read_vectors
+from trimtab.export.verify import compare
+from trimtab.run.export_c import export_c
+
+COMMAND = "python benchmarks/board.py"
+FLIGHT = Path(__file__).parents[1] / "tests" / "export" / "inertial_flight.py"
+
+
+def scenario():
+    """The flight of the tests."""
+    found = importlib.util.spec_from_file_location("inertial_flight", FLIGHT)
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    return module.scenario()
+
+
+def kinds(vectors, inputs):
+    """Name -> which steps (n,): by whose sample was measured at another time than that of the step before."""
+    new = {}
+    for sensor in ("imu", "position"):
+        t = vectors.inputs[:, next(i for i, n in enumerate(inputs) if n.endswith(f"samples.{sensor}.t"))]
+        new[sensor] = np.diff(t, prepend=-1) != 0
+    return {
+        "nothing new": ~new["imu"] & ~new["position"],
+        "inertial unit and heading": new["imu"] & ~new["position"],
+        "position": new["position"],
+    }
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--target", choices=sorted(TARGETS), default="cortex-m7")
+    p.add_argument("--steps", type=int, default=1000, help="steps flown (%(default)s)")
+    p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
+    a = p.parse_args()
+    if missing := missing_tools():
+        print(f"not installed: {', '.join(missing)}", file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as folder:
+        export_c(scenario(), Path(folder), real=TARGETS[a.target].real, steps=a.steps)
+        flown = emulate(Path(folder), a.target, steps=a.steps)
+        vectors = read_vectors(Path(folder), a.steps)
+        about = json.loads((Path(folder) / "export.json").read_text())
+    tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
+    first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)[1]
+    verdict = "agree" if first is None else f"WRONG from {first}"
+    print(f"{a.steps} steps on {a.target}, {TARGETS[a.target].real}: {verdict}")
+    print(f"flash {flown.flash_bytes} B, RAM {flown.ram_bytes} B, stack {flown.stack_bytes} B")
+    command = COMMAND if a.target == "cortex-m7" else f"{COMMAND} --target {a.target}"
+    lines = []
+    for what, which in kinds(vectors, about["inputs"]).items():
+        n = flown.instructions[which]
+        figure = f"{np.median(n):.0f} ({n.min()}..{n.max()})" if len(n) else "none"
+        print(f"{what:28} {len(n):5} steps  {figure} instructions")
+        lines.append(row(f"instructions of a step with aided INS, {a.target}: {what}", figure, "", command))
+    if a.markdown:
+        print("\n" + "\n".join(lines))
+    return int(first is not None)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,200 @@
+"""Filter updates per second of an aided INS, and of a plain Kalman filter: trimtab's C beside numpy and filterpy.
+
+    python benchmarks/filters.py            times, ratios, and the largest difference of the results
+    python benchmarks/filters.py --quick    seconds: are the results right?
+
+The INS is the source's: dual filter (2 and 6 states) with the printed matrices, a heading at each tick of 6.5536 ms, a
+position at each 15th. The plain filter has 8 states and a measurement of 2 at each tick. All run the same numbers
+through the same equations, from Python, whole flights at a call. An update is a measurement with the prediction before
+it. filterpy: pip install "trimtab[bench]"; without it the others run.
+
+Exits with 1 when a result is wrong, with --strict also when a target is missed.
+"""
+
+import argparse
+import importlib.util
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE / "reference")]
+import filters_np
+import jax
+import jax.numpy as jnp
+from paired import Program, load, machine, ratio, rounds, row, show
+
+from trimtab.core.record import numeric, replace
+from trimtab.core.time import to_seconds
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.kalman import predict, update
+from trimtab.estimators.planar_inertial import InertialStart
+from trimtab.export.function import compile_function
+
+TRIMTAB, NUMPY, TOLERANCE, TARGET = "trimtab C", "numpy", 1e-9, 50
+COMMAND = "python benchmarks/filters.py"
+EVERY, STATES, REPEATS = 15, 8, 50
+NOISE = InertialNoise(covariance="literal")
+DT = to_seconds(NOISE.tick)
+OPEN = 1e300
+"""A gate that lets everything through, as the others have none."""
+START = InertialStart(sigma_heading=np.sqrt(1.6e-4), sigma_position=np.sqrt(5.6e-4))
+
+
+def setting():
+    """The numbers of the INS, as filters_np.py reads them."""
+    start = numeric(START)
+    return {
+        "dt": DT,
+        "every": EVERY,
+        "P1": np.asarray(start.heading_variances()),
+        "P2": np.asarray(start.motion_variances()),
+        "Q1": np.array([NOISE.gyro, NOISE.gyro_walk]),
+        "Q2": np.array([NOISE.forward, NOISE.starboard, NOISE.force_walk, NOISE.force_walk]),
+        "R1": NOISE.heading,
+        "R2": NOISE.position,
+    }
+
+
+def flight(n, seed):
+    """A weaving vehicle: what an IMU with biases and noise feels (n, 3), headings (n,), positions (n, 2)."""
+    g, t = np.random.default_rng(seed), np.arange(n) * DT
+    heading, rate = 0.7 * np.sin(0.4 * t), 0.28 * np.cos(0.4 * t)
+    position = np.stack([2 * np.sin(0.9 * t), 1.5 * np.cos(0.7 * t) - 1.5], axis=1)
+    force = np.stack([-1.62 * np.sin(0.9 * t), -0.735 * np.cos(0.7 * t)], axis=1)
+    c, s = np.cos(heading), np.sin(heading)
+    felt = np.stack([rate, c * force[:, 0] + s * force[:, 1], c * force[:, 1] - s * force[:, 0]], axis=1)
+    felt = felt + [0.01, 0.1, -0.1] + np.array([0.0126, 0.082, 0.082]) * g.standard_normal((n, 3))
+    noisy = heading + 0.0126 * g.standard_normal(n), position + 0.0237 * g.standard_normal((n, 2))
+    return felt, *noisy
+
+
+def inertial(n):
+    """trimtab's feed-forward INS over a flight, compiled: the form's own steps, without its history of late fixes."""
+    intake = Intake(gate_heading=OPEN, gate_position=OPEN, patience_position=0)
+    form = numeric(AidedInertialFeedforward(intake=intake, noise=NOISE, start=START))
+
+    def fly(form, felt, headings, positions):
+        def tick(node, given):
+            k, felt, z, r = given
+            node = form.correct_heading(form.propagate(node, DT, felt, jnp.zeros(2)), z)
+            node = jax.lax.cond(k % EVERY == 0, lambda: form.correct_position(node, r), lambda: node)
+            return node, form.belief(node).x
+
+        first = jax.tree.map(jnp.asarray, replace(form.first(), felt=felt[0]))
+        last, told = jax.lax.scan(tick, first, (jnp.arange(n), felt, headings, positions))
+        return jnp.concatenate([told.ravel(), last.P1.ravel(), last.P2.ravel()])
+
+    compiled = compile_function(fly, form, *flight(n, 0))
+    return partial(compiled, form)
+
+
+def plain(seed=0):
+    """F, Q, H, R, P of a filter of 8 states: four oscillators that push each other, two of them measured."""
+    g = np.random.default_rng(seed)
+    blocks = np.kron(np.eye(4), [[0.0, 1.0], [-1.0, -0.1]]) + 0.1 * g.standard_normal((STATES, STATES))
+    F = np.eye(STATES) + DT * blocks + DT * DT / 2 * blocks @ blocks
+    H = np.eye(STATES)[[0, 4]]
+    return F, 1e-4 * np.eye(STATES), H, 0.01 * np.eye(2), np.eye(STATES)
+
+
+def tracked(n):
+    """trimtab's Kalman filter over measurements, compiled."""
+
+    def fly(F, Q, H, R, P, measured):
+        def tick(carry, z):
+            x, P = predict(*carry, F, Q)
+            done = update(x, P, z - H @ x, H, R)
+            return (done.x, done.P), done.x
+
+        (_, P), told = jax.lax.scan(tick, (jnp.zeros(STATES), P), measured)
+        return jnp.concatenate([told.ravel(), P.ravel()])
+
+    matrices = plain()
+    compiled = compile_function(fly, *matrices, np.zeros((n, 2)))
+    return partial(compiled, *matrices)
+
+
+def again(call):
+    """A short flight, flown often enough to be measured as long as its neighbours are."""
+
+    def calls(*given):
+        for _ in range(REPEATS):
+            found = call(*given)
+        return found
+
+    return Program(calls, REPEATS)
+
+
+def makers():
+    """How each program in Python makes a filter."""
+    found = {NUMPY: filters_np.Kalman}
+    if importlib.util.find_spec("filterpy") is None:
+        print('filterpy is not installed: pip install "trimtab[bench]"', file=sys.stderr)
+        return found
+    import filters_filterpy
+
+    return found | {filters_filterpy.NAME: filters_filterpy.Filter}
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--rounds", type=int, default=11, help="rounds of flights (%(default)s)")
+    p.add_argument("--ticks", type=int, default=3000, help="ticks of a flight (%(default)s)")
+    p.add_argument("--quick", action="store_true", help="2 rounds of 150 ticks: only the results mean something")
+    p.add_argument("--strict", action="store_true", help="exit with 1 also when a target is missed")
+    p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
+    a = p.parse_args()
+    if a.quick:
+        a.rounds, a.ticks = 2, 150
+    n, python = a.ticks, makers()
+    print(f"{machine('jax')}\n{load()}")
+    g = np.random.default_rng(1)
+    jobs = {
+        "aided INS": (
+            inertial(n),
+            lambda make: partial(filters_np.navigate, make, setting()),
+            [flight(n, i) for i in range(a.rounds + 1)],
+            n + -(-n // EVERY),
+        ),
+        "8 states": (
+            tracked(n),
+            lambda make: partial(filters_np.track, make, *plain()),
+            [(g.standard_normal((n, 2)),) for _ in range(a.rounds + 1)],
+            n,
+        ),
+    }
+    lines, good, met = [], True, True
+    for name, (compiled, written, inputs, updates) in jobs.items():
+        programs = {TRIMTAB: again(compiled)} | {who: Program(written(make)) for who, make in python.items()}
+        timed = rounds(programs, inputs, NUMPY)
+        show(f"{name}: {updates} updates in {n} ticks, {a.rounds} rounds", timed, TRIMTAB, n)
+        wrong = [who for who, worst in timed.worst.items() if not worst <= TOLERANCE]
+        good = good and not wrong
+        print(
+            f"WRONG by more than {TOLERANCE:g}: {', '.join(wrong)}" if wrong else f"all results agree to {TOLERANCE:g}"
+        )
+        for who in programs:
+            per_s = updates / np.array(timed.times[who])
+            speed = f"{np.median(per_s):.3g} updates/s ({per_s.min():.3g}..{per_s.max():.3g})"
+            print(f"{who:20} {speed}")
+            lines += [row(f"{name}: {who}", speed, "", COMMAND)] if who == TRIMTAB else []
+        for who in python:
+            x = ratio(timed, who, TRIMTAB)
+            met = met and x.median >= TARGET
+            print(f"{who} / {TRIMTAB}: {x}   target ≥ {TARGET}  {'met' if x.median >= TARGET else 'MISSED'}")
+            lines.append(row(f"{name}: {who} / {TRIMTAB}", x, f"≥ {TARGET}", COMMAND))
+    if a.quick:
+        print("these ratios mean nothing: --quick takes too few rounds")
+    print(load())
+    if a.markdown:
+        print("\n" + "\n".join(lines))
+    return int(not good or (a.strict and not met))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

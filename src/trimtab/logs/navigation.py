@@ -1,0 +1,222 @@
+"""Is the navigation of one run honest? What a log with an aided INS in it says about the filter's own sigmas.
+
+One run holds few independent draws: errors hang together in time. Every average here is judged by its effective number
+of draws, from the autocorrelation of what is averaged, and the bounds of all rows together hold with the probability
+asked for. A factor is by how much errors exceed what the filter says; from 1/1.1 to 1.1 is honest for any purpose.
+
+Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
+5.4; [9] Bayley, Hammersley, "The effective number of independent observations in an autocorrelated time series",
+J. R. Statist. Soc. B 8 (1946), for the number of draws, here of squares of Gaussian numbers.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.logs.consistency import CONSISTENT, OPTIMISTIC, PESSIMISTIC, whiteness
+from trimtab.logs.effective_draws import UNDECIDED, Judged, effective_draws, judge_average
+from trimtab.logs.log import Log
+
+SETTLED = 1.5
+"""A sigma has settled where it stays below so many times its largest value in the second half of the run."""
+LAGS = 20
+GROUPS = {
+    "heading": ("heading",),
+    "yaw rate": ("yaw_rate",),
+    "velocity": ("surge_velocity", "sway_velocity"),
+    "position": ("north", "east"),
+    "gyro bias": ("gyro_bias",),
+    "force bias": ("forward_bias", "starboard_bias"),
+}
+"""Fields of a NavigationState that are judged together, where the log has their truth."""
+
+
+class Aiding(NamedTuple):
+    """How one aiding sensor's measurements fared.
+
+    updates: measurements seen in the log, refused ones too.  refused: by the gate.  unseen: those that came between
+    two rows of the log with another after them.  nis: judged.  white: whether its innovations are white, None where
+    there are too few to tell.  p: how probable such a correlation is in a white sequence.
+    """
+
+    updates: int
+    refused: int
+    unseen: int
+    nis: Judged
+    white: bool | None
+    p: float | None
+
+
+class Learned(NamedTuple):
+    """What the run taught about a state, as its sigma has it: observability along the trajectory.
+
+    first, last: sigma at the first valid estimate, and its largest in the last quarter.  settled_s: from when on it
+    stays below 1.5 times its largest of the second half, in s of the run.  trend: converged; converging, still falling
+    at the end; unseen, hardly below where it began; growing.
+    """
+
+    first: float
+    last: float
+    settled_s: float
+    trend: str
+
+
+class Navigation(NamedTuple):
+    """What a run says about its navigation.
+
+    verdict: of all rows together.  probability: that a consistent filter keeps within all bounds.
+    since_s: errors and innovations are judged from there on, when the sigmas have settled.
+    where: path of the state in the log.  aiding, errors, learned: by sensor, by group of states, by state.
+    """
+
+    verdict: str
+    probability: float
+    since_s: float
+    where: str
+    aiding: dict[str, Aiding]
+    errors: dict[str, Judged]
+    learned: dict[str, Learned]
+
+    def plain(self) -> dict[str, Any]:
+        """Dictionaries of plain numbers and words, for JSON."""
+        aiding = {name: a._asdict() | {"nis": a.nis._asdict()} for name, a in self.aiding.items()}
+        rows = {part: {k: v._asdict() for k, v in getattr(self, part).items()} for part in ("errors", "learned")}
+        return self._asdict() | {"aiding": aiding} | rows
+
+
+class Series(NamedTuple):
+    """A state as estimated, at the times that the estimates are of: t (n,) s, error (n,) or None, sigma (n,)."""
+
+    t: Any
+    estimate: Any
+    error: Any
+    sigma: Any
+
+
+def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
+    """What a log says about its navigation; None where its estimate carries no innovations and sigmas.
+
+    Args:
+        log: of a run; signals as they are by default.
+        probability: with which a consistent filter keeps within the bounds of all rows.
+    """
+    fixes, states = _fixes(log), series(log)
+    if not fixes or not states:
+        return None
+    learned = {name: _learned(s) for name, s in states.items() if len(s.t) > 3}
+    judged = [n for n in learned if states[n].error is not None] or list(learned)
+    since = max((learned[n].settled_s for n in judged), default=0.0)
+    errors = {
+        group: np.stack([_normalised(states[n], since) for n in names], axis=1)
+        for group, names in GROUPS.items()
+        if all(n in states and states[n].error is not None for n in names)
+    }
+    errors = {group: z[np.isfinite(z).all(axis=1)] for group, z in errors.items()}
+    errors = {group: z for group, z in errors.items() if len(z) > 3}
+    updates = {name: update for name, path in fixes.items() if len((update := _updates(log, path, since)).nis) > 3}
+    tail = (1 - probability) / (2 * max(len(errors) + len(updates), 1))
+    aiding = {name: _aiding(update, tail) for name, update in updates.items()}
+    found = {
+        group: judge_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
+        for group, z in errors.items()
+    }
+    verdict = _together([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
+    return Navigation(verdict, probability, since, _base(log) or "", aiding, found, learned)
+
+
+def series(log: Log) -> dict[str, Series]:
+    """Every state that has a sigma, by name, where an estimate was made anew; with its error where the log has truth.
+
+    An estimate is of the time of its newest measurement, so it is compared with the truth of that time, except while
+    it coasts.
+    """
+    base = _base(log)
+    if base is None:
+        return {}
+    valid = _flag(log, "estimate.valid", True)
+    fresh = valid & _flag(log, "estimate.fresh", True)
+    rows = fresh if fresh.any() else valid
+    age = log["estimate.age"] if "estimate.age" in log else np.zeros(len(log))
+    of = (log.t - np.where(_flag(log, f"{base}.coasting", False), 0.0, age))[rows]
+    found = {}
+    for path in log.paths:
+        name = path.rpartition(".")[2].removeprefix("sigma_")
+        if path == f"{base}.sigma_{name}" and f"{base}.{name}" in log:
+            estimate, error = log[f"{base}.{name}"][rows], None
+            if f"truth.{name}" in log:
+                error = estimate - np.interp(of, log.t, log[f"truth.{name}"])
+                error = np.angle(np.exp(1j * error)) if name == "heading" else error
+            found[name] = Series(of, estimate, error, log[path][rows])
+    return found
+
+
+def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
+    """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom."""
+    found = {name: _updates(log, path, -np.inf) for name, path in _fixes(log).items()}
+    return {name: (u.t, u.nis, u.normalised.shape[1]) for name, u in found.items() if len(u.nis)}
+
+
+class _Updates(NamedTuple):
+    t: Any
+    nis: Any
+    normalised: Any
+    refused: int
+    unseen: int
+
+
+def _base(log: Log) -> str | None:
+    found = [p.rpartition(".")[0] for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading")]
+    return found[0] if found else None
+
+
+def _fixes(log: Log) -> dict[str, str]:
+    """Name of each aiding sensor -> path of its fix."""
+    ends = ("nis", "normalised", "used", "rejected")
+    found = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
+    return {p.rpartition(".")[2].removesuffix("_fix"): p for p in found if all(f"{p}.{end}" in log for end in ends)}
+
+
+def _flag(log: Log, path: str, otherwise: bool) -> Any:
+    return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
+
+
+def _updates(log: Log, path: str, since: float) -> _Updates:
+    """A measurement counts where the number of those used and refused rises from one row to the next."""
+    count, refused = log[f"{path}.used"] + log[f"{path}.rejected"].astype(np.int64), log[f"{path}.rejected"]
+    more = np.diff(count, prepend=0)
+    rows = (more > 0) & (log.t >= since) & np.isfinite(log[f"{path}.nis"])
+    values = log[f"{path}.normalised"][rows]
+    values = values[:, None] if values.ndim == 1 else values
+    new = np.diff(refused.astype(np.int64), prepend=0)[rows]
+    return _Updates(log.t[rows], log[f"{path}.nis"][rows], values, int(new.sum()), int((more[rows] - 1).sum()))
+
+
+def _aiding(u: _Updates, tail: float) -> Aiding:
+    dof = u.normalised.shape[1]
+    draws = np.mean(effective_draws(u.normalised)) * np.ones(dof)
+    white = whiteness(u.normalised, LAGS, 1 - 2 * tail) if len(u.nis) > 3 * LAGS and u.normalised.any() else None
+    nis = judge_average(float(np.mean(u.nis)), draws, dof, tail)
+    p = None if white is None else white.p
+    return Aiding(len(u.nis), u.refused, u.unseen, nis, None if white is None else white.white, p)
+
+
+def _normalised(s: Series, since: float) -> Any:
+    """Errors over sigmas, only where both are numbers."""
+    ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
+    return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
+
+
+def _learned(s: Series) -> Learned:
+    n = len(s.t)
+    late, third = np.max(s.sigma[3 * n // 4 :]), np.max(s.sigma[n // 2 : 3 * n // 4])
+    above = np.flatnonzero(~(s.sigma <= SETTLED * np.max(s.sigma[n // 2 :])))
+    settled = s.t[min(above[-1] + 1, n - 1) if len(above) else 0]
+    first = s.sigma[0]
+    trend = "growing" if late > 1.1 * third else "converging" if late < 0.9 * third else "converged"
+    trend = "unseen" if trend == "converged" and late > 0.8 * first else trend
+    return Learned(float(first), float(late), float(settled), trend)
+
+
+def _together(verdicts: list[str]) -> str:
+    """Too sure anywhere is too sure; a run is consistent where something says so and nothing contradicts."""
+    return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

@@ -1,0 +1,72 @@
+"""A picture of Allan deviations with what was fitted to them."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.identify.allan import FLICKER, AllanFit, interval
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+COLUMNS, WIDTH, ROW_HEIGHT = 3, 15.0, 4.0
+
+
+def plot_allan(
+    fits: Mapping[str, AllanFit],
+    units: Mapping[str, str] | None = None,
+    path: str | os.PathLike[str] | None = None,
+    title: str = "Allan deviation",
+) -> "Figure":
+    """Draw each Allan deviation with its 95 % bars, the fitted model, and the parts of it that are not nothing.
+
+    Args:
+        fits: by name.
+        units: of each, e.g. rad/s.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(COLUMNS, len(fits))
+    rows = -(-len(fits) // columns)
+    size = (WIDTH * columns / COLUMNS, 0.5 + rows * ROW_HEIGHT)
+    figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
+    every: Any = figure.subplots(rows, columns, squeeze=False)
+    for axes, (name, fit) in zip(every.flat, fits.items(), strict=False):
+        _draw(axes, name, fit, (units or {}).get(name, ""))
+    for axes in every.flat[len(fits) :]:
+        axes.set_axis_off()
+    figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
+    if path is not None:
+        save(figure, Path(path))
+    return figure
+
+
+def _draw(axes: Any, name: str, fit: AllanFit, unit: str) -> None:
+    low, high = interval(fit)
+    bars = np.stack([fit.deviation - low, high - fit.deviation])
+    axes.errorbar(fit.tau, fit.deviation, bars, fmt="o", ms=3.5, color=BLUE, lw=1, capsize=2, label="log, 95 %")
+    axes.plot(fit.tau, fit.model, color=VERMILION, lw=1.5, label="fitted")
+    parts = {
+        "N": (fit.white, fit.white.value / np.sqrt(fit.tau), "--"),
+        "B": (fit.flicker, fit.flicker.value * np.sqrt(FLICKER) * np.ones_like(fit.tau), ":"),
+        "K": (fit.walk, fit.walk.value * np.sqrt(fit.tau / 3), "-."),
+    }
+    for letter, (coefficient, line, style) in parts.items():
+        if coefficient.low > 0:
+            axes.plot(fit.tau, line, color=GREEN if letter == "K" else GREY, ls=style, lw=1, label=letter)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(0.6 * min(low.min(), fit.model.min()), 1.6 * max(high.max(), fit.model.max()))
+    axes.set_title(name, loc="left", fontsize=10, weight="bold")
+    axes.set_xlabel("averaging time (s)", fontsize=9)
+    axes.set_ylabel(unit, fontsize=9)
+    axes.grid(color="#d8d8d8", lw=0.6, which="both")
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.legend(fontsize=8, framealpha=0.9)

@@ -1,0 +1,108 @@
+"""A picture of a run's navigation: errors within the filter's own two sigmas, and how the measurements fared.
+
+Colours: Okabe and Ito, "Color universal design", 2008.
+"""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.logs.consistency import gate
+from trimtab.logs.log import Log
+from trimtab.logs.navigation import Series, innovations, navigation, series
+from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
+ROOM = 1.6
+"""The axes show so many times the band as it is late in the run: the start may lie far outside."""
+
+
+def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title: str = "Navigation") -> "Figure":
+    """Draw estimate minus truth with bands of two sigmas, biases as estimated, and NIS against its 95 % line.
+
+    Args:
+        log: of a run whose estimate carries sigmas and innovations.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above; the verdict stands beside it.
+    """
+    from matplotlib.figure import Figure
+
+    states, aided = series(log), innovations(log)
+    if not states:
+        problem = "the estimate in it carries no sigmas"
+        raise InputError("plot_navigation", problem, fix="log all signals of a run with an aided INS")
+    found = navigation(log)
+    known = [n for n in states if states[n].error is not None]
+    names = [*known, *(n for n in states if n not in known)]
+    rows = -(-(len(names) + len(aided)) // COLUMNS)
+    figure = Figure(figsize=(WIDTH, TOP + rows * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
+    every: Any = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
+    for axes, name in zip(every.flat, names, strict=False):
+        _draw_state(axes, name, states[name], _unit(log, name))
+    for axes, (name, one) in zip(every.flat[len(names) :], aided.items(), strict=False):
+        _draw_nis(axes, name, *one)
+    for axes in every.flat[len(names) + len(aided) :]:
+        axes.set_axis_off()
+    for axes in every.flat[max(0, len(names) + len(aided) - COLUMNS) : len(names) + len(aided)]:
+        axes.set_xlabel("time (s)", fontsize=9)
+        axes.tick_params(labelbottom=True)
+    ends = np.concatenate([s.t[[0, -1]] for s in states.values()])
+    every[0, 0].set_xlim(ends.min(), ends.max())
+    verdict = "" if found is None else f", {found.verdict}"
+    legend = "blue: error, or bias as estimated; grey: two sigmas; red: outside"
+    figure.suptitle(f"{title}{verdict}", fontsize=14, weight="bold", x=0.01, ha="left")
+    figure.text(0.99, 0.985, legend, fontsize=10, color=GREY, ha="right", va="top")
+    if path is not None:
+        save(figure, Path(path))
+    return figure
+
+
+def _unit(log: Log, name: str) -> str:
+    return next((log.unit(p) for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
+
+
+def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
+    """Error about zero, or the estimate by itself where there is no truth."""
+    middle = s.estimate if s.error is None else np.zeros(len(s.t))
+    shown = s.estimate if s.error is None else s.error
+    low, high = (decimate(s.t, middle + k * s.sigma) for k in (-2, 2))
+    axes.fill_between(low[0], low[1], np.interp(low[0], *high), color=GREY, alpha=0.25, lw=0)
+    axes.plot(*decimate(s.t, shown), color=BLUE, lw=0.9)
+    if s.error is not None:
+        outside = np.where(np.abs(s.error) > 2 * s.sigma, s.error, np.nan)
+        axes.plot(s.t, outside, color=VERMILION, lw=1.1, marker=".", ms=1.5)
+    late = slice(len(s.t) // 4, None)
+    centre = float(np.median(shown[late]))
+    reach = max(np.max(np.abs(shown[late] - centre)), np.max(2 * s.sigma[late] + np.abs(middle - centre)[late]))
+    if np.isfinite(reach) and reach > 0:
+        axes.set_ylim(centre - ROOM * reach, centre + ROOM * reach)
+    words = name.replace("_", " ")
+    inside = "" if s.error is None else f"{100 * np.mean(np.abs(s.error) <= 2 * s.sigma):.0f} % within"
+    _dress(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
+
+
+def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
+    """NIS of each update on a logarithmic scale, with what 95 % stay below, and the mean that is expected."""
+    limit = gate(dof, 0.95)
+    axes.plot(t, np.where(nis > 0, nis, np.nan), ".", color=BLUE, ms=3, alpha=0.5)
+    axes.plot(t, np.where(nis > limit, nis, np.nan), ".", color=VERMILION, ms=3)
+    axes.axhline(limit, color=GREY, lw=1, ls="--")
+    axes.set_yscale("log")
+    axes.set_ylim(1e-3, max(30.0, 2 * float(np.max(nis[np.isfinite(nis)], initial=1.0))))
+    _dress(axes, f"NIS of {name}", f"{100 * np.mean(nis <= limit):.0f} % below the 95 % line", "")
+
+
+def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+    axes.set_title(title, loc="left", fontsize=10, weight="bold")
+    axes.set_title(note, loc="right", fontsize=8, color=GREY)
+    axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
+    axes.grid(color="#d8d8d8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, length=2)
+    axes.spines[["top", "right"]].set_visible(False)

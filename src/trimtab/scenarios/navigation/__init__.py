@@ -1,0 +1,1 @@
+"""Navigation by itself: the rotating platform of the source, and a vehicle at rest."""

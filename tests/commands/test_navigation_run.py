@@ -1,0 +1,134 @@
+"""`trimtab run` of a scenario whose estimate knows its sigmas: verdict printed, in --json, drawn; warm without JAX."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.export.compiler import find_compiler
+
+BOAT = '''
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rng import normals
+from trimtab.core.signals import Estimate
+from trimtab.core.time import seconds
+from trimtab.estimators.navigation_state import HeadingFix, no_heading_fix
+from trimtab.links.wire import Wire
+from trimtab.scenarios import catalogue
+from trimtab.sensors.planar_navigation import PlanarNavigation
+
+
+@record
+class Told:
+    surge_velocity: Scalar = quantity("m/s", "Velocity.")
+    sway_velocity: Scalar = quantity("m/s", "Velocity.")
+    yaw_rate: Scalar = quantity("rad/s", "Rate.")
+    heading: Scalar = quantity("rad", "Heading.", kind="angle")
+    sigma_heading: Scalar = quantity("rad", "Standard deviation.")
+    heading_fix: HeadingFix = part("How the headings fared.")
+
+
+@record
+class Compass:
+    """Truth with white noise on the heading; it believes in noise of 0.01 rad."""
+
+    sigma: Scalar = quantity("rad", "What the noise is.", default=0.01)
+    listens = ("navigation",)
+
+    def init(self, key: Any) -> Any:
+        return key, no_heading_fix()
+
+    def step(self, t: Any, state: Any, frame: Any) -> Any:
+        (key, fix), s = state, frame.samples["navigation"]
+        z = normals(key, t, 1) * self.sigma / 0.01
+        new = replace(fix, normalised=z, nis=z[0] ** 2, used=fix.used + 1)
+        fix = jax.tree.map(lambda a, b: jnp.where(s.fresh, a, b), new, fix)
+        v = s.value
+        told = Told(v.surge_velocity, v.sway_velocity, v.yaw_rate, v.heading + 0.01 * z[0], np.float64(0.01), fix)
+        return (key, fix), Estimate(t=t, age=s.age, fresh=s.fresh, valid=s.valid, state=told)
+
+
+def scenario():
+    made, _ = catalogue.load("hovercraft/zero-velocity")
+    world = replace(made.world, sensors={"navigation": PlanarNavigation()}, downlink=Wire())
+    return replace(made, world=world, autopilot=replace(made.autopilot, estimator=Compass()), duration=seconds(1))
+'''
+
+
+@pytest.fixture
+def boat(tmp_path, monkeypatch):
+    (tmp_path / "boat.py").write_text(BOAT)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
+    return "boat.py:scenario"
+
+
+def call(*words):
+    done = CliRunner().invoke(main, ["run", *map(str, words)])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.mark.parametrize(("sigma", "verdict"), [(0.005, "pessimistic"), (0.01, "consistent"), (0.02, "optimistic")])
+def test_json_says_the_verdict(boat, sigma, verdict):
+    words = ("--no-ideal", "--json", "--set", f"autopilot.estimator.sigma={sigma}", "--backend", "jax")
+    found = json.loads(call(boat, *words))["navigation"]
+    assert found["verdict"] == verdict
+    assert set(found) == {"verdict", "probability", "since_s", "where", "aiding", "errors", "learned"}
+    heading = found["aiding"]["heading"]
+    assert (heading["white"], heading["unseen"], heading["nis"]["verdict"]) == (True, 0, verdict)
+    assert heading["nis"]["factor"] == pytest.approx(sigma / 0.01, rel=0.1)
+    assert found["errors"]["heading"]["verdict"] == verdict
+
+
+def test_table_and_second_picture(boat, tmp_path):
+    text = call(boat, "--no-ideal", "--plot", tmp_path / "flight.png", "--backend", "jax")
+    assert "heading innovations" in text
+    assert "navigation: consistent" in text
+    assert "sigma_" not in text
+    assert (tmp_path / "flight-navigation.png").read_bytes().startswith(b"\x89PNG")
+    assert "flight-navigation.png" in text.replace("\n", "")
+
+
+def test_other_scenarios_say_nothing_of_navigation(tmp_path, monkeypatch):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    assert "navigation" not in json.loads(call("hovercraft/spin", "--duration", "0.2", "--no-ideal", "--json"))
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_flown_again_it_is_judged_without_jax(boat, tmp_path):
+    code = f"""
+import sys
+sys.argv = ["trimtab", "run", {boat!r}, "--no-ideal"]
+from trimtab.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+print("jax" in sys.modules, "scipy.stats" in sys.modules)
+"""
+    where = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    import time
+
+    time.sleep(2.5)  # a file as new as the run itself is never trusted
+    said = []
+    for _ in range(2):
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=where, cwd=tmp_path, timeout=120, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout)
+    assert said[0].splitlines()[-1].startswith("True")
+    assert said[1].splitlines()[-1] == "False False"
+    assert said[0].splitlines()[:-1] == said[1].splitlines()[:-1]

@@ -1,0 +1,47 @@
+"""The picture of a run's navigation shows errors, bands and NIS of the log, and what lies outside."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms, to_seconds
+from trimtab.logs.log import Log
+from trimtab.plots.navigation import plot_navigation
+
+T = np.arange(0, ms(5000), ms(10))
+BASE = "estimate.state"
+
+
+@pytest.fixture(scope="module")
+def log():
+    g, n = np.random.default_rng(1), len(T)
+    signals = {"truth.heading": np.sin(to_seconds(T)), f"{BASE}.sigma_heading": np.full(n, 0.02)}
+    signals[f"{BASE}.heading"] = signals["truth.heading"] + 0.02 * g.standard_normal(n)
+    signals |= {f"{BASE}.gyro_bias": np.full(n, 0.03), f"{BASE}.sigma_gyro_bias": 0.1 / (1 + to_seconds(T))}
+    z = g.standard_normal((n, 1))
+    fix = {"nis": z[:, 0] ** 2, "normalised": z, "used": np.arange(n), "rejected": np.zeros(n, int)}
+    return Log(t=to_seconds(T), ticks=T, signals=signals | {f"{BASE}.heading_fix.{k}": v for k, v in fix.items()})
+
+
+def test_panels_show_error_bias_and_nis(log, tmp_path):
+    figure = plot_navigation(log, tmp_path / "n.png", title="Test")
+    titles = [axes.get_title("left") for axes in figure.axes]
+    assert titles == ["Heading error", "Gyro bias", "NIS of heading"]
+    heading, bias, nis = figure.axes
+    np.testing.assert_allclose(heading.lines[0].get_ydata(), log[f"{BASE}.heading"] - log["truth.heading"], atol=1e-12)
+    band = heading.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (pytest.approx(-0.04), pytest.approx(0.04))
+    outside = heading.lines[1].get_ydata()
+    assert (np.abs(outside[np.isfinite(outside)]) > 0.04).all()
+    assert np.isfinite(outside).any()
+    np.testing.assert_array_equal(bias.lines[0].get_ydata(), 0.03)
+    assert len(nis.lines[0].get_ydata()) == len(T) - 1  # the first row holds no update
+    assert "consistent" in figure.get_suptitle()
+    assert imread(tmp_path / "n.png").std() > 0.05
+
+
+def test_a_log_without_sigmas_is_refused(log):
+    bare = Log(t=log.t, ticks=log.ticks, signals={"truth.heading": log["truth.heading"]})
+    with pytest.raises(InputError, match="no sigmas"):
+        plot_navigation(bare)
