@@ -17,6 +17,13 @@ SCENARIO = click.argument("scenario", metavar="SCENARIO")
 JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
 
+NAVIGATION = click.option(
+    "--navigation",
+    metavar="KIND",
+    help="What it finds its way with, e.g. ins; `trimtab list SCENARIO` has the choices.",
+)
+
+
 class Verbs(click.Group):
     """The verbs; input that is refused ends with the fix on standard error and exit code 2."""
 
@@ -40,6 +47,8 @@ def main() -> None:
     trimtab list hovercraft/spin                     every setting of one, with unit and meaning
     trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
+    trimtab run hovercraft/forward --navigation ins  flown on IMU and ultrasonic network, not on an error model
+    trimtab budget hovercraft/forward                what each imperfection costs
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     """
@@ -103,6 +112,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting; repeatable."
 )
+@NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
@@ -116,6 +126,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 def run(
     scenario: str,
     settings: dict[str, str],
+    navigation: str | None,
     without: tuple[str, ...],
     seed: int,
     duration: str | None,
@@ -134,12 +145,46 @@ def run(
     trimtab run hovercraft/heading-bang-bang --set initial=rest --seed 3
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
+    trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
     """
     from trimtab.commands.fly_scenario import Request, fly
 
     if duration is not None:
         settings["duration"] = duration
+    if navigation is not None:
+        settings["navigation"] = navigation
     fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend))
+
+
+@main.command()
+@SCENARIO
+@click.option(
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting; repeatable."
+)
+@NAVIGATION
+@click.option("--without", multiple=True, metavar="FAULT", help="Leave one imperfection out of it all; repeatable.")
+@click.option("--only", multiple=True, metavar="FAULT", help="Only what this one costs; repeatable.  [default: every]")
+@click.option("--runs", type=click.IntRange(1), default=20, show_default=True, help="Flights in each set.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the first flight.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of the costs.")
+@JSON
+def budget(navigation: str | None, as_json: bool, **asked: Any) -> None:
+    """Say what each imperfection of a scenario costs.
+
+    The same flights with all imperfections, without each, with each alone, and with none: how far the vehicle is from
+    its targets in the second half, and how far its navigation from the truth.
+
+    \b
+    trimtab budget hovercraft/forward
+    trimtab budget hovercraft/zero-velocity --navigation ins --runs 40 --plot budget.png
+    trimtab budget hovercraft/spin --only navigation-error --only uplink-delay --json
+    """
+    from trimtab.commands.budget import Request
+    from trimtab.commands.budget import budget as carry_out
+
+    if navigation is not None:
+        asked["settings"]["navigation"] = navigation
+    carry_out(Request(**asked, as_json=as_json))
 
 
 @main.command()

@@ -28,15 +28,14 @@ def budget(request: Request) -> None:
     """Everything is checked before anything runs."""
     from trimtab.commands.cache import use_cache
     from trimtab.commands.fly_scenario import Request as Flight
-    from trimtab.commands.fly_scenario import build, picture_file
+    from trimtab.commands.fly_scenario import build, check_picture
     from trimtab.commands.progress import progress
     from trimtab.run.error_budget import error_budget, sets_of_flights
     from trimtab.run.program import check_seed
 
     check_seed(request.seed)
     scenario = build(Flight(request.scenario, request.settings, request.without))
-    if request.plot is not None:
-        picture_file(request.plot)
+    check_picture(request.plot, None)
     use_cache()
     seeds = range(request.seed, request.seed + request.runs)
     with progress(sets_of_flights(scenario, request.only)) as tell:

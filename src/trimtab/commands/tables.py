@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from trimtab.commands.calibrate import Axis
     from trimtab.identify.allan import Coefficient
     from trimtab.logs.navigation import Navigation
+    from trimtab.run.error_budget import Budget
     from trimtab.studies.row import Row
 
 METRICS = {
@@ -171,6 +172,35 @@ def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
 
 def _coefficient(c: "Coefficient") -> str:
     return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"
+
+
+def print_budget(title: str, found: "Budget") -> None:
+    """What each imperfection costs: its share of each mean square, and each rms with it alone."""
+    from trimtab.run.error_budget import share
+
+    screen, measures = console(), list(found.units)
+    heads = [f"{m.replace('_', ' ')} ({found.units[m]})" for m in measures]
+    table = _table(title=f"{title}: rms over the second half", title_justify="left")
+    table.add_column("imperfection", no_wrap=True)
+    for head in heads:
+        table.add_column(head, justify="right")
+    for name, row in (("all", found.whole), ("none", found.least)):
+        table.add_row(name, *(_rms(*row[m]) for m in measures), end_section=name == "none")
+    for cost in found.costs:
+        table.add_row(f"{cost.name} alone", *(_rms(*cost.alone[m]) for m in measures))
+    screen.print(table)
+    table = _table(title="Share of the mean square that goes when it is switched off", title_justify="left")
+    table.add_column("imperfection", no_wrap=True)
+    for head in measures:
+        table.add_column(head.replace("_", " "), justify="right")
+    for cost in found.costs:
+        table.add_row(cost.name, *(f"{100 * share(found, cost, m):.1f} %" for m in measures))
+    screen.print(table)
+    click.echo("± one standard error; shares need not add up to 100 % (docs, Error budget)")
+
+
+def _rms(value: float, error: float) -> str:
+    return f"{value:.4f} ± {error:.4f}"
 
 
 def print_rows(title: str, rows: Iterable["Row"]) -> None:

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
+from trimtab.logs.navigation import series
 from trimtab.loop.scenario import Scenario
 from trimtab.run.simulate import simulate_many
 
@@ -23,7 +25,7 @@ NAVIGATED = {
     "heading": ("heading",),
 }
 """What of an estimate is compared with the truth, by measure."""
-UNITS = {"position": "m", "velocity": "m/s", "heading": "rad"}
+UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
@@ -110,10 +112,8 @@ def share(budget: Budget, cost: Cost, measure: str) -> float:
 
 
 def _units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:
-    from trimtab.core.record import declarations
-
-    declared = declarations(scenario.initial)
-    return {m: UNITS[m] if m in UNITS else declared[m].unit for m in measures}
+    declared = {path: d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
+    return {m: UNITS.get(m) or declared[m] for m in measures}
 
 
 def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, float]]:
@@ -125,19 +125,13 @@ def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, flo
             path = full_path(target.path)
             away = log[path][late] - target.value
             squares.setdefault(path.removeprefix("truth."), []).append(float(np.mean(away**2)))
+        states = series(log)
         for measure, signals in NAVIGATED.items():
-            paths = [(f"estimate.state.{s}", f"truth.{s}") for s in signals]
-            if all(a in log and b in log for a, b in paths):
-                errors = [navigation_error(log, s)[late] for s in signals]
-                squares.setdefault(measure, []).append(float(np.mean(np.sum(np.square(errors), axis=0))))
+            seen = [states[s] for s in signals if s in states and states[s].error is not None]
+            if len(seen) == len(signals):
+                square = sum(np.mean(one.error[one.t >= half] ** 2) for one in seen)
+                squares.setdefault(f"{measure} error", []).append(float(square))
     return {measure: _root(np.array(values)) for measure, values in squares.items()}
-
-
-def navigation_error(log: Log, signal: str) -> Any:
-    """Estimate less truth (n,) of a signal such as "north", at the time of the estimate's newest measurement."""
-    then = np.interp(log.t - log["estimate.age"], log.t, log[f"truth.{signal}"])
-    error = log[f"estimate.state.{signal}"] - then
-    return (error + np.pi) % (2 * np.pi) - np.pi if signal == "heading" else error
 
 
 def _root(squares: Any) -> tuple[float, float]:
