@@ -1,0 +1,27 @@
+"""The picture of an error budget shows what is in it."""
+
+import numpy as np
+
+from trimtab.plots.error_budget import plot_error_budget
+from trimtab.run.error_budget import Budget, Cost
+
+DEAR = Cost("noise", {"yaw_rate": (0.1, 0.01), "x": (2.0, 0.0)}, {"yaw_rate": (0.4, 0.02), "x": (1.0, 0.1)})
+CHEAP = Cost("delay", {"yaw_rate": (0.5, 0.01), "x": (2.0, 0.0)}, {"yaw_rate": (0.0, 0.0), "x": (0.0, 0.0)})
+FOUND = Budget(
+    {"yaw_rate": "rad/s", "x": "1"},
+    {"yaw_rate": (0.5, 0.01), "x": (2.0, 0.1)},
+    {"yaw_rate": (0.05, 0.0), "x": (0.0, 0.0)},
+    (DEAR, CHEAP),
+)
+
+
+def test_a_panel_for_each_measure_and_a_row_for_each_imperfection(tmp_path):
+    figure = plot_error_budget(FOUND, tmp_path / "budget.png", title="a flight")
+    assert (tmp_path / "budget.png").stat().st_size > 5000
+    first, second = figure.axes
+    assert (first.get_title(), first.get_xlabel(), second.get_xlabel()) == ("yaw rate", "rms (rad/s)", "rms")
+    assert [label.get_text() for label in first.get_yticklabels()] == ["noise", "delay"]
+    dots = [np.asarray(line.get_xdata()) for line in first.get_lines() if line.get_marker() == "o"]
+    np.testing.assert_array_equal(dots, [[0.4, 0.0], [0.1, 0.5]])
+    low, high = first.get_ylim()
+    assert low > high  # the dearest is at the top

@@ -1,0 +1,66 @@
+"""The error budget: independent effects add up, what is off costs nothing, and the source's finding."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.time import seconds
+from trimtab.run.error_budget import error_budget, sets_of_flights, share
+from trimtab.run.simulate import simulate_many
+from trimtab.scenarios import catalogue
+
+
+@pytest.fixture(scope="module")
+def forward():
+    scenario, _ = catalogue.load("hovercraft/forward")
+    return replace(scenario, duration=seconds(12))
+
+
+@pytest.fixture(scope="module")
+def found(forward):
+    told = []
+    budget = error_budget(forward, seeds=range(12), names=["navigation-error", "uplink-delay"], tell=told.append)
+    return budget, told
+
+
+def test_noise_of_navigation_is_what_limits_the_vehicle(found):
+    """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause; specification check 14."""
+    budget, _ = found
+    dearest = {c.name: c for c in budget.costs}["navigation-error"]
+    assert share(budget, dearest, "sway_velocity") > 0.99
+    assert share(budget, dearest, "yaw_rate") > 0.99
+    for measure in ("sway_velocity", "yaw_rate"):
+        assert dearest.alone[measure][0] > 0.6 * budget.whole[measure][0]
+        assert budget.least[measure][0] < 1e-9
+
+
+def test_rows_are_what_the_same_flights_give(forward, found):
+    budget, told = found
+    assert told == ["all", "none"] + [
+        f"{how}" for n in ("navigation-error", "uplink-delay") for how in (f"without {n}", f"{n} alone")
+    ]
+    assert len(told) == sets_of_flights(forward, ["navigation-error", "uplink-delay"])
+    logs = simulate_many(forward.without("uplink-delay"), seeds=range(12), signals=("truth",))
+    squares = [np.mean(log["truth.yaw_rate"][log.t >= 6] ** 2) for log in logs]
+    row = {c.name: c for c in budget.costs}["uplink-delay"].without["yaw_rate"]
+    assert row[0] == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-9)
+    assert row[1] == pytest.approx(np.std(squares, ddof=1) / np.sqrt(12) / 2 / row[0], rel=1e-9)
+    assert dict(budget.units) == {"surge_velocity": "m/s", "sway_velocity": "m/s", "yaw_rate": "rad/s"}
+    first = [c.without["surge_velocity"][0] for c in budget.costs]
+    assert first == sorted(first)
+
+
+def test_what_is_off_already_costs_nothing(forward):
+    quiet = forward.without("navigation-error")
+    budget = error_budget(quiet, seeds=[3], names=["navigation-error"])
+    (cost,) = budget.costs
+    assert cost.without == budget.whole
+    assert cost.alone == budget.least
+
+
+def test_bad_input_is_refused(forward):
+    with pytest.raises(InputError, match="no imperfection 'wind'"):
+        error_budget(forward, names=["wind"])
+    with pytest.raises(InputError, match="no seeds"):
+        error_budget(forward, seeds=[])
