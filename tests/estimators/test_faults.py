@@ -91,6 +91,15 @@ def position_again(sent):
     return sent
 
 
+def frozen_imu(sent):
+    return given(sent, felt=(np.tile(sent.felt[500], (N, 1)), AFTER))
+
+
+def imu_clock_backwards(sent):
+    """By more than the rest of the flight; when it has caught up, its samples are late by that, as `age` tells."""
+    return given(sent, felt_t=(sent.felt_t - 520 * TICK, AFTER))
+
+
 def imu_clock_stops(sent):
     return given(sent, felt_t=(np.full(N, sent.felt_t[500]), AFTER))
 
@@ -149,6 +158,8 @@ FAULTS = {
     "IMU packets twice": Fault(imu_twice, lambda s: s.imu.duplicates > 0),
     "position packets again": Fault(position_again, lambda s: s.position_sensor.duplicates > 0),
     "IMU clock stands still": Fault(imu_clock_stops, lambda s: s.imu.duplicates > 0, EVERYTHING, left_out=SILENT),
+    "IMU clock goes back": Fault(imu_clock_backwards, lambda s: s.imu.backwards, EVERYTHING, left_out=SILENT),
+    "frozen IMU": Fault(frozen_imu, lambda s: s.imu.frozen),
     "position clock goes back": Fault(position_clock_backwards, lambda s: s.position_sensor.late > 0, ("north",)),
     "position from the future": Fault(position_from_the_future, lambda s: s.position_sensor.invalid > 0, ("north",)),
     "motor beside the compass": Fault(motor_beside_the_compass, lambda s: s.heading_fix.rejected_in_a_row > 5),

@@ -201,7 +201,8 @@ def _motion(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
     sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
     node, rate, variance = lax.cond(silent, lambda: _coasted(form, node, age), lambda: sampled)
     x, P = form.belief(node)
-    belief = Belief(x, P + jnp.diag(form.noise.constant()))
+    i = np.array([0, 3, 4])  # the others have no constant part
+    belief = Belief(x, P.at[i, i].add(form.noise.constant()[i]))
     return at_reference(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
 
 
