@@ -113,16 +113,20 @@ def fly(
 
 def _long(entry: Any, job: Job, threads: int, progress: Callable[[int], None] | None) -> None:
     """Fly beside the interpreter, so that Ctrl-C ends it: after the runs that are under way."""
-    flying = threading.Thread(target=entry, args=(ctypes.byref(job), threads))
-    flying.start()
+    landed = threading.Event()  # a join that Ctrl-C breaks off takes a thread that still flies for ended
+
+    def flight() -> None:
+        entry(ctypes.byref(job), threads)
+        landed.set()
+
+    threading.Thread(target=flight).start()
     try:
-        while flying.is_alive():
-            flying.join(0.1)
+        while not landed.wait(0.1):
             if progress is not None:
                 progress(min(job.done, job.runs))
     finally:
         job.stop = 1
-        flying.join()
+        landed.wait()
     if progress is not None:
         progress(min(job.done, job.runs))
 
