@@ -82,7 +82,7 @@ class UltrasonicInertial:
 
     positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
     inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
-    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.006, above=0)
+    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.005, above=0)
     unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)
     field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
     magnetometer: str = option("Name of the magnetometer; empty: heading from two units, if there are two.", default="")

@@ -33,12 +33,12 @@ CEILING, SPACING = 4.0, 3.4
 """Height of the beacons and distance between them (m): from anywhere on the floor four or more are in their cones."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
-    gyro_walk=1e-5,
+    gyro_walk=1e-6,
     forward=6.8e-3,
     starboard=6.8e-3,
-    force_walk=1e-3,
-    position_constant=0.01,
-    heading_constant=0.01,
+    force_walk=3e-4,
+    position_constant=0.008,
+    heading_constant=0.012,
 )
 """IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
