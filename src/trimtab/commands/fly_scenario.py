@@ -102,6 +102,7 @@ def _first(request: Request) -> Flown:
     from concurrent.futures import ThreadPoolExecutor
 
     from trimtab.commands.cache import use_cache
+    from trimtab.commands.progress import waiting
     from trimtab.commands.sources import files_read, loaded_files
     from trimtab.run.prepare import use_c
     from trimtab.run.simulate import compile_scenario, simulate
@@ -120,7 +121,9 @@ def _first(request: Request) -> Flown:
             twin = compile_scenario(scenario.ideal()) if request.ideal else None
             programs.append(Ready(scenario.name, real.result(), twin, targets))
 
-    if use_c(request.backend, compiled):
+    with waiting(f"compiling {scenario.name}; the next run starts at once"):
+        flies_c = use_c(request.backend, compiled)
+    if flies_c:
         files = [*loaded_files(), *read]
         remember(key_of(request.scenario, request.settings, request.without, request.ideal), programs[0], files)
         return _fly(programs[0], request.seed, started)

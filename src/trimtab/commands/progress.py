@@ -18,3 +18,15 @@ def progress(total: int) -> Iterator[Callable[[str, int], None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda text, done: bar.update(task, description=text, advance=done)
+
+
+@contextmanager
+def waiting(text: str) -> Iterator[None]:
+    """A spinner that says what is waited for, and vanishes; nothing where standard error is no terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield

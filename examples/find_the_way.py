@@ -1,0 +1,26 @@
+"""Fly the hovercraft on its own navigation: inertial unit, ultrasonic network, filters; and ask how good it was."""
+
+import numpy as np
+
+from trimtab.logs.navigation import navigation, series
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+
+def main() -> None:
+    """Spin on the spot at 3 rad/s, radio in the loop."""
+    scenario, _ = catalogue.load("hovercraft/spin", {"navigation": "ins"})
+    log = simulate(scenario, seed=1)
+    for name, state in series(log).items():
+        if state.error is not None:
+            late = state.t > 5
+            rms = np.sqrt(np.mean(state.error[late] ** 2))
+            unit = log.unit(f"truth.{name}")
+            print(f"{name:15s} rms error {rms:.4f} {unit:6s} the filter says {state.sigma[late].mean():.4f}")
+    judged = navigation(log)
+    assert judged is not None
+    print(f"navigation: {judged.verdict}")
+
+
+if __name__ == "__main__":
+    main()
