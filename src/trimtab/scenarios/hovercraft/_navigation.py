@@ -27,7 +27,7 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled"]
 """errors: the source's error model. ins: IMU, ultrasonic network and dual filters, heading from two units.
-ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, which reads no heading."""
+ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, so that positions teach headings."""
 
 CEILING, SPACING = 4.0, 3.4
 """Height of the beacons and distance between them (m): from anywhere on the floor four or more are in their cones."""
@@ -76,8 +76,10 @@ def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Fl
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
     inertial: Any = AidedInertialFeedback(noise=NOISE, start=START)
+    if navigation == "ins-magnetometer":
+        inertial = replace(inertial, noise=replace(NOISE, heading_constant=0.0))
     if navigation == "ins-coupled":
-        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=Intake(heading=""))
+        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=Intake())
     estimator = UltrasonicInertial(
         positioning=RangingPosition(beacons=beacons.map, units=PAIR),
         inertial=inertial,
