@@ -1,0 +1,79 @@
+"""What the rig's scenarios share: platform, inertial unit, aided inertial navigation.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
+6.2.1. Fitted to its figures, as docs Errata says: latencies, tilt.
+"""
+
+import math
+from typing import Any, Literal
+
+from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.core.time import seconds
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
+from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
+from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
+from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.laws.turntable import Turntable
+from trimtab.links.wire import Wire
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
+
+Covariance = Literal["consistent", "literal"]
+Form = Literal["feedforward", "feedback", "direct", "coupled"]
+FORMS: dict[str, Any] = {
+    "feedforward": AidedInertialFeedforward,
+    "feedback": AidedInertialFeedback,
+    "direct": AidedInertialDirect,
+    "coupled": AidedInertialCoupled,
+}
+DEG = math.pi / 180
+ARM = 0.3048
+TILT = 0.49 * DEG
+"""Of the spin axis: fitted, one number for two figures. Its direction is that of magnetic north, so that a compass
+that knows nothing of the tilt is not off; another would add a constant to its heading."""
+LEAN = math.atan2(-3.93e-6, 2.047e-5)
+
+
+def rig(
+    name: str,
+    sensors: dict[str, Any],
+    law: Turntable,
+    *,
+    arm: float = ARM,
+    intake: Intake,
+    covariance: Covariance = "consistent",
+    form: Form = "feedforward",
+    duration_s: float = 30.0,
+    estimator: Any = None,
+) -> Scenario:
+    """A scenario on the rig.
+
+    Args:
+        name: in the catalogue.
+        sensors: of the world, by name.
+        law: how the platform turns.
+        arm: from the axis to the body (m).
+        intake: which samples navigation reads.
+        covariance: how its noise enters.
+        form: of the aided inertial navigation.
+        duration_s: length (s).
+        estimator: made of the navigation before it flies, or None.
+    """
+    platform = RotatingPlatform(arm=arm, tilt=TILT, lean=LEAN)
+    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance))
+    world = World(
+        vehicle=platform,
+        sensors=sensors,
+        downlink=Wire(),
+        uplink=Wire(),
+        actuators=DirectActuation(neutral_input=PlatformDrive(rate=0.0)),
+    )
+    navigation = navigation if estimator is None else estimator(navigation)
+    autopilot = Autopilot(estimator=navigation, law=law, allocation=DirectAllocation())
+    return Scenario(
+        world=world, autopilot=autopilot, initial=platform.rest(), duration=seconds(duration_s), name=name
+    )
