@@ -17,7 +17,9 @@ from trimtab.sensors.magnetometer import Magnetometer
 class HeadingReading:
     """A measured heading. Source: docs page, Heading."""
 
-    heading: Scalar = quantity("rad", "Angle from north to the body's x axis, clockwise; any equal of it.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise; any equal of it.", kind="angle"
+    )
 
 
 @record

@@ -5,10 +5,13 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
-from trimtab.core.time import seconds
+from trimtab.core.time import seconds, to_seconds
+from trimtab.environment.gravity import STANDARD
+from trimtab.environment.magnetic import COLLEGE_PARK
 from trimtab.estimators.aided_inertial import Intake
 from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
 from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
@@ -17,12 +20,14 @@ from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforwa
 from trimtab.estimators.dual_filter import InertialNoise
 from trimtab.laws.turntable import Turntable
 from trimtab.links.wire import Wire
+from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
 from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
 
 Covariance = Literal["consistent", "literal"]
+"""How process noise enters: units mended, or as printed."""
 Form = Literal["feedforward", "feedback", "direct", "coupled"]
 FORMS: dict[str, Any] = {
     "feedforward": AidedInertialFeedforward,
@@ -35,7 +40,11 @@ ARM = 0.3048
 TILT = 0.49 * DEG
 """Of the spin axis: fitted, one number for two figures. Its direction is that of magnetic north, so that a compass
 that knows nothing of the tilt is not off; another would add a constant to its heading."""
-LEAN = math.atan2(-3.93e-6, 2.047e-5)
+LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
+FIX_INTERVAL = seconds(1)
+"""Time between positions: reconstructed; the source's own simulation renews its navigation errors once a second."""
+LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
+"""What the lean does to a level navigation between two positions, as white noise of each sample of force (m^2/s^4)."""
 
 
 def rig(
@@ -47,7 +56,7 @@ def rig(
     intake: Intake,
     covariance: Covariance = "consistent",
     form: Form = "feedforward",
-    duration_s: float = 30.0,
+    noise: Mapping[str, float] | None = None,
     estimator: Any = None,
 ) -> Scenario:
     """A scenario on the rig.
@@ -60,11 +69,12 @@ def rig(
         intake: which samples navigation reads.
         covariance: how its noise enters.
         form: of the aided inertial navigation.
-        duration_s: length (s).
+        noise: what a consistent filter must believe besides the printed numbers; the literal one has those alone.
         estimator: made of the navigation before it flies, or None.
     """
     platform = RotatingPlatform(arm=arm, tilt=TILT, lean=LEAN)
-    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance))
+    believed = noise if noise and covariance == "consistent" else {}
+    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
     world = World(
         vehicle=platform,
         sensors=sensors,
@@ -74,6 +84,12 @@ def rig(
     )
     navigation = navigation if estimator is None else estimator(navigation)
     autopilot = Autopilot(estimator=navigation, law=law, allocation=DirectAllocation())
+    targets = (Target("truth.yaw_rate", law.rate, 0.02),) if law.waveform == "constant" else ()
     return Scenario(
-        world=world, autopilot=autopilot, initial=platform.rest(), duration=seconds(duration_s), name=name
+        world=world,
+        autopilot=autopilot,
+        initial=platform.rest(),
+        duration=seconds(30),
+        targets=targets,
+        name=name,
     )
