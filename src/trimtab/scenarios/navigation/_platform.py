@@ -53,6 +53,7 @@ def rig(
     law: Turntable,
     *,
     arm: float = ARM,
+    time_constant: float = 0.1,
     intake: Intake,
     covariance: Covariance = "consistent",
     form: Form = "feedforward",
@@ -66,13 +67,14 @@ def rig(
         sensors: of the world, by name.
         law: how the platform turns.
         arm: from the axis to the body (m).
+        time_constant: of the motor (s); between 0.05 and 0.1, reconstructed.
         intake: which samples navigation reads.
         covariance: how its noise enters.
         form: of the aided inertial navigation.
         noise: what a consistent filter must believe besides the printed numbers; the literal one has those alone.
         estimator: made of the navigation before it flies, or None.
     """
-    platform = RotatingPlatform(arm=arm, tilt=TILT, lean=LEAN)
+    platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
     believed = noise if noise and covariance == "consistent" else {}
     navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
     world = World(

@@ -28,6 +28,7 @@ def scenario(
         sensors,
         Turntable(rate=166 * DEG, cycle=2.0, waveform="square"),
         arm=0.0,
+        time_constant=0.07,
         intake=Intake(position=""),
         covariance=covariance,
         form=form,
