@@ -89,7 +89,7 @@ class RotatingPlatform:
     def rest(self, heading: float = 0.0) -> PlatformState:
         """Standing still at a heading (rad)."""
         place = self._leaning() @ (self.arm * jnp.stack([jnp.sin(heading), -jnp.cos(heading), 0.0]))
-        return PlatformState(heading, 0.0, 0.0, 0.0, float(place[0]), float(place[1]))
+        return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
 
     def _leaning(self) -> Any:
         """The turn T (3, 3) of the upright platform into the leaning one."""
