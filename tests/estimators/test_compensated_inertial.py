@@ -1,10 +1,12 @@
 """Navigation behind the gyro's inverse: what reaches it is the compensator's output, sample by sample."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
+from estimators.flights import QUICK, TICK, fly_frames, rest, ride, ticks, turn
 
-from estimators.flights import TICK, fly_frames, rest, ride, ticks, turn
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.time import ms
@@ -28,15 +30,20 @@ def sampled(rates):
     return given
 
 
-def rates_told(given, form=BEHIND):
-    """The last compensated rate (n, 3) after each frame."""
-    step = jax.jit(lambda s, f: form.step(f.t, s, f)[0])
-    state, out = strong(form.init(key(0))), []
-    frames = given.frames(form.navigation)
-    for k in range(len(given.now)):
-        state = step(state, jax.tree.map(lambda a, k=k: a[k], frames))
-        out.append(np.asarray(state.rate))
-    return np.array(out)
+@partial(jax.jit, compiler_options=QUICK)
+def flown(given):
+    """The last compensated rate (n, 3) and the estimate after each frame."""
+
+    def step(state, frame):
+        state, estimate = BEHIND.step(frame.t, state, frame)
+        return state, (state.rate, estimate)
+
+    return jax.lax.scan(step, strong(BEHIND.init(key(0))), given)[1]
+
+
+def rates_told(given):
+    """About z (n,)."""
+    return np.asarray(flown(given.frames(PLAIN))[0])[:, 2]
 
 
 def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
@@ -48,19 +55,14 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     slow = jax.lax.scan(gyro.respond, gyro.start(swung[0, 0]), swung[:, 0])[1]
     direct, behind = given._replace(felt=swung), given._replace(felt=np.column_stack([slow, swung[:, 1:]]))
     wanted, _ = fly_frames(PLAIN, direct.frames(PLAIN))
-    got = _fly(behind)
+    got = flown(behind.frames(PLAIN))[1]
     np.testing.assert_allclose(got.state.heading, wanted.state.heading, atol=1e-10)
     np.testing.assert_allclose(got.state.yaw_rate, wanted.state.yaw_rate, atol=1e-9)
 
 
-def _fly(given):
-    step = lambda s, f: BEHIND.step(f.t, s, f)  # noqa: E731
-    return jax.jit(lambda frames: jax.lax.scan(step, strong(BEHIND.init(key(0))), frames)[1])(given.frames(PLAIN))
-
-
 def test_rates_are_the_difference_equation():
-    y = np.random.default_rng(0).normal(size=30)
-    got = rates_told(sampled(y))[:, 2]
+    y = np.random.default_rng(0).normal(size=N)
+    got = rates_told(sampled(y))
     c = GyroCompensator()
     b0, past = 1 + c.a1 + c.a2, np.concatenate([[y[0], y[0]], y])
     wanted = (past[2:] + c.a1 * past[1:-1] + c.a2 * past[:-2]) / b0
@@ -69,7 +71,7 @@ def test_rates_are_the_difference_equation():
 
 @pytest.mark.parametrize("spoilt", ["nan", "stale", "gap"])
 def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
-    y = np.full(30, 0.7)
+    y = np.full(N, 0.7)
     given = sampled(y)
     if spoilt == "nan":
         given.felt[10] = np.nan
@@ -77,9 +79,9 @@ def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
         given.felt_fresh[10] = False
         given.felt[10, 0] = 99.0
     else:
-        later = np.arange(30) * TICK + np.where(np.arange(30) >= 10, ms(50), 0)
+        later = np.arange(N) * TICK + np.where(np.arange(N) >= 10, ms(50), 0)
         given = given._replace(now=later, felt_t=later)
-    np.testing.assert_allclose(rates_told(given)[:, 2], 0.7, atol=1e-12)
+    np.testing.assert_allclose(rates_told(given), 0.7, atol=1e-12)
 
 
 def test_it_refuses_what_the_navigation_refuses():

@@ -1,4 +1,6 @@
-"""The rotating platform of the source: acceptance checks 20 and 21 of the specification, with its covariances as printed.
+"""The rotating platform of the source: acceptance checks 20 and 21 of the specification.
+
+Covariances are as printed.
 
 Bands are regression bands around what an independent program of the source's filters gave; the printed figures are
 those of [1] table 6.7. Fitted to them: latencies 87 and 120 ms, tilt 0.49 deg. Errors are taken at the time that an
@@ -52,7 +54,6 @@ def rms_errors(batch):
     return np.array(found)
 
 
-@pytest.mark.slow
 def test_check_20_heading_of_the_magnetometer():
     """[1] table 6.7: 0.5 deg at -166 deg/s; 0.45 to 0.70. Its rate error with the tachometer's noise: 3.7 deg/s."""
     heading, rate, *_ = np.median(rms_errors(flown("platform-magnetometer")), axis=0)
@@ -70,7 +71,6 @@ def test_check_20_heading_of_the_crickets():
         assert low <= got <= high
 
 
-@pytest.mark.slow
 def test_check_21_position_and_velocity_with_the_encoder():
     """[1] table 6.7: 3.4 cm, 7.5 cm/s at -166 deg/s; 3.0-3.9 and 6.5-8.3."""
     _, _, position, velocity = np.median(rms_errors(flown("platform-encoder")), axis=0)
@@ -89,7 +89,7 @@ def test_check_21_position_and_velocity_with_the_crickets():
 
 @pytest.mark.slow
 def test_check_21_heading_of_two_units_raw_and_assisted():
-    """[1] section 6.2.1: about 25 deg, with inertial assistance about 10; 22-30 and 8-13. Geometry by complex numbers."""
+    """[1] section 6.2.1: about 25 deg, with inertial assistance about 10; 22-30 and 8-13."""
     scenario, _ = catalogue.load("navigation/platform-cricket", {"covariance": "literal"})
     signals = ("truth.heading", "sensors.unit_a", "sensors.unit_b", "estimate.state.north", "estimate.state.east")
     raw, assisted = [], []
