@@ -9,12 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.float64 import jax
+from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.ranging_position import RangingPosition
 from trimtab.estimators.two_unit_heading import assisted_heading, two_unit_heading
 from trimtab.loop.settings import with_settings
 from trimtab.run.batch import Batch, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.navigation.platform_cricket import BASE
+from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 SEEDS = range(20)
 SETTLED = 10.0
@@ -92,6 +95,31 @@ def two_units(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, f
         found.append([np.degrees(_rms(_wrapped(np.asarray(h) - log["truth.heading"][came]))) for h in both])
     raw, helped = np.median(found, axis=0)
     return float(raw), float(helped)
+
+
+@cache
+def network(rate: str) -> tuple[float, float]:
+    """What the simulated ultrasonic network gives on the rig at a rate (deg/s), with nothing fitted, over eight runs.
+
+    Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
+    the error (deg, rms) of the heading of both units when the replies to unit B are in.
+    """
+    scenario, _ = catalogue.load("navigation/platform-cricket", {"rate": rate})
+    units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])
+    ranging = UltrasonicRanging(units=units, clients=2)
+    locate = RangingPosition(units=units, beacons=np.asarray(ranging.beacons.map))
+    scenario = replace(
+        scenario,
+        world=replace(scenario.world, sensors={"ranging": ranging}),
+        autopilot=replace(scenario.autopilot, estimator=locate),
+    )
+    path = "estimate.state"
+    signals = ("truth.heading", "estimate.age", "estimate.fresh", f"{path}.heading", f"{path}.unit")
+    batch = simulate_batch(scenario, seeds=range(8), signals=signals, log_period=ms(1), log=True)
+    came = batch.log["estimate.fresh"].astype(bool) & (to_seconds(batch.ticks) > SETTLED)
+    error = np.degrees(_wrapped(batch.log[f"{path}.heading"] - batch.log["truth.heading"]))
+    late = float(batch.log["estimate.age"][came].mean())
+    return late, float(_rms(error[came & (batch.log[f"{path}.unit"] == 1)]))
 
 
 def _velocity(state: dict[str, Any]) -> Any:

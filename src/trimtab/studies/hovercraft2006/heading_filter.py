@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from trimtab.sensors.tachometer import Tachometer
-from trimtab.studies.hovercraft2006._rig import LITERAL, errors, two_units
+from trimtab.studies.hovercraft2006._rig import LITERAL, errors, network, two_units
 from trimtab.studies.row import Row, band, within
 
 SECTION = "6.2.1"
@@ -94,4 +94,29 @@ def _units() -> Iterator[Row]:
         unit="deg",
         basis="text",
         note="What is left is mostly the latency.",
+    )
+    late, error = network("-115")
+    yield band(
+        "network/raw",
+        "two units of the simulated ultrasonic network, -115 deg/s, heading error",
+        25.0,
+        error,
+        PLACE,
+        low=22.0,
+        high=30.0,
+        unit="deg",
+        basis="text",
+        note="Ranges, replies and their collisions simulated: no latency is fitted.",
+    )
+    yield within(
+        "network/latency",
+        "the network's latency, from ping to last reply",
+        87.0,
+        1e3 * late,
+        PLACE,
+        tolerance=20.0,
+        unit="ms",
+        basis="reference",
+        note="Beside the latency fitted to the headings above; that of the positions, 120 ms, is longer than the "
+        "protocol explains.",
     )
