@@ -10,10 +10,14 @@ estimate is of, the newest inertial sample's, after 10 s.
 
 from functools import cache
 
+import jax
 import numpy as np
 import pytest
 
+from trimtab.core.record import numeric
+from trimtab.core.rng import key
 from trimtab.core.time import ms, to_seconds
+from trimtab.loop.walk import start
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
@@ -113,6 +117,15 @@ def test_table_6_6_compensation_helps():
     with_it, without = (rms_errors(flown("platform-square-wave", compensated=c)) for c in ("yes", "no"))
     assert np.median(with_it[:, 1]) < 0.8 * np.median(without[:, 1])
     assert (with_it[:, 0] < without[:, 0]).all()
+
+
+@pytest.mark.parametrize("name", ["magnetometer", "encoder", "cricket", "square-wave"])
+@pytest.mark.parametrize("form", ["feedforward", "feedback", "direct", "coupled"])
+def test_every_form_fits_every_experiment(name, form):
+    scenario, rest = catalogue.load(f"navigation/platform-{name}", {"form": form})
+    scenario.check()
+    assert not rest
+    jax.eval_shape(lambda x: start(scenario.world, scenario.autopilot, x, key(0)), numeric(scenario.initial))
 
 
 def test_the_rig_turns_as_told_and_its_ideal_twin_too():

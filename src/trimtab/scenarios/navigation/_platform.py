@@ -75,7 +75,7 @@ def rig(
         estimator: made of the navigation before it flies, or None.
     """
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
-    believed = noise if noise and covariance == "consistent" else {}
+    believed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}
     navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
     world = World(
         vehicle=platform,

@@ -83,7 +83,7 @@ def two_units(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, f
     t, (a, b), found = to_seconds(batch.ticks), UNITS, []
     levers = np.zeros(2), np.array([0.0, BASE])
     direct = jax.vmap(lambda p, q: two_unit_heading(p, q, *levers))
-    assisted = jax.vmap(lambda p, q, m: assisted_heading(p, q, m, *levers))
+    assisted: Any = jax.vmap(lambda p, q, m: assisted_heading(p, q, m, *levers))
     for run in range(len(batch.seeds)):
         log = {path: values[run] for path, values in batch.log.items()}
         came = np.flatnonzero(log[f"{b}.fresh"] & (t > SETTLED))

@@ -6,6 +6,7 @@ printed (`literal`), fixes once a second, medians over 20 seeds.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 from trimtab.studies.hovercraft2006._rig import LITERAL, errors
 from trimtab.studies.row import Row, band, direction, within
@@ -19,7 +20,8 @@ def rows() -> Iterator[Row]:
     """Encoder with and without the lean of the axis; ultrasound as it was, and with its fixes stamped."""
     leaning, upright = errors("platform-encoder"), errors("platform-encoder", UPRIGHT)
     fitted = "One tilt of the axis, 0.49 deg, fitted to position and velocity."
-    place, speed = {"unit": "cm"}, {"unit": "cm/s"}
+    place: dict[str, Any] = {"unit": "cm"}
+    speed: dict[str, Any] = {"unit": "cm/s"}
     name = "encoder, -166 deg/s"
     yield band("encoder/position", f"{name}, position error", 3.4, leaning.position, PLACE, low=3.0, high=3.9, **place)
     what = f"{name}, velocity error"
