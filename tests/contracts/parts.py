@@ -128,8 +128,13 @@ def motion(t: Any) -> Motion:
     return Motion(t, *vectors)
 
 
+def vehicle_input(cls: type, t: Any) -> Any:
+    """An input of a vehicle's input class."""
+    return planar_force(t) if cls is PlanarForce else numeric(_of(cls)(t))
+
+
 def _of(cls: type) -> Any:
-    """A function of time that gives records of a vehicle's state class."""
+    """A function of time that gives records of a class of numbers, e.g. a vehicle's state."""
     return lambda t: numeric(cls(**{n: 0.1 * jnp.cos(t * 1e-7 + i) for i, n in enumerate(declarations(cls))}))
 
 

@@ -10,7 +10,7 @@ import pytest
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.core.record import declarations, numeric, part, period, record, replace
-from trimtab.core.signals import Motion, PlanarForce, measured
+from trimtab.core.signals import Motion, measured
 from trimtab.core.time import ms, to_seconds
 from trimtab.export.compiler import find_compiler
 from trimtab.export.function import compile_function
@@ -189,9 +189,8 @@ def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
     state = next(
         f for f in parts.states()[1:] if type(f(np.int64(0))) is parts.typing.get_type_hints(cls.dynamics)["x"]
     )
-    u = parts.typing.get_type_hints(cls.dynamics)["u"]
-    assert u is PlanarForce, "the contract tests know no other input yet: add it to parts.py"
-    x, u = state(np.int64(0)), numeric(parts.planar_force(ms(20)))
+    takes = parts.typing.get_type_hints(cls.dynamics)["u"]
+    x, u = state(np.int64(0)), numeric(parts.vehicle_input(takes, ms(20)))
     rate = jax.jit(lambda c, x, u: c.dynamics(0.0, x, u))(one, x, u)
     assert jax.tree.structure(rate) == jax.tree.structure(x)
     checks.assert_finite(rate)

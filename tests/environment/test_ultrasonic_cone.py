@@ -2,30 +2,23 @@ import numpy as np
 import pytest
 
 from trimtab.environment.ultrasonic_cone import LINEAR, PEAK, QUADRATIC, fit, off_axis, range_ratio
+from trimtab.studies.hovercraft2006.ultrasonic_cone import TABLE_5_2
 
-TABLE_5_2 = np.array(
-    [
-        [0, 270.48, 270.48, 1],
-        [10, 274.65, 274.83, 0.99935],
-        [20, 287.84, 288.83, 0.99657],
-        [30, 312.32, 315.07, 0.99127],
-        [35, 330.20, 334.25, 0.98788],
-    ]
-)
+TABLE = np.array(TABLE_5_2)
 """Angle (deg), true and measured range (cm), their ratio: [1] table 5.2, height 270.48 cm."""
 
 
 def test_check_22_cone_table():
     """Table 5.2 of [1] within 1.2e-4, the ratio as printed and as the quotient of the printed ranges."""
-    beta = np.radians(TABLE_5_2[:, 0])
-    assert abs(range_ratio(beta) - TABLE_5_2[:, 3]).max() < 1.2e-4
-    assert abs(range_ratio(beta) - TABLE_5_2[:, 1] / TABLE_5_2[:, 2]).max() < 1.2e-4
-    np.testing.assert_allclose(off_axis(270.48, TABLE_5_2[:, 1]), beta, atol=2e-4)
+    beta = np.radians(TABLE[:, 0])
+    assert abs(range_ratio(beta) - TABLE[:, 3]).max() < 1.2e-4
+    assert abs(range_ratio(beta) - TABLE[:, 1] / TABLE[:, 2]).max() < 1.2e-4
+    np.testing.assert_allclose(off_axis(270.48, TABLE[:, 1]), beta, atol=2e-4)
 
 
 def test_refit_gives_back_the_coefficients():
     """-0.03765 and 0.00313, correlation 0.99996, largest residual 1.05e-4 for the source's own rounded ones."""
-    beta, ratio = np.radians(TABLE_5_2[:, 0]), TABLE_5_2[:, 3]
+    beta, ratio = np.radians(TABLE[:, 0]), TABLE[:, 3]
     quadratic, linear = fit(beta, ratio)
     assert quadratic == pytest.approx(-0.03765, abs=5e-6)
     assert linear == pytest.approx(0.00313, abs=5e-6)

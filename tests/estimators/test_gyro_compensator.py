@@ -13,19 +13,10 @@ import pytest
 from trimtab.estimators.gyro_compensator import GyroCompensator
 from trimtab.export.function import lowered
 from trimtab.sensors.gyro_dynamics import IdentifiedGyro
+from trimtab.studies.hovercraft2006.gyro_compensation import TABLE_6_5
 
 DT = 0.0065536
-TABLE_6_5 = np.array(
-    [  # Hz, gain and phase (rad) before, gain and phase after compensation, difference of the delays (ms)
-        (5, 1.05, -0.65, 1.03, -0.38, -8.59),
-        (10, 0.98, -1.05, 1.06, -0.51, -8.59),
-        (15, 0.93, -1.95, 1.20, -1.17, -8.28),
-        (20, 0.90, -2.39, 1.48, -1.45, -7.48),
-        (30, 0.67, -3.55, 1.80, -2.52, -5.46),
-        (40, 0.47, -4.61, 1.87, -3.70, -3.62),
-        (50, 0.33, -5.29, 1.74, -4.58, -2.26),
-    ]
-)
+TABLE = np.array(TABLE_6_5)
 
 
 def compensated(compensator, y):
@@ -44,7 +35,7 @@ def measured_response(compensator, f):
 
 def test_check_19_table_6_5_is_the_inverse_of_the_identified_gyro():
     """Compensated over uncompensated: gain 1 %, phase 0.006 rad, delay within 0.01 rad/w. [1] table 6.5, eq. 6.2."""
-    f, gain, phase, after, phase_after, delay = TABLE_6_5.T
+    f, gain, phase, after, phase_after, delay = TABLE.T
     got = np.array([measured_response(GyroCompensator(normalised=False), x) for x in f])
     np.testing.assert_allclose(np.abs(got), after / gain, rtol=0.01)
     np.testing.assert_allclose(np.angle(got), phase_after - phase, atol=0.006)

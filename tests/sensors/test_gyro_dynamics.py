@@ -11,19 +11,10 @@ from scipy import signal
 
 from trimtab.core.time import ms
 from trimtab.sensors.gyro_dynamics import DelayedGyro, IdentifiedGyro, frequency_response
+from trimtab.studies.hovercraft2006.gyro_compensation import TABLE_6_5
 
 DT = 0.0065536
-TABLE_6_5 = np.array(
-    [  # Hz, gain and phase (rad) before, gain and phase after compensation, difference of the delays (ms)
-        (5, 1.05, -0.65, 1.03, -0.38, -8.59),
-        (10, 0.98, -1.05, 1.06, -0.51, -8.59),
-        (15, 0.93, -1.95, 1.20, -1.17, -8.28),
-        (20, 0.90, -2.39, 1.48, -1.45, -7.48),
-        (30, 0.67, -3.55, 1.80, -2.52, -5.46),
-        (40, 0.47, -4.61, 1.87, -3.70, -3.62),
-        (50, 0.33, -5.29, 1.74, -4.58, -2.26),
-    ]
-)
+TABLE = np.array(TABLE_6_5)
 
 
 def followed(model, u):
@@ -49,9 +40,9 @@ def test_delayed_gyro_has_the_gains_of_table_6_5():
 
     The phase is within 0.05 rad at 5 and 15 Hz, and lags by 0.3, 0.5 and 1.0 rad too much at 20, 30 and 50 Hz.
     """
-    H = frequency_response(*DelayedGyro().coefficients(), TABLE_6_5[:, 0], DT)
-    np.testing.assert_allclose(np.abs(H), TABLE_6_5[:, 1], rtol=0, atol=0.05 + 0.005)
-    lag = np.unwrap(np.angle(H)) - TABLE_6_5[:, 2]
+    H = frequency_response(*DelayedGyro().coefficients(), TABLE[:, 0], DT)
+    np.testing.assert_allclose(np.abs(H), TABLE[:, 1], rtol=0, atol=0.05 + 0.005)
+    lag = np.unwrap(np.angle(H)) - TABLE[:, 2]
     np.testing.assert_allclose(lag[[0, 2]], 0, atol=0.05)
     np.testing.assert_allclose(lag[[3, 4, 6]], [-0.3, -0.5, -1.0], atol=0.05)
 

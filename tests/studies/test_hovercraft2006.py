@@ -10,8 +10,9 @@ from trimtab.studies import catalogue
 from trimtab.studies.erratum import KINDS, sections
 from trimtab.studies.hovercraft2006.errata import ERRATA
 
-DEAR = ("simulated-autopilot", "simulated-heading")
-"""Groups that fly hundreds of runs of several scenarios, each compiled first."""
+RIG = ("heading-filter", "velocity-position-filter", "gyro-square-wave", "navigation-summary")
+DEAR = ("simulated-autopilot", "simulated-heading", *RIG)
+"""Groups that fly many runs of several scenarios, each compiled first."""
 GROUPS = catalogue.groups("hovercraft2006")
 CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.slow] if g.name in DEAR else []) for g in GROUPS]
 PAGES = Path(__file__).parents[2] / "docs"

@@ -74,7 +74,10 @@ ENTRIES = (
         "the local tangent plane is taken as inertial; the inertial one is Earth-centred and does not "
         "turn with the Earth",
         "The error is the Coriolis term, which the planar navigation neglects in either case.",
-        (),
+        (
+            "environment.earth_rate",
+            "estimators.planar_inertial",
+        ),
     ),
     Erratum(
         INERTIAL,
@@ -83,7 +86,7 @@ ENTRIES = (
         "sin(|v|) U / |v|²",
         "sin(|v|) U / |v|",
         "Only that makes the series of the matrix exponential; the second term does have |v|².",
-        (),
+        ("core.rotation",),
     ),
     Erratum(
         INERTIAL,
@@ -92,7 +95,7 @@ ENTRIES = (
         "the update multiplies the rotation",
         "with v = −∫ω dt the factor E propagates the transpose: B(k) = B(k−1) Eᵀ",
         "Multiplied on the other side it is off by 0.15 in a test, on this side by rounding.",
-        (),
+        ("core.rotation",),
     ),
     Erratum(
         INERTIAL,
@@ -110,7 +113,7 @@ ENTRIES = (
         "–",
         "an error is estimate − truth, and the filters are given navigation − measurement",
         "One convention throughout, with which the printed matrices hold as they stand.",
-        (),
+        ("estimators.dual_filter",),
     ),
     Erratum(
         INERTIAL,
@@ -122,7 +125,7 @@ ENTRIES = (
         "The printed numbers are in (rad/s)² and (m/s²)². As printed, the heading filter's gain is 0.8 "
         "and it follows the magnetometer: 0.58° instead of 0.13°, and a normalised innovation squared of "
         "0.34 where 1 is expected.",
-        (),
+        ("estimators.dual_filter",),
     ),
     Erratum(
         INERTIAL,
@@ -131,7 +134,10 @@ ENTRIES = (
         "arc cosine of the product of two directions, sign from their cross product",
         "atan2(cross, product)",
         "The arc cosine loses half the digits next to 0 and π.",
-        (),
+        (
+            "environment.magnetic_heading",
+            "sensors.heading",
+        ),
     ),
     Erratum(
         INERTIAL,
@@ -140,7 +146,10 @@ ENTRIES = (
         "ADXRS150, ±300 deg/s",
         "limit ±300 deg/s",
         "The bare part measures to 150 deg/s; the module around it extends the range.",
-        (),
+        (
+            "sensors.imu",
+            "estimators.aided_inertial",
+        ),
     ),
     Erratum(
         INERTIAL,
@@ -149,7 +158,10 @@ ENTRIES = (
         "constant gain 1.046",
         "divided by it where a gain of 1 is meant",
         "The coefficients come from a fit; the calibration of the sensor has a gain of 1.",
-        (),
+        (
+            "sensors.gyro_dynamics",
+            "estimators.gyro_compensator",
+        ),
     ),
     Erratum(
         INERTIAL,
@@ -159,7 +171,7 @@ ENTRIES = (
         "about −1.30 rad expected",
         "The other six frequencies lie on one curve, this one does not. With compensation divided by "
         "without it agrees with eq. 6.2 at all seven, so that both phases are off alike.",
-        (),
+        ("studies.hovercraft2006.gyro_compensation",),
     ),
     Erratum(
         INERTIAL,
@@ -168,45 +180,7 @@ ENTRIES = (
         "−45 deg in the text",
         "−2.39 rad = −137 deg in table 6.5",
         "The difference is two samples of delay, 94 deg at that frequency, which the text has removed.",
-        (),
-    ),
-    Erratum(
-        INERTIAL,
-        "section 6.2.1, rate error 3.7 deg/s",
-        "remark",
-        "error of the navigation",
-        "mostly noise of the tachometer that it is compared with",
-        "The text says itself that the navigation is the less noisy; the filter's own error is about 0.9 deg/s.",
-        (),
-    ),
-    Erratum(
-        INERTIAL,
-        "table 6.6, heading with and without compensation",
-        "correction",
-        "1.1 and 2.5 deg",
-        "0.6 and 0.6 deg: only the direction is tested",
-        "With the printed covariances the heading sits on the magnetometer, whatever the gyro does; the "
-        "measurement variance would have to be 16 times larger.",
-        (),
-    ),
-    Erratum(
-        INERTIAL,
-        "section 6.2.1, heading and position from ultrasound",
-        "reconstructed",
-        "latency not given",
-        "87 ms for heading, 120 ms for position",
-        "One number fitted to three rms headings (57, 115 and 230 deg/s), one to two figures of position and velocity.",
-        (),
-    ),
-    Erratum(
-        INERTIAL,
-        "section 6.2.1, position and velocity on the arm",
-        "reconstructed",
-        "alignment of the spin axis not given",
-        "tilted by 0.49 deg",
-        "Without the leak of gravity position and velocity would be four times better than printed; one "
-        "number for two figures.",
-        (),
+        ("studies.hovercraft2006.gyro_compensation",),
     ),
     Erratum(
         POSITIONING,
@@ -216,7 +190,7 @@ ENTRIES = (
         "from temperature, humidity and pressure (Cramer 1993)",
         "The printed number belongs to the standard atmosphere at 15 °C; indoors it is 344, and 0.6 m/s "
         "more per degree.",
-        (),
+        ("environment.acoustics",),
     ),
     Erratum(
         POSITIONING,
@@ -226,7 +200,10 @@ ENTRIES = (
         "the same, with guards",
         "At 0.003 rad the derivative of the equation that is solved vanishes, and a range shorter than "
         "the height (noise) has no root: the range itself is taken then.",
-        (),
+        (
+            "environment.ultrasonic_cone",
+            "estimators.cone_compensation",
+        ),
     ),
     Erratum(
         POSITIONING,
@@ -235,6 +212,9 @@ ENTRIES = (
         "half of the ranges lie within",
         "half of the positions lie within",
         "It is a circular error of positions; with four beacons it needs ranges good to 0.4 cm.",
-        (),
+        (
+            "sensors.time_of_flight",
+            "estimators.ranging_position",
+        ),
     ),
 )

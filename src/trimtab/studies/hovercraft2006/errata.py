@@ -4,6 +4,7 @@
 """
 
 from trimtab.studies.hovercraft2006._errata_navigation import ENTRIES as NAVIGATION
+from trimtab.studies.hovercraft2006._errata_rig import ENTRIES as RIG
 from trimtab.studies.hovercraft2006._errata_vehicle import ENTRIES as VEHICLE
 
-ERRATA = (*VEHICLE, *NAVIGATION)
+ERRATA = (*VEHICLE, *NAVIGATION, *RIG)

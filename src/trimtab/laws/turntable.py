@@ -1,0 +1,54 @@
+"""What a rotating platform is told to do: a rate by time, whatever the navigation says."""
+
+import math
+from typing import Any, ClassVar
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, quantity, record
+from trimtab.core.signals import Estimate
+from trimtab.core.time import to_seconds
+from trimtab.vehicles.rotating_platform import PlatformDrive
+
+
+@record
+class TurntableOutput:
+    """What the law gives. Source: this module."""
+
+    demand: PlatformDrive = part("Commanded rate.")
+
+
+@record
+class Turntable:
+    """A rate of turn by time: constant, a square wave or a sine, from the first valid estimate of the run on.
+
+        constant:  rate min(1, t/ramp)      square:  rate sign(sin(2 pi t/T))      sine:  rate sin(2 pi t/T)
+
+    t is the time of the run. The estimate is not read.
+
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1: constant rates, and a square wave.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ()
+
+    rate: Scalar = quantity("rad/s", "Greatest rate, with its sign.", default=math.radians(-115))
+    ramp: Scalar = quantity("s", "Time to reach a constant rate; 0: at once.", default=1.0, low=0)
+    cycle: Scalar = quantity("s", "Time T of a cycle of square wave or sine.", default=2.0, above=0)
+    waveform: str = option("How the rate changes.", default="constant", choices=("constant", "square", "sine"))
+
+    def init(self, key: Any) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], TurntableOutput]:
+        """The commanded rate at integer time t."""
+        return state, TurntableOutput(PlatformDrive(rate=self.rate * self.share(to_seconds(t))))
+
+    def share(self, s: Any) -> Any:
+        """Rate over the greatest one at a time (s)."""
+        if self.waveform == "constant":
+            return jnp.where(s < self.ramp, s / jnp.where(self.ramp > 0, self.ramp, 1.0), 1.0)
+        phase = s / self.cycle - jnp.floor(s / self.cycle)
+        if self.waveform == "square":
+            return jnp.where(phase < 0.5, 1.0, -1.0)
+        return jnp.sin(2 * math.pi * phase)

@@ -1,0 +1,97 @@
+"""What the rig's scenarios share: platform, inertial unit, aided inertial navigation.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
+6.2.1. Fitted to its figures, as docs Errata says: latencies, tilt.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.core.time import seconds, to_seconds
+from trimtab.environment.gravity import STANDARD
+from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
+from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
+from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
+from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.laws.turntable import Turntable
+from trimtab.links.wire import Wire
+from trimtab.logs.metrics import Target
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
+
+Covariance = Literal["consistent", "literal"]
+"""How process noise enters: units mended, or as printed."""
+Form = Literal["feedforward", "feedback", "direct", "coupled"]
+FORMS: dict[str, Any] = {
+    "feedforward": AidedInertialFeedforward,
+    "feedback": AidedInertialFeedback,
+    "direct": AidedInertialDirect,
+    "coupled": AidedInertialCoupled,
+}
+DEG = math.pi / 180
+ARM = 0.3048
+TILT = 0.49 * DEG
+"""Of the spin axis: fitted, one number for two figures. Its direction is that of magnetic north, so that a compass
+that knows nothing of the tilt is not off; another would add a constant to its heading."""
+LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
+FIX_INTERVAL = seconds(1)
+"""Time between positions: reconstructed; the source's own simulation renews its navigation errors once a second."""
+LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
+"""What the lean does to a level navigation between two positions, as white noise of each sample of force (m^2/s^4)."""
+
+
+def rig(
+    name: str,
+    sensors: dict[str, Any],
+    law: Turntable,
+    *,
+    arm: float = ARM,
+    time_constant: float = 0.1,
+    intake: Intake,
+    covariance: Covariance = "consistent",
+    form: Form = "feedforward",
+    noise: Mapping[str, float] | None = None,
+    estimator: Any = None,
+) -> Scenario:
+    """A scenario on the rig.
+
+    Args:
+        name: in the catalogue.
+        sensors: of the world, by name.
+        law: how the platform turns.
+        arm: from the axis to the body (m).
+        time_constant: of the motor (s); between 0.05 and 0.1, reconstructed.
+        intake: which samples navigation reads.
+        covariance: how its noise enters.
+        form: of the aided inertial navigation.
+        noise: what a consistent filter must believe besides the printed numbers; the literal one has those alone.
+        estimator: made of the navigation before it flies, or None.
+    """
+    platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
+    believed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}
+    navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
+    world = World(
+        vehicle=platform,
+        sensors=sensors,
+        downlink=Wire(),
+        uplink=Wire(),
+        actuators=DirectActuation(neutral_input=PlatformDrive(rate=0.0)),
+    )
+    navigation = navigation if estimator is None else estimator(navigation)
+    autopilot = Autopilot(estimator=navigation, law=law, allocation=DirectAllocation())
+    targets = (Target("truth.yaw_rate", law.rate, 0.02),) if law.waveform == "constant" else ()
+    return Scenario(
+        world=world,
+        autopilot=autopilot,
+        initial=platform.rest(),
+        duration=seconds(30),
+        targets=targets,
+        name=name,
+    )

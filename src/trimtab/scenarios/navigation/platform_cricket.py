@@ -1,0 +1,51 @@
+"""The arm's end located by ultrasound: fixes come late and bear no time, so errors grow with the speed."""
+
+import math
+from typing import Literal
+
+from trimtab.core.record import replace
+from trimtab.core.time import ms
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.laws.turntable import Turntable
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.navigation._platform import DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig
+from trimtab.sensors.heading import HeadingSensor
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.late_fix import LateFix
+from trimtab.sensors.position import PositionSensor
+
+Rate = Literal["-115", "-57", "-230"]
+Stamped = Literal["arrival", "measurement"]
+HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
+"""Fitted (s): one number for three headings, one for two figures of position and velocity."""
+FIX = 0.0044
+"""Standard deviation of each coordinate (m): half of the fixes within 0.52 cm, [1] fig. 5.8."""
+BASE = 0.2032
+"""From unit A at the arm's end inwards to unit B (m): reconstructed, 4 in from the axis."""
+TURN = math.sqrt(2) * FIX / BASE
+"""Standard deviation of the heading that the two give (rad)."""
+
+
+def scenario(
+    rate: Rate = "-115", stamped: Stamped = "arrival", covariance: Covariance = "consistent", form: Form = "feedforward"
+) -> Scenario:
+    """[1] section 6.2.1; `covariance=literal` is as published, `stamped=measurement` what the source did not have."""
+    fix = LateFix(latency=POSITION_LATENCY, interval=FIX_INTERVAL, stamped=stamped)
+    turned = LateFix(latency=HEADING_LATENCY, interval=ms(100), stamped=stamped)
+    first, second = (replace(turned, interval=ms(200), offset=o) for o in (0, ms(100)))
+    sensors = {
+        "imu": Imu.microstrain_3dm_gx1(),
+        "heading": HeadingSensor(noise=TURN, timing=turned),
+        "position": PositionSensor(noise=FIX, timing=fix),
+        "unit_a": PositionSensor(noise=FIX, timing=first),
+        "unit_b": PositionSensor(noise=FIX, timing=second, lever_arm=(0.0, BASE, 0.0)),
+    }
+    return rig(
+        "navigation/platform-cricket",
+        sensors,
+        Turntable(rate=float(rate) * DEG),
+        intake=Intake(),
+        covariance=covariance,
+        form=form,
+        noise={"forward": LEAK, "starboard": LEAK, "heading": TURN**2, "position": FIX**2},
+    )

@@ -1,0 +1,31 @@
+"""Velocity and position at the end of an arm at -166 deg/s: inertial unit, encoder and magnetometer."""
+
+import math
+
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.laws.turntable import Turntable
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.navigation._platform import ARM, DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig
+from trimtab.sensors.encoder import Encoder
+from trimtab.sensors.heading import Compass
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.position import EncoderPosition
+
+
+def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
+    """[1] section 6.2.1, velocity and position filter; `covariance=literal` is as published."""
+    encoder = Encoder(zero=math.pi / 2, period=FIX_INTERVAL)
+    sensors = {
+        "imu": Imu.microstrain_3dm_gx1(),
+        "heading": Compass(),
+        "position": EncoderPosition(encoder=encoder, arm=ARM),
+    }
+    return rig(
+        "navigation/platform-encoder",
+        sensors,
+        Turntable(rate=-166 * DEG),
+        intake=Intake(),
+        covariance=covariance,
+        form=form,
+        noise={"forward": LEAK, "starboard": LEAK},
+    )

@@ -1,0 +1,19 @@
+"""Heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
+
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.laws.turntable import Turntable
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig
+from trimtab.sensors.heading import Compass
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.tachometer import Tachometer
+
+
+def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:
+    """[1] section 6.2.1, heading filter; `covariance=literal` is as published."""
+    sensors = {"imu": Imu.microstrain_3dm_gx1(), "heading": Compass(), "tachometer": Tachometer()}
+    law = Turntable(rate=-166 * DEG)
+    intake = Intake(position="")
+    return rig(
+        "navigation/platform-magnetometer", sensors, law, arm=0.0, intake=intake, covariance=covariance, form=form
+    )

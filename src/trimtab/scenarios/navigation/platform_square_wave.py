@@ -1,0 +1,36 @@
+"""A platform that turns to and fro, faster than its gyro follows: with and without the gyro's inverse."""
+
+from typing import Literal
+
+from trimtab.core.record import replace
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.compensated_inertial import CompensatedInertial
+from trimtab.laws.turntable import Turntable
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig
+from trimtab.sensors.gyro_dynamics import DelayedGyro
+from trimtab.sensors.heading import Compass
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.tachometer import Tachometer
+
+Compensated = Literal["yes", "no"]
+
+
+def scenario(
+    compensated: Compensated = "yes", covariance: Covariance = "consistent", form: Form = "feedforward"
+) -> Scenario:
+    """[1] table 6.6. The square wave's height and cycle are not printed: reconstructed (docs page, Errata)."""
+    imu = Imu.microstrain_3dm_gx1()
+    imu = replace(imu, gyro=replace(imu.gyro, bandwidth=0.0, response=DelayedGyro()))
+    sensors = {"imu": imu, "heading": Compass(), "tachometer": Tachometer()}
+    return rig(
+        "navigation/platform-square-wave",
+        sensors,
+        Turntable(rate=166 * DEG, cycle=2.0, waveform="square"),
+        arm=0.0,
+        time_constant=0.07,
+        intake=Intake(position=""),
+        covariance=covariance,
+        form=form,
+        estimator=CompensatedInertial if compensated == "yes" else None,
+    )

@@ -1,0 +1,113 @@
+"""Sensors that give a heading: a direct one, noisy and late, and a compass made of a magnetometer."""
+
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.rng import Key, normal2
+from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.time import ms
+from trimtab.environment.magnetic_heading import magnetic_heading
+from trimtab.sensors.late_fix import LateFix, LateState
+from trimtab.sensors.magnetometer import Magnetometer
+
+
+@record
+class HeadingReading:
+    """A measured heading. Source: docs page, Heading."""
+
+    heading: Scalar = quantity(
+        "rad", "Angle from north to the body's x axis, clockwise; any equal of it.", kind="angle"
+    )
+
+
+@record
+class HeadingState:
+    """Noise key, and the heading on its way. Source: this module."""
+
+    key: Key = part("Of the noise.")
+    late: LateState = part("What is on its way.")
+
+
+@record
+class HeadingSensor:
+    """A heading as some other system gives it: noisy, now and then, and late.
+
+        z = psi + w
+
+    It stands for the heading that two ultrasonic units give, without their geometry.
+
+    Frames:  of B in W.    Not modelled: errors that hang together in time.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1. Latency reconstructed, see docs Errata.
+    """
+
+    noise: Scalar = quantity("rad", "Standard deviation of each measurement.", default=0.03, low=0)
+    timing: LateFix = part("When it is measured and comes out.", default=LateFix())
+    period: int = period("How often it is looked whether one has come out.", default=ms(1))
+
+    LATE: ClassVar[bool] = True
+    """Samples come out after the time at which they were measured."""
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("heading-noise", "heading-latency")
+
+    def without(self, name: str) -> "HeadingSensor":
+        """A copy with one of IMPERFECTIONS switched off."""
+        if name == "heading-noise":
+            return replace(self, noise=0.0)
+        if name == "heading-latency":
+            return replace(self, timing=replace(self.timing, latency=0.0))
+        raise InputError("HeadingSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+
+    def init(self, key: Key) -> HeadingState:
+        """Nothing measured."""
+        return HeadingState(key, self.timing.begin(HeadingReading(heading=jnp.asarray(0.0))))
+
+    def measure(self, motion: Motion) -> HeadingReading:
+        """The measurement h(x) of a motion, without noise."""
+        return HeadingReading(heading=motion.attitude[2])
+
+    def step(self, t: Any, state: HeadingState, motion: Motion) -> tuple[HeadingState, Sample]:
+        """The newest heading that is out at integer time t."""
+        w, _ = normal2(state.key, self.timing.turn(t))
+        late, sample = self.timing.pass_on(t, state.late, HeadingReading(motion.attitude[2] + self.noise * w))
+        return HeadingState(state.key, late), sample
+
+
+@record
+class Compass:
+    """A magnetometer's field made a heading, as if the vehicle stood level.
+
+        z = atan2( (b × w)_z, b · w )
+
+    with the measured field b and the field w that the receiver knows, both level.
+
+    Frames:  of B in W.    Not modelled: compensation of a lean; it shifts the heading by up to lean times tan(dip).
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
+    """
+
+    magnetometer: Magnetometer = part("What measures the field.", default=Magnetometer.microstrain_3dm_gx1())
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def period(self) -> int:
+        """That of the magnetometer."""
+        return self.magnetometer.period
+
+    def init(self, key: Key) -> Any:
+        """State of the magnetometer."""
+        return self.magnetometer.init(key)
+
+    def measure(self, motion: Motion) -> HeadingReading:
+        """The measurement h(x) of a motion: the earth's field alone."""
+        return self._heading(self.magnetometer.measure(motion).field)
+
+    def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
+        """The sample at integer time t."""
+        state, sample = self.magnetometer.step(t, state, motion)
+        return state, measured(t, self._heading(sample.value.field))
+
+    def _heading(self, field: Any) -> HeadingReading:
+        return HeadingReading(heading=magnetic_heading(field, jnp.asarray(self.magnetometer.earth_field)))

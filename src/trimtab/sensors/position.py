@@ -1,0 +1,117 @@
+"""Sensors that give a position: a direct one, noisy and late, and an encoder whose arm is known."""
+
+import math
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.rng import Key, normal2
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.time import ms, seconds
+from trimtab.sensors.encoder import Encoder
+from trimtab.sensors.late_fix import LateFix, LateState
+
+
+@record
+class PositionReading:
+    """A measured position. Source: docs page, Position."""
+
+    north: Scalar = quantity("m", "Along the world's x axis.", frame="W")
+    east: Scalar = quantity("m", "Along the world's y axis.", frame="W")
+
+
+@record
+class PositionState:
+    """Noise key, and the position on its way. Source: this module."""
+
+    key: Key = part("Of the noise.")
+    late: LateState = part("What is on its way.")
+
+
+@record
+class PositionSensor:
+    """A position as some other system gives it: noisy, now and then, and late.
+
+        z = (p + R_WB l)_north,east + w
+
+    It stands for the fixes of an ultrasonic network, without its ranges.
+
+    Frames:  lever arm in B, position in W.    Not modelled: errors that hang together in time or with the place.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1. Latency reconstructed, see docs Errata.
+    """
+
+    noise: Scalar = quantity("m", "Standard deviation of each coordinate of each measurement.", default=0.0044, low=0)
+    lever_arm: Any = quantity("m", "Of the point located.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    timing: LateFix = part("When it is measured and comes out.", default=LateFix())
+    period: int = period("How often it is looked whether one has come out.", default=ms(1))
+
+    LATE: ClassVar[bool] = True
+    """Samples come out after the time at which they were measured."""
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("position-noise", "position-latency")
+
+    def without(self, name: str) -> "PositionSensor":
+        """A copy with one of IMPERFECTIONS switched off."""
+        if name == "position-noise":
+            return replace(self, noise=0.0)
+        if name == "position-latency":
+            return replace(self, timing=replace(self.timing, latency=0.0))
+        raise InputError("PositionSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+
+    def init(self, key: Key) -> PositionState:
+        """Nothing measured."""
+        o = jnp.asarray(0.0)
+        return PositionState(key, self.timing.begin(PositionReading(o, o)))
+
+    def measure(self, motion: Motion) -> PositionReading:
+        """The measurement h(x) of a motion, without noise."""
+        p = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
+        return PositionReading(north=p[0], east=p[1])
+
+    def step(self, t: Any, state: PositionState, motion: Motion) -> tuple[PositionState, Sample]:
+        """The newest position that is out at integer time t."""
+        true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.turn(t))
+        seen = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
+        late, sample = self.timing.pass_on(t, state.late, seen)
+        return PositionState(state.key, late), sample
+
+
+@record
+class EncoderPosition:
+    """The place of an arm's end out of the encoder on its shaft.
+
+        z = R (cos al, sin al)
+
+    Frames:  W, origin on the shaft; al is what the encoder reads, the direction of the arm.
+    Not modelled: a shaft that leans; it shifts the place by 1 - cos of that angle.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1.
+    """
+
+    encoder: Encoder = part("On the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
+    arm: Scalar = quantity("m", "From the shaft to the body.", default=0.3048, low=0, source="[1] 12 in")
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def period(self) -> int:
+        """That of the encoder."""
+        return self.encoder.period
+
+    def init(self, key: Key) -> Any:
+        """State of the encoder."""
+        return self.encoder.init(key)
+
+    def measure(self, motion: Motion) -> PositionReading:
+        """The measurement h(x) of a motion, without steps."""
+        return self._place(self.encoder.measure(motion).angle)
+
+    def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
+        """The sample at integer time t."""
+        state, sample = self.encoder.step(t, state, motion)
+        return state, measured(t, self._place(sample.value.angle))
+
+    def _place(self, angle: Any) -> PositionReading:
+        return PositionReading(north=self.arm * jnp.cos(angle), east=self.arm * jnp.sin(angle))

@@ -1,0 +1,97 @@
+"""A platform that a motor turns, with an arm: what the source tests its navigation on."""
+
+from typing import Any
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import from_euler, from_rotation_vector, to_euler, wrap
+from trimtab.core.signals import Motion
+
+QUARTER = jnp.pi / 2
+"""From the direction of the arm to the body's x axis (rad)."""
+
+
+@record
+class PlatformDrive:
+    """What the motor is told. Source: this module."""
+
+    rate: Scalar = quantity("rad/s", "Commanded rate of turn, clockwise from above.")
+
+
+@record
+class PlatformState:
+    """Angle and rate of the platform, and the motion of the body at the arm's end that follows from them.
+
+    Only heading and yaw_rate count for the motion; the rest is integrated along, so that a log has the truth of all
+    that navigation estimates. `RotatingPlatform.rest` gives a state in which all fit. Source: this module.
+    """
+
+    heading: Scalar = quantity("rad", "Of the body: the arm's direction and a quarter turn; unwrapped.", kind="angle")
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn W, clockwise from above.", frame="B")
+    surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis, arm times rate.", frame="B")
+    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis: none.", frame="B")
+    north: Scalar = quantity("m", "Position of the body along the world's x axis.", frame="W")
+    east: Scalar = quantity("m", "Position of the body along the world's y axis.", frame="W")
+
+
+@record
+class RotatingPlatform:
+    """A platform on a vertical axis, turned by a motor whose rate follows the command like a first-order lag.
+
+        W' = (rate - W)/tau        al' = W        psi = al + pi/2        p = T R (cos al, sin al, 0)
+        v_B = (R W, 0, 0)          a_B = (R W', R W^2, 0)
+
+    with al the arm's direction, R its length, and T the turn by which the axis leans. The lean stands still in the
+    world, so the level part of gravity turns once a revolution in the body: no bias of an accelerometer explains it.
+
+    Frames:  W north-east-down, origin on the axis; B at the arm's end, x tangential, y inward, z along the axis.
+    Not modelled: backlash, elasticity, the motor's torque limit.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1. Reconstructed: time constant and tilt, see docs Errata.
+    """
+
+    arm: Scalar = quantity("m", "From the axis to the body; 0: on it.", default=0.3048, low=0, source="[1] 12 in")
+    time_constant: Scalar = quantity("s", "Of the rate's answer to the command.", default=0.1, above=0)
+    tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
+    lean: Scalar = quantity("rad", "Direction to which its upper end leans, from north.", default=0.0, kind="angle")
+
+    def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
+        """The derivative of x (SI) under the commanded rate."""
+        acceleration = (u.rate - x.yaw_rate) / self.time_constant
+        velocity = self._leaning() @ (self.arm * x.yaw_rate * jnp.stack([jnp.cos(x.heading), jnp.sin(x.heading), 0.0]))
+        return PlatformState(
+            heading=x.yaw_rate,
+            yaw_rate=acceleration,
+            surge_velocity=self.arm * acceleration,
+            sway_velocity=jnp.zeros_like(acceleration),
+            north=velocity[0],
+            east=velocity[1],
+        )
+
+    def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
+        """All that a sensor at the arm's end can feel, out of heading, yaw rate and command; t: integer time."""
+        angle = x.heading - QUARTER
+        acceleration = (u.rate - x.yaw_rate) / self.time_constant
+        o = jnp.zeros_like(acceleration)
+        T = self._leaning()
+        attitude = to_euler(T @ from_euler(o, o, x.heading))
+        yaw = x.heading + wrap(attitude[2] - x.heading)
+        return Motion(
+            t=t,
+            p_WB=T @ (self.arm * jnp.stack([jnp.cos(angle), jnp.sin(angle), o])),
+            attitude=jnp.stack([attitude[0], attitude[1], yaw]),
+            v_WB_B=jnp.stack([self.arm * x.yaw_rate, o, o]),
+            w_WB_B=jnp.stack([o, o, x.yaw_rate]),
+            a_WB_B=jnp.stack([self.arm * acceleration, self.arm * x.yaw_rate**2, o]),
+            alpha_WB_B=jnp.stack([o, o, acceleration]),
+        )
+
+    def rest(self, heading: float = 0.0) -> PlatformState:
+        """Standing still at a heading (rad)."""
+        place = self._leaning() @ (self.arm * jnp.stack([jnp.sin(heading), -jnp.cos(heading), 0.0]))
+        return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
+
+    def _leaning(self) -> Any:
+        """The turn T (3, 3) of the upright platform into the leaning one."""
+        turn = self.tilt * jnp.stack([jnp.sin(self.lean), -jnp.cos(self.lean), jnp.zeros_like(self.lean * 1.0)])
+        return from_rotation_vector(turn)

@@ -1,0 +1,46 @@
+"""What comes out late, against a list of what was put in."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms
+from trimtab.loop.structure import strong
+from trimtab.sensors.late_fix import LateFix
+
+
+def run(fix, n=500):
+    """Samples at each millisecond of a value that is the time."""
+    now = jnp.arange(n, dtype=np.int64) * ms(1)
+    step = lambda s, t: fix.pass_on(t, s, t * 1.0)  # noqa: E731
+    return np.asarray(now), jax.tree.map(np.asarray, jax.lax.scan(step, strong(fix.begin(jnp.zeros(()))), now)[1])
+
+
+@pytest.mark.parametrize("latency", [0, 1, 87, 100])
+@pytest.mark.parametrize("offset", [0, 30])
+def test_each_comes_out_once_after_its_latency(latency, offset):
+    now, out = run(LateFix(latency=latency * 1e-3, interval=ms(100), offset=ms(offset)))
+    came = now[out.fresh] // ms(1)
+    expected = list(range(offset + latency, 500, 100))
+    assert came.tolist() == expected
+    np.testing.assert_array_equal(out.value[out.fresh], now[out.fresh] - ms(latency))
+    np.testing.assert_array_equal(out.t[out.valid], out.value[out.valid])
+    np.testing.assert_allclose(out.age[out.valid], (now - out.t)[out.valid] * 1e-7, atol=1e-12)
+    assert not out.valid[: expected[0]].any()
+    assert out.valid[expected[0] :].all()
+
+
+def test_stamped_with_its_arrival_it_looks_prompt():
+    now, out = run(LateFix(latency=0.087, stamped="arrival"))
+    np.testing.assert_array_equal(out.t[out.fresh], now[out.fresh])
+    assert (out.age[out.fresh] == 0).all()
+    np.testing.assert_array_equal(out.value[out.fresh], now[out.fresh] - ms(87))
+
+
+def test_more_than_one_under_way_is_refused():
+    with pytest.raises(InputError, match="longer than the interval"):
+        LateFix(latency=0.11, interval=ms(100)).check()
+    with pytest.raises(InputError, match="not before the next"):
+        LateFix(offset=ms(100), interval=ms(100)).check()
