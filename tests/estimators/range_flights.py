@@ -260,8 +260,8 @@ class Loose:
         lever = jnp.where(self.unit, jnp.asarray(self.finder.units)[ranges.unit, :2], 0.0)
         place = jnp.where(self.unit, jnp.stack([fix.unit_north, fix.unit_east]), jnp.stack([fix.north, fix.east]))
         form = replace(self.form, arms=LeverArms(aiding=lever))
-        fixed = form.correct_position(node.inner, place)
-        turned = form.correct_heading(fixed, fix.heading)
+        fixed = form.correct_position(node.inner, place, 0.0)
+        turned = form.correct_heading(fixed, fix.heading, 0.0)
         fixed = jax.tree.map(lambda a, b: jnp.where(fix.heading_valid & ~self.unit, a, b), turned, fixed)
         good = finder.measured == now
         inner = jax.tree.map(lambda a, b: jnp.where(good, a, b), fixed, node.inner)

@@ -353,7 +353,7 @@ def test_a_heading_sensor_helps_to_start_and_later():
     values = rf.numbers(rf.pings(sensor, flight, 1)[0])
 
     def correct(node, value):
-        return form.correct_heading(form.correct_ranges(node, value), 0.4 + 2 * np.pi)
+        return form.correct_heading(form.correct_ranges(node, value), 0.4 + 2 * np.pi, 0.0)
 
     alone = jax.jit(lambda: rf.flown(form, flight, felt, off, values))()
     aided = jax.jit(lambda: rf.flown(form, flight, felt, off, values, correct))()

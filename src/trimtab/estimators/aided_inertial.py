@@ -7,8 +7,7 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 and section 5.4: propagation runs on the IMU's samples, never on the wall clock.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -20,6 +19,7 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators import measurement_history as ring
+from trimtab.estimators.aiding import Aid, fixes
 from trimtab.estimators.measurement_history import Event, History
 from trimtab.estimators.navigation_state import NavigationState, at_reference
 from trimtab.estimators.planar_inertial import Belief
@@ -87,30 +87,6 @@ class InertialState:
     told: Any = part("What was told last of motion: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
-
-
-class Aid(NamedTuple):
-    """How the sensor that intake.position names is read.
-
-    kind: of its events.  width: of its values.  numbers: of a sample's value.  correct: what they do to a node.
-    """
-
-    kind: int
-    width: int
-    numbers: Callable[[Any], tuple[Any, ...]]
-    correct: ring.Correct
-
-
-def fixes(form: Any) -> Aid:
-    """Positions, north and east, with their variance where they have one."""
-
-    def correct(node: Any, value: Any) -> Any:
-        return form.correct_position(node, value[:2], value[2])
-
-    def numbers(value: Any) -> tuple[Any, ...]:
-        return value.north, value.east, getattr(value, "variance", 0.0)
-
-    return Aid(ring.POSITION, WIDTH, numbers, correct)
 
 
 def begin(form: Any, width: int = WIDTH) -> InertialState:

@@ -16,6 +16,7 @@ from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
 from trimtab.estimators.aided_inertial import Intake, look
+from trimtab.estimators.aiding import ranges
 from trimtab.estimators.dual_filter import InertialNoise
 from trimtab.estimators.navigation_state import NavigationState, at_reference
 from trimtab.estimators.particle_cloud import (
@@ -35,7 +36,7 @@ from trimtab.estimators.range_errors import RangeErrorModel
 from trimtab.estimators.range_update import Geometry
 from trimtab.estimators.ranging_position import SQUARE
 from trimtab.estimators.sensor_watch import NEVER, SensorWatch, plus, unwatched
-from trimtab.estimators.tightly_coupled import PAIR, check_places, ranging_aid
+from trimtab.estimators.tightly_coupled import PAIR, check_places
 
 COMB = 3
 """Stream of the draws."""
@@ -91,9 +92,7 @@ class Particle:
     )
     noise: InertialNoise = part("Of the IMU.", default=InertialNoise())
     errors: RangeErrorModel = part("Of the ranges; beacons' errors are considered.", default=RangeErrorModel())
-    start: InertialStart = part(
-        "Sigmas of velocity and biases at first; the rest of it is not used.", default=InertialStart()
-    )
+    start: InertialStart = part("Velocity at first, and sigmas.", default=InertialStart())
     arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
@@ -205,7 +204,7 @@ def _carried(form: Particle, s: ParticleState) -> ParticleState:
 
 @jax.jit
 def _stepped(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
-    found = look(form.intake, ranging_aid(form), t, state, frame)
+    found = look(form.intake, ranges(form), t, state, frame)
     (felt, seen), (ping, replied) = found["imu"], found["position"]
     h = state.history
     history = lax.cond(seen.usable, lambda: noted(h, felt.t, felt.value, felt.doubt), lambda: h)

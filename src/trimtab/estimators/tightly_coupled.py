@@ -16,15 +16,15 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.aided_inertial import Aid, InertialState, Intake, begin, navigate_with
+from trimtab.estimators.aided_inertial import InertialState, Intake, begin, navigate_with
 from trimtab.estimators.aided_inertial_coupled import (
     SIGNS,
     coupled_noise,
     coupled_transition,
     low_pass_share,
 )
+from trimtab.estimators.aiding import ranges
 from trimtab.estimators.dual_filter import InertialNoise
-from trimtab.estimators.measurement_history import RANGES
 from trimtab.estimators.navigation_state import HeadingFix, fuse, no_heading_fix
 from trimtab.estimators.ping_update import agreeing, either, learns, started, tracked
 from trimtab.estimators.planar_inertial import DIMENSION, Belief, InertialStart, LeverArms, mechanise
@@ -152,10 +152,10 @@ class TightlyCoupled:
         start = either(jnp.max(doubt) > 0, nothing(), start)
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady, start=start)
 
-    def correct_heading(self, node: TightNode, z: Any) -> TightNode:
-        """With a heading z (rad), any equal of it; while starting it counts for the start."""
+    def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
+        """With a heading z (rad), any equal of it, and its variance, 0 for that of noise; before the start, for that."""
         H = (jnp.arange(node.x.shape[0]) == 0).astype(np.float64)[None]
-        R = jnp.reshape(self.noise.heading, (1, 1))
+        R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         y = wrap(z - node.x[0])[None]
         corrected = learns(self, node).at[0].set(1.0).at[5].set(1.0)
@@ -163,7 +163,7 @@ class TightlyCoupled:
         fused = replace(node, x=done.x, P=done.P, heading_fix=fix)
         waiting = replace(
             node,
-            start=pointed(node.start, z, self.noise.heading),
+            start=pointed(node.start, z, R[0, 0]),
             heading_fix=replace(node.heading_fix, used=plus(node.heading_fix.used, True)),
         )
         return either(node.position_fix.tracking, fused, waiting)
@@ -206,7 +206,7 @@ class TightlyCoupled:
 
 @jax.jit
 def _stepped(form: TightlyCoupled, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    state, estimate = navigate_with(form, ranging_aid(form), t, state, frame)
+    state, estimate = navigate_with(form, ranges(form), t, state, frame)
     return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
 
@@ -216,15 +216,3 @@ def check_places(name: str, form: Any) -> None:
         shape = np.shape(getattr(form, field))
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three for each")
-
-
-def ranging_aid(form: Any) -> Aid:
-    """Ranges and their unit; what is not a positive number becomes -1, what did not arrive 0."""
-    width = np.shape(form.beacons)[0] + 1
-
-    def numbers(value: Any) -> tuple[Any, ...]:
-        sound = jnp.isfinite(value.range) & (value.range > 0)
-        ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
-        return (*ranges, value.unit)
-
-    return Aid(RANGES, width, numbers, getattr(form, "correct_ranges", lambda node, value: node))
