@@ -212,15 +212,11 @@ def _stepped(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tupl
     s = _carried(form, s)
     begun = history.t[-1] > NEVER
     in_time = begun & (ping.t > s.at) & (ping.t <= history.t[-1])
-    late = replace(s.position, late=plus(s.position.late, replied.usable & ~in_time))
-    s = replace(s, position=late)
+    s = replace(s, position=replace(s.position, late=plus(s.position.late, replied.usable & ~in_time)))
     m = between(history, s.at, jnp.minimum(ping.t, history.t[-1]))
     s = lax.cond(replied.usable & in_time, lambda: pinged(form, s, ping.t, ping.value, m), lambda: s)
-    s = replace(
-        s,
-        clock=jnp.maximum(state.clock, t),
-        clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
-    )
+    backwards = plus(state.clock_backwards, jnp.asarray(t < state.clock))
+    s = replace(s, clock=jnp.maximum(state.clock, t), clock_backwards=backwards)
     return s, _told(form, t, s, seen.usable | replied.usable)
 
 

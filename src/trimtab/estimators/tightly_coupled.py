@@ -153,7 +153,7 @@ class TightlyCoupled:
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
-        """With a heading z (rad), any equal of it, and its variance, 0 for that of noise; before the start, for that."""
+        """With a heading z (rad), any equal of it, and its variance (0: that of noise); while starting, for that."""
         H = (jnp.arange(node.x.shape[0]) == 0).astype(np.float64)[None]
         R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
