@@ -1,5 +1,4 @@
 """A particle filter on raw ultrasonic ranges and an IMU: no first guess, two beacons' ambiguity, wrong ranges.
-
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
