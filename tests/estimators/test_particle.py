@@ -15,9 +15,7 @@ from trimtab.core.rotation import wrap
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.aided_inertial import Intake
 from trimtab.estimators.particle import Particle
-from trimtab.estimators.particle_throw import thrown
 from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.estimators.ranging_position import SQUARE
 from trimtab.export.function import lowered
 from trimtab.loop.structure import strong
 
@@ -134,22 +132,6 @@ def test_nan_doubled_and_backward_samples_are_flagged():
     assert state.position_sensor.late[-1] == 1
     assert state.clock_backwards[-1] == 1
     assert errors(told, 2)[1].max() < 0.03
-
-
-def test_the_throw_is_where_two_ranges_meet():
-    """Half of the particles of each pair on either side of it, headings all around."""
-    place = np.array([0.3, -0.2])
-    ranges = np.sqrt(((SQUARE[:, :2] - place) ** 2).sum(1) + 2.7048**2)
-    ranges[2:] = 0.0
-    form = replace(FORM, cone=False, units=np.zeros((1, 3)))
-    cloud = jax.jit(lambda: thrown(form, key(0), 0, ranges, 0))()
-    mirrored = np.array([3.0 - 0.3, -0.2])
-    near = np.linalg.norm(np.asarray(cloud.x)[:, 3:5] - place, axis=1) < 1e-6
-    far = np.linalg.norm(np.asarray(cloud.x)[:, 3:5] - mirrored, axis=1) < 1e-6
-    assert (near | far).all()
-    assert 40 <= near.sum() <= 80
-    heading = np.sort(np.asarray(cloud.x)[:, 0])
-    assert np.diff(heading).max() < 3 * 2 * np.pi / 120
 
 
 def test_it_exports():
