@@ -264,5 +264,6 @@ def test_it_is_an_estimator_and_refuses_what_cannot_be():
 def test_without_cone_error_it_is_not_undone():
     estimator = RangingPosition().without("cone-error")
     assert not estimator.cone
+    assert RangingPosition().without("range-noise").frozen_after == 0
     with pytest.raises(InputError, match="no imperfection 'fog'"):
         estimator.without("fog")

@@ -1,15 +1,23 @@
 """The hovercraft's navigation system flown in the loop: truth is known, every fault can be switched off."""
 
+from typing import Any
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from contracts import parts
 from trimtab.core.errors import InputError
-from trimtab.core.record import replace
-from trimtab.core.time import seconds
+from trimtab.core.record import part, quantity, record, replace
+from trimtab.core.time import ms, seconds
 from trimtab.estimators.aided_inertial import Intake
 from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
+from trimtab.estimators.planar_inertial import LeverArms
 from trimtab.estimators.ranging_position import RangingPosition
 from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.links.wire import Wire
+from trimtab.loop.structure import strong
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 
@@ -46,8 +54,8 @@ def faultless(scenario):
 
 def test_with_perfect_sensors_it_finds_the_truth(scenario):
     """What is left: the way from a start that knows nothing, which the filter's own noise takes seconds to forget."""
-    (log,) = flown(faultless(scenario), [3])
-    late = log.t > 7
+    (log,) = flown(replace(faultless(scenario), duration=seconds(12)), [3])
+    late = log.t > 11
     assert log["estimate.valid"][late].all()
     for signal, bound in zip(SIGNALS, (0.004, 0.004, 0.002, 0.002, 0.002), strict=True):
         assert np.abs(errors(log, signal)[0][late]).max() < bound, signal
@@ -86,11 +94,94 @@ def test_a_beacon_moved_by_half_a_metre_is_left_out(scenario):
             assert np.abs(error / sigma)[late].max() < 8
 
 
+FAULTS = ("frozen", "ahead", "back", "nan", "twice")
+
+
+@record
+class Spoiled:
+    """A ranging sensor whose samples go wrong from 3 s on. Source: this test."""
+
+    sensor: Any = part("The sensor.")
+    fault: Any = quantity("1", "What happens to them, by its number in FAULTS.")
+
+    LATE = True
+
+    @property
+    def period(self):
+        return self.sensor.period
+
+    def init(self, key):
+        state = self.sensor.init(key)
+        _, sample = self.sensor.step(np.int64(0), state, parts.motion(np.int64(0)))
+        return state, strong(sample.value)
+
+    def measure(self, motion):
+        return self.sensor.measure(motion)
+
+    def step(self, t, state, motion):
+        inner, kept = state
+        inner, sample = self.sensor.step(t, inner, motion)
+        frozen, ahead, back, nan, twice = ((self.fault == k) & (t >= seconds(3)) for k in range(5))
+        value = jax.tree.map(lambda old, new: jnp.where(frozen, old, new), kept, sample.value)
+        value = replace(value, range=jnp.where(nan, jnp.nan, value.range))
+        shift = jnp.where(ahead & (t < seconds(3.1)), seconds(3600), jnp.where(back, -seconds(2), 0))
+        fresh = jnp.where(twice, sample.valid & (t // ms(10) % 2 == 0), sample.fresh)
+        return (inner, strong(value)), replace(sample, value=value, t=sample.t + shift, fresh=fresh)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fault):
+    ranging = Spoiled(scenario.world.sensors["ranging"], np.float64(FAULTS.index(fault)))
+    positioning = scenario.autopilot.estimator.positioning
+    world = replace(scenario.world, sensors=scenario.world.sensors | {"ranging": ranging}, downlink=Wire())
+    log = simulate_many(replace(scenario, world=world), seeds=[1], signals=("truth", "estimate"))[0]
+    late = log.t > 4.5
+    for signal in ("north", "east"):
+        error, sigma = errors(log, signal)
+        assert np.abs(error / sigma)[late].max() < 5, (fault, signal)
+    used = log["estimate.state.position_fix.used"]
+    sigma = log["estimate.state.sigma_north"]
+    if fault in ("frozen", "nan", "back"):  # nothing usable comes any more, or for two seconds
+        blind = (log.t > 3.8) & (log.t < 4.8)
+        assert np.ptp(used[blind]) == 0
+        assert (np.diff(sigma[blind]) >= 0).all()
+        assert sigma[blind][-1] > 1.5 * sigma[log.t < 3][-1]
+    else:
+        assert used[-1] > used[log.t < 4][-1] + 20  # it goes on
+        assert sigma[-1] < 0.03
+    assert positioning.frozen_after == 3
+
+
+@pytest.mark.slow
+def test_one_unit_on_a_lever_is_as_honest_as_at_the_centre(scenario):
+    """Heading unknown at first, and no sensor for it: what the lever arm hides is not noise that averages away."""
+    made = scenario.autopilot.estimator
+    lever = PAIR[:1]
+    ranging = replace(scenario.world.sensors["ranging"], units=lever, clients=1)
+    inertial = AidedInertialCoupled(
+        noise=made.inertial.noise,
+        start=replace(made.inertial.start, sigma_heading=0.5),
+        intake=Intake(heading=""),
+        arms=LeverArms(aiding=lever[0, :2]),
+    )
+    estimator = replace(made, positioning=replace(made.positioning, units=lever), inertial=inertial)
+    world = replace(scenario.world, sensors=scenario.world.sensors | {"ranging": ranging})
+    autopilot = replace(scenario.autopilot, estimator=estimator)
+    logs = flown(replace(scenario, world=world, autopilot=autopilot), range(8))
+    for signal in ("north", "east"):
+        normalised = [np.sqrt(np.mean((e / s)[log.t > 3] ** 2)) for log in logs for e, s in [errors(log, signal)]]
+        assert np.median(normalised) < 1.5, (signal, normalised)
+
+
 def test_parts_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="one ultrasonic unit and no magnetometer"):
         UltrasonicInertial(positioning=RangingPosition()).check()
     one = UltrasonicInertial(positioning=RangingPosition(), inertial=AidedInertialCoupled())
     one.check()
+    ahead = RangingPosition(units=PAIR[:1])
+    with pytest.raises(InputError, match=r"arms\.aiding is \[0\. 0\.\], with 1 units it is \[0\.2 0\. \]"):
+        replace(one, positioning=ahead).check()
+    replace(one, positioning=ahead, inertial=replace(one.inertial, arms=LeverArms(aiding=PAIR[0, :2]))).check()
     assert one.listens == ("imu", "ranging")
     assert UltrasonicInertial(magnetometer="compass").listens == ("imu", "ranging", "compass")
     blind = AidedInertialCoupled(intake=Intake(heading="", position=""))

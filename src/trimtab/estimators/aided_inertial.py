@@ -7,7 +7,7 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 and section 5.4: propagation runs on the IMU's samples, never on the wall clock.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -54,6 +54,14 @@ class Intake:
     heading: str = option("Name of the heading sensor, or nothing.", default="heading")
     position: str = option("Name of the position sensor, or nothing.", default="position")
     slots: int = option("Events that are kept: those measured in the longest delay, and some.", default=64)
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("imu-noise",)
+
+    def without(self, name: str) -> "Intake":
+        """A copy for an IMU without noise, which may repeat itself without being frozen."""
+        if name not in self.IMPERFECTIONS:
+            raise InputError("Intake", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, frozen_imu=0)
 
     def listens(self) -> tuple[str, ...]:
         """The names of what is read."""

@@ -63,7 +63,7 @@ class CompensatedInertial:
         sample = frame.samples[name]
         y = sample.value.angular_rate
         sound = jnp.all(jnp.isfinite(y))
-        new = sample.fresh & sample.valid & (sample.t > state.last)
+        new = sample.fresh & sample.valid & (sample.t > state.last) & (sample.t <= t)
         follows = sample.t - state.last <= self.gap
         y1, y2 = (jnp.where(follows, past, y) for past in (state.compensator.y1, state.compensator.y2))
         memory, rate = self.compensator.compensate(CompensatorState(y1=y1, y2=y2), y)

@@ -47,6 +47,10 @@ class RangingFix:
     used: Scalar = quantity("1", "Ranges used at the last ping.", kind="count")
     rejected: Scalar = quantity("1", "Beacon whose range was left out at the last ping; -1: none.", kind="count")
     mode: Scalar = quantity("1", "What the last ping gave.", kind="mode", modes=MODES)
+    frozen: Scalar = quantity("1", "Whether a unit's ranges repeat, which noise does not allow: no fix.", kind="flag")
+    out_of_time: Scalar = quantity(
+        "1", "Pings with a time of the future, or not after the one before: not used.", kind="count"
+    )
 
 
 @record
@@ -58,6 +62,8 @@ class RangingPositionState:
     times: Any = quantity("100 ns", "When each unit was located (m,); long ago where it never was.", kind="time")
     measured: Scalar = quantity("100 ns", "When the newest accepted ping was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "When the newest ping of all was sent.", kind="time")
+    ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
+    repeats: Any = quantity("1", "How often in a row each unit had the same ranges (m,).", kind="count")
     any: Scalar = quantity("1", "Whether there has been a fix.", kind="flag")
 
 
@@ -94,6 +100,9 @@ class RangingPosition:
     )
     usual_jump: Scalar = quantity("m", "How far a fix usually is from the one before.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest dilution believed.", default=10.0, above=0)
+    frozen_after: Scalar = quantity(
+        "1", "Pings of a unit with exactly the same ranges that mean frozen; 0: never.", default=3, kind="count"
+    )
     pair_time: int = period("Longest time between the fixes of two units that make a heading.", default=ms(200))
     cone: bool = option("Whether to undo the cone error.", default=True, choices=(True, False))
     solver: str = option(
@@ -103,13 +112,13 @@ class RangingPosition:
     )
     sensor: str = option("Name of the sensor.", default="ranging")
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("cone-error",)
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("cone-error", "range-noise")
 
     def without(self, name: str) -> "RangingPosition":
-        """A copy that does not undo the cone error, for a sensor that has none."""
+        """A copy for a sensor without one: no cone error to undo, or ranges that may repeat without being frozen."""
         if name not in self.IMPERFECTIONS:
             raise InputError("RangingPosition", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, cone=False)
+        return replace(self, cone=False) if name == "cone-error" else replace(self, frozen_after=0)
 
     def check(self) -> None:
         """Refuse beacons and units without positions, and units that lie above each other."""
@@ -130,10 +139,16 @@ class RangingPosition:
         """No fix."""
         m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
         no, none = np.bool_(False), np.int32(0)
-        fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE))
-        times = jnp.full(m, never)
+        fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none)
         return RangingPositionState(
-            fix=fix, places=jnp.zeros((m, 2)), times=times, measured=np.int64(0), seen=never, any=no
+            fix=fix,
+            places=jnp.zeros((m, 2)),
+            times=jnp.full(m, never),
+            measured=np.int64(0),
+            seen=never,
+            ranges=jnp.zeros((m, np.shape(self.beacons)[0])),
+            repeats=jnp.zeros(m, np.int32),
+            any=no,
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _Result:
@@ -210,6 +225,9 @@ class RangingPosition:
     def _update(self, s: RangingPositionState, t: Any, value: Any) -> RangingPositionState:
         """The state after a ping of integer time t."""
         unit = jnp.clip(value.unit, 0, np.shape(self.units)[0] - 1)
+        own = jnp.arange(s.times.shape[0]) == unit
+        ranges, repeats = self._watched(s, own, value)
+        frozen = (repeats[unit] >= self.frozen_after) & (jnp.asarray(self.frozen_after) > 0)
         near = s.places[unit]
         known = s.times[unit] > -FOREVER
         r = self.locate(value.range, value.arrived, unit, near, known)
@@ -218,16 +236,23 @@ class RangingPosition:
         good = (r.mode != NONE) & (r.mode != INCONSISTENT) & jnp.all(jnp.isfinite(r.place))
         good = good & (dilution <= self.dilution_limit)
         mode = jnp.where(good | (r.mode == NONE), r.mode, INCONSISTENT)
+        good = good & ~frozen
         place = jnp.where(good, place, near)
-        own = jnp.arange(s.times.shape[0]) == unit
         places, times = jnp.where(own[:, None], place, s.places), jnp.where(own & good, t, s.times)
         residual, bias = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (r.residual, r.bias))
-        fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32))
+        fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
         fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
         moved = self._vehicle(fix, place, unit, places, times)
         fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), moved, fix)
         measured = jnp.where(good, t, s.measured)
-        return RangingPositionState(fix, places, times, measured, t, s.any | good)
+        return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
+
+    def _watched(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
+        """Last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
+        now = jnp.where(value.arrived & jnp.isfinite(value.range), value.range, 0.0)
+        same = jnp.all(now == s.ranges, axis=1) & jnp.any(now > 0)
+        repeats = jnp.where(own, jnp.where(same, s.repeats + 1, 0), s.repeats).astype(np.int32)
+        return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
     def _vehicle(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
         """The fix of the vehicle from that of a unit, and the heading where two units have one."""
@@ -254,8 +279,11 @@ class RangingPosition:
     def step(self, t: Any, state: RangingPositionState, frame: Frame) -> tuple[RangingPositionState, Estimate]:
         """The newest fix at integer time t; a ping already seen, or from before it, changes nothing."""
         sample = frame.samples[self.sensor]
-        new = sample.fresh & sample.valid & (sample.t > state.seen)
+        arrived = sample.fresh & sample.valid
+        new = arrived & (sample.t > state.seen) & (sample.t <= t)
+        refused = jnp.where(arrived & ~new, state.fix.out_of_time + 1, state.fix.out_of_time).astype(np.int32)
         after = jax.lax.cond(new, lambda: self._update(state, sample.t, sample.value), lambda: state)
+        after = replace(after, fix=replace(after.fix, out_of_time=refused))
         age = to_seconds(t - after.measured)
         fresh = new & (after.measured == sample.t)
         return after, Estimate(t=t, age=age, fresh=fresh, valid=after.any, state=after.fix)

@@ -56,11 +56,12 @@ class UltrasonicInertialState:
 
 
 class _Pose(NamedTuple):
-    """Heading (rad), reference point (2,), rate of turn (rad/s), and whether the heading is known."""
+    """Heading (rad), reference point (2,), rate of turn (rad/s), variance of the heading, and whether it is known."""
 
     heading: Any
     place: Any
     rate: Any
+    variance: Any
     known: Any
 
 
@@ -73,7 +74,8 @@ class UltrasonicInertial:
                    magnetometer
 
     A fix's variance is that of a range times its dilution. Until the INS knows its heading, what a unit may have moved
-    between the two pings counts as error of the heading, and what B(phi) lever may be as error of the position.
+    between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
+    alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
 
     Frames:  beacons in W, levers in B.
     Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.
@@ -101,6 +103,13 @@ class UltrasonicInertial:
         if self.inertial.intake.heading and not self.magnetometer and units < 2:
             problem = "the INS reads headings, but there is one ultrasonic unit and no magnetometer"
             fix = "add a unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
+            raise InputError("UltrasonicInertial", problem, fix=fix)
+        lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
+        if not np.allclose(self.inertial.arms.aiding, lever):
+            problem = (
+                f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}, with {units} units it is {lever}"
+            )
+            fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
             raise InputError("UltrasonicInertial", "the INS reads no positions", fix="set inertial.intake.position")
@@ -134,8 +143,8 @@ class UltrasonicInertial:
         dt = jnp.clip(to_seconds(t - node.t), 0.0, 0.1)
         heading = x[0] + dt * rate
         place = x[3:5] + dt * x[1:3] - planar(heading) @ self.inertial.arms.imu
-        known = (node.t > NEVER) & (belief.P[0, 0] < KNOWN**2)
-        return _Pose(heading, place, rate, known)
+        variance = jnp.where(node.t > NEVER, belief.P[0, 0], np.inf)
+        return _Pose(heading, place, rate, variance, variance < KNOWN**2)
 
     def _located(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
@@ -146,11 +155,11 @@ class UltrasonicInertial:
         now, lever = self._pose(inertial, s.measured), levers[new]
         variance = (self.range_noise * fix.state.dilution) ** 2 / 2
         unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
+        if levers.shape[0] < 2:  # the form itself takes the lever arm off, and may learn from it
+            return PositionFound(unit[0], unit[1], variance), HeadingFound(jnp.zeros(()), jnp.zeros(()))
         place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
-        spread = jnp.where(now.known, 0.0, jnp.sum(lever * lever) / 2)
+        spread = jnp.sum(lever * lever) * jnp.minimum(now.variance, 0.5)
         position = PositionFound(place[0], place[1], variance + spread)
-        if levers.shape[0] < 2:
-            return position, HeadingFound(jnp.zeros(()), jnp.zeros(()))
         old = 1 - new
         then, lever = self._pose(inertial, s.times[old]), levers[old]
         known = now.known & then.known

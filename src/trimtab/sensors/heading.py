@@ -51,6 +51,10 @@ class HeadingSensor:
     """Samples come out after the time at which they were measured."""
     IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("heading-noise", "heading-latency")
 
+    def check(self) -> None:
+        """Refuse a period at which measurements would be missed."""
+        self.timing.check_period(self.period)
+
     def without(self, name: str) -> "HeadingSensor":
         """A copy with one of IMPERFECTIONS switched off."""
         if name == "heading-noise":
@@ -70,7 +74,8 @@ class HeadingSensor:
     def step(self, t: Any, state: HeadingState, motion: Motion) -> tuple[HeadingState, Sample]:
         """The newest heading that is out at integer time t."""
         w, _ = normal2(state.key, self.timing.turn(t))
-        late, sample = self.timing.pass_on(t, state.late, HeadingReading(motion.attitude[2] + self.noise * w))
+        true = self.measure(motion)
+        late, sample = self.timing.pass_on(t, state.late, HeadingReading(true.heading + self.noise * w))
         return HeadingState(state.key, late), sample
 
 

@@ -49,6 +49,12 @@ class LateFix:
             problem = f"{show(self.offset)} is not before the next measurement, {show(self.interval)} later"
             raise InputError("offset", problem, fix="give less than the interval")
 
+    def check_period(self, looked: int) -> None:
+        """Refuse a sensor that is looked at each `looked` and would miss measurements."""
+        if self.interval % looked or self.offset % looked:
+            problem = f"{show(looked)} divides not both interval {show(self.interval)} and offset {show(self.offset)}"
+            raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
+
     def turn(self, t: Any) -> Any:
         """Number of the measurement made last at integer time t; its random numbers follow from it."""
         return (t - self.offset) // self.interval

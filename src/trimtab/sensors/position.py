@@ -52,6 +52,10 @@ class PositionSensor:
     """Samples come out after the time at which they were measured."""
     IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("position-noise", "position-latency")
 
+    def check(self) -> None:
+        """Refuse a period at which measurements would be missed."""
+        self.timing.check_period(self.period)
+
     def without(self, name: str) -> "PositionSensor":
         """A copy with one of IMPERFECTIONS switched off."""
         if name == "position-noise":

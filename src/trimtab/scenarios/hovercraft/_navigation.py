@@ -33,7 +33,7 @@ ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all
 ins-tight: that, on single ranges in place of fixes."""
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between them (m): from anywhere on the floor four or more are in their cones."""
+"""Height of the beacons and distance between them (m): three or more are heard all over the floor, mostly four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,
