@@ -170,8 +170,10 @@ def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> P
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: redrawn(done.cloud, comb, z, form.share), lambda: done.cloud)
     alive = s.fix.tracking | starts
-    share = jnp.sum(jnp.where(heard, done.believed, 0.0))
-    doubt = jnp.where(2 * share >= jnp.sum(heard), 0, s.fix.doubted + 1)
+    mostly = (
+        jnp.sum(jnp.where(heard, done.believed, 0.0)) > jnp.sum(heard) / 2 - 0.01
+    )  # half of them, to rounding, is no reason yet
+    doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
         effective=size,

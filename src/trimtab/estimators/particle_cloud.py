@@ -10,7 +10,6 @@ Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Pro
 
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jax import lax
 
@@ -72,7 +71,12 @@ def motion_covariance(noise: InertialNoise, heading: Any, m: Motion) -> Any:
 
 def advanced(cloud: Cloud, m: Motion, noise: InertialNoise) -> Cloud:
     """All particles over a motion."""
-    x, P = jax.vmap(lambda x, P: moved(x, P, m, motion_covariance(noise, x[0], m)))(cloud.x, cloud.P)
+
+    def one(particle: Any) -> Any:
+        x, P = particle
+        return moved(x, P, m, motion_covariance(noise, x[0], m))
+
+    x, P = lax.map(one, (cloud.x, cloud.P))
     return replace(cloud, x=x, P=P)
 
 
@@ -83,10 +87,13 @@ def weighed(
 
         p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
 
-    A range outside a particle's gate costs it weight and corrects nothing.
+    A range outside a particle's gate costs it weight and corrects nothing. One particle after the other, so that
+    compiled code needs scratch memory for one only.
     """
 
-    def one(x: Any, P: Any) -> Any:
+    def one(particle: Any) -> Any:
+        x, P = particle
+
         def each(carry: Any, row: Any) -> Any:
             x, P, log = carry
             i, z = row
@@ -103,7 +110,7 @@ def weighed(
         (x, P, log), used = lax.scan(each, (x, P, jnp.zeros(())), (jnp.arange(ranges.shape[0]), ranges))
         return x, P, log, used
 
-    x, P, log, used = jax.vmap(one)(cloud.x, cloud.P)
+    x, P, log, used = lax.map(one, (cloud.x, cloud.P))
     weight = cloud.weight * jnp.exp(log - jnp.max(log))
     total = jnp.sum(weight)
     fair = jnp.full(weight.shape, 1.0 / weight.shape[0])
