@@ -105,6 +105,14 @@ def test_other_scenarios_say_nothing_of_navigation(tmp_path, monkeypatch):
     assert "navigation" not in json.loads(call("hovercraft/spin", "--duration", "0.2", "--no-ideal", "--json"))
 
 
+def test_a_scenario_without_a_choice_of_navigation_says_so():
+    done = CliRunner().invoke(main, ["run", "navigation/platform-encoder", "--navigation", "ins"])
+    assert done.exit_code == 2
+    for text in ("error: --navigation:", "hovercraft/spin", "trimtab list navigation/platform-encoder"):
+        assert text in done.stderr
+    assert "--set" not in done.stderr
+
+
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_flown_again_it_is_judged_without_jax(boat, tmp_path):
     code = f"""
