@@ -104,9 +104,10 @@ def error_budget(
         Cost(name, flown(f"without {name}", [name]), flown(f"{name} alone", [n for n in known if n != name]))
         for name in wanted
     ]
-    first = next(iter(whole))
-    costs.sort(key=lambda cost: cost.without[first][0])
-    return Budget(_units(scenario, whole), whole, least, tuple(costs))
+    rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
+    kept = [measure for measure in whole if all(measure in row for row in rows)]
+    costs.sort(key=lambda cost: [cost.without[m][0] for m in kept[:1]])
+    return Budget(_units(scenario, kept), whole, least, tuple(costs))
 
 
 def sets_of_flights(scenario: Scenario, names: Iterable[str] = ()) -> int:
