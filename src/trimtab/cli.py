@@ -270,7 +270,7 @@ def calibrate() -> None:
 def noise(as_json: bool, **asked: Any) -> None:
     """Noise coefficients of a sensor at rest: white, flicker and walk, with intervals, and a filter's Q and R.
 
-    LOG is an MCAP file of `trimtab run … --out`, or a CSV file with a column of times in seconds.
+    LOG is an MCAP file of `trimtab run … --out`, or a CSV file with a column of times.
 
     \b
     trimtab run navigation/still --out still

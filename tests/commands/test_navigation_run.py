@@ -100,9 +100,25 @@ def test_table_and_second_picture(boat, tmp_path):
     assert "flight-navigation.png" in text.replace("\n", "")
 
 
+def test_a_run_too_short_for_an_estimate_ends_with_its_pictures(boat, tmp_path):
+    """Its sensor's samples come after 60 ms of Bluetooth: no estimate becomes valid in 30 ms."""
+    (tmp_path / "boat.py").write_text(BOAT.replace("downlink=Wire()", "downlink=made.world.downlink"))
+    words = ("--no-ideal", "--duration", "30 ms", "--out", tmp_path / "out", "--backend", "jax")
+    call(boat, *words)
+    assert {f.name for f in (tmp_path / "out").iterdir()} == {"run.mcap", "run.png", "run-navigation.png"}
+
+
 def test_other_scenarios_say_nothing_of_navigation(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     assert "navigation" not in json.loads(call("hovercraft/spin", "--duration", "0.2", "--no-ideal", "--json"))
+
+
+def test_a_scenario_without_a_choice_of_navigation_says_so():
+    done = CliRunner().invoke(main, ["run", "navigation/platform-encoder", "--navigation", "ins"])
+    assert done.exit_code == 2
+    for text in ("error: --navigation:", "hovercraft/spin", "trimtab list navigation/platform-encoder"):
+        assert text in done.stderr
+    assert "--set" not in done.stderr
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -18,6 +18,17 @@ def test_draws_of_white_and_of_lasting_errors():
     assert 0.9 < effective_draws(np.full((500, 1), 0.3))[0] < 2
 
 
+def test_zeros_are_one_draw_and_decide_nothing():
+    """Innovations that are all exactly 0: no correlation can be taken, and bounds are still numbers."""
+    z = np.stack([np.zeros(500), np.random.default_rng(0).standard_normal(500)], axis=1)
+    draws = effective_draws(z)
+    assert draws[0] == 1.0
+    assert 300 < draws[1] <= 500
+    one = judge_average(0.0, draws[:1], 1, 0.025)
+    assert one.verdict == "undecided"
+    assert np.isfinite([one.low, one.high, one.draws]).all()
+
+
 def first_order(a, n, runs, seed=0):
     """Columns of a stationary Gaussian sequence of variance 1."""
     g = np.random.default_rng(seed)

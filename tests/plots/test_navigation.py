@@ -41,6 +41,38 @@ def test_panels_show_error_bias_and_nis(log, tmp_path):
     assert imread(tmp_path / "n.png").std() > 0.05
 
 
+def changed(log, **signals):
+    return Log(
+        t=log.t, ticks=log.ticks, signals={**log.signals, **{k.replace("__", "."): v for k, v in signals.items()}}
+    )
+
+
+def test_a_run_without_a_valid_estimate_is_drawn_without_states(log, tmp_path):
+    never = changed(log, estimate__valid=np.zeros(len(T), bool))
+    figure = plot_navigation(never, tmp_path / "n.png")
+    assert [axes.get_title("left") for axes in figure.axes if axes.axison] == ["NIS of heading"]
+    assert "no estimate became valid" in figure.get_suptitle()
+    assert (tmp_path / "n.png").stat().st_size > 1000
+    silent = changed(never, estimate__state__heading_fix__used=np.zeros(len(T), int))
+    assert not [axes for axes in plot_navigation(silent, tmp_path / "m.png").axes if axes.axison]
+
+
+def test_one_valid_estimate_is_enough_for_a_picture(log, tmp_path):
+    once = changed(log, estimate__valid=np.arange(len(T)) == len(T) - 1)
+    assert "Heading error" in [axes.get_title("left") for axes in plot_navigation(once, tmp_path / "n.png").axes]
+
+
+def test_states_that_nothing_aids_are_not_drawn(log):
+    lost = changed(
+        log,
+        estimate__state__north=np.zeros(len(T)),
+        estimate__state__sigma_north=np.full(len(T), 38.0),
+        estimate__state__position_fix__used=np.zeros(len(T), int),
+    )
+    titles = [axes.get_title("left") for axes in plot_navigation(lost).axes]
+    assert titles == ["Heading error", "Gyro bias", "NIS of heading"]
+
+
 def test_a_log_without_sigmas_is_refused(log):
     bare = Log(t=log.t, ticks=log.ticks, signals={"truth.heading": log["truth.heading"]})
     with pytest.raises(InputError, match="no sigmas"):

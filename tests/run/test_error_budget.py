@@ -64,3 +64,16 @@ def test_bad_input_is_refused(forward):
         error_budget(forward, names=["wind"])
     with pytest.raises(InputError, match="no seeds"):
         error_budget(forward, seeds=[])
+
+
+def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
+    told = []
+    with pytest.raises(InputError, match=r"nothing to measure(.|\n)*Fix: give the scenario targets"):
+        error_budget(catalogue.load("navigation/still")[0], seeds=range(2), tell=told.append)
+    assert told == []
+
+
+def test_navigation_is_measured_without_targets():
+    scenario = replace(catalogue.load("navigation/platform-square-wave")[0], duration=seconds(1))
+    assert not scenario.targets
+    assert "heading error" in error_budget(scenario, seeds=[0]).whole

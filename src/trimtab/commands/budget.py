@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from trimtab.core.errors import InputError
+
 if TYPE_CHECKING:
+    from trimtab.loop.scenario import Scenario
     from trimtab.run.error_budget import Budget
 
 
@@ -36,6 +39,7 @@ def budget(request: Request) -> None:
 
     check_seed(request.seed)
     scenario = build(Flight(request.scenario, request.settings, request.without))
+    _check_only(scenario, request.only)
     check_picture(request.plot, None)
     use_cache()
     seeds = range(request.seed, request.seed + request.runs)
@@ -51,6 +55,16 @@ def budget(request: Request) -> None:
     print_budget(f"{scenario.name}, {request.runs} runs from seed {request.seed}", found)
     for file in written:
         click.echo(f"wrote {file}")
+
+
+def _check_only(scenario: "Scenario", only: tuple[str, ...]) -> None:
+    """Refuse names of imperfections that the scenario does not have, or has no more."""
+    known = scenario.imperfections()
+    for name in only:
+        if name not in known:
+            problem = f"scenario {scenario.name!r} has no imperfection {name!r}"
+            fix = f"--only {next(iter(known))}, or leave --only out for all" if known else "leave --only out"
+            raise InputError("--only", problem, choices=known, fix=fix)
 
 
 def _plain(request: Request, found: "Budget") -> dict[str, Any]:

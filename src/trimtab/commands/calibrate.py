@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse, to_seconds
 from trimtab.identify.allan import AllanFit, Coefficient, FilterNoise, allan, filter_noise, octaves
 from trimtab.identify.still import refuse_motion
@@ -49,8 +49,7 @@ def calibrate_noise(request: Request) -> None:
 
     picture = request.plot or (request.out / "noise.png" if request.out else None)
     check_picture(picture, request.out)
-    shortest = 0.0 if request.shortest is None else to_seconds(parse(request.shortest))
-    tick = None if request.tick is None else to_seconds(parse(request.tick))
+    shortest, tick = _times(request)
     log = _read(request)
     _refuse_moving(log)
     axes = {n: _axis(n, log.unit(p), y, dt, shortest, tick) for n, p, y, dt in _signals(log, request.signals)}
@@ -64,6 +63,19 @@ def calibrate_noise(request: Request) -> None:
     print_noise(request.log.name, axes)
     for file in written:
         click.echo(f"wrote {file}")
+
+
+def _times(request: Request) -> tuple[float, float | None]:
+    """Shortest average and the filter's step, in s; refuses what is no stretch of time."""
+    shortest = 0 if request.shortest is None else parse(request.shortest)
+    tick = None if request.tick is None else parse(request.tick)
+    if shortest < 0:
+        problem = f"{request.shortest!r} is below 0"
+        raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out for every average")
+    if tick is not None and tick <= 0:
+        problem = f"{request.tick!r} is not longer than 0"
+        raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's own")
+    return float(to_seconds(shortest)), None if tick is None else float(to_seconds(tick))
 
 
 def _read(request: Request) -> Log:
@@ -105,7 +117,10 @@ def _matching(log: Log, wanted: str) -> list[str]:
     wanted = f"csv.{wanted}" if f"csv.{wanted}" in log else wanted
     found = [p for p in log.paths if p == wanted or p.startswith(f"{wanted}.")]
     if not found:
-        log[wanted]  # refuses, and says what is near
+        measured = _candidates(log)
+        near = closest(wanted, measured) or measured
+        problem = "there is no such signal in this log"
+        raise InputError(f"--signal {wanted}", problem, choices=near, fix=f"--signal {near[0]}")
     found = [p for p in found if _noisy(log, p)]
     if not found:
         raise InputError(

@@ -142,11 +142,23 @@ def build(request: Request) -> "Scenario":
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
         raise InputError(f"scenario {request.scenario!r}", problem, fix="return Scenario(world=…, autopilot=…)")
+    if "navigation" in rest:
+        _refuse_navigation(request.scenario)
     scenario = with_settings(scenario, rest)
     for name in request.without:
         scenario = scenario.without(name)
     scenario.check()
     return scenario
+
+
+def _refuse_navigation(name: str) -> None:
+    from trimtab.scenarios import catalogue
+
+    chosen = {n: catalogue.arguments(n).get("navigation", ()) for n in catalogue.names()}
+    offer = [n for n, choices in chosen.items() if choices]
+    problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
+    fix = f"leave it out; what can be chosen here:  trimtab list {name}"
+    raise InputError("--navigation", problem, fix=fix)
 
 
 def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.logs.log import Log
 
 TIMES = ("t", "time", "time_s", "timestamp", "seconds")
-"""Names of the column of times, in seconds, whatever their case."""
+"""Names of the column of times, whatever their case."""
+TIME_UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+"""Seconds of each unit that the column of times may say; without one it is seconds."""
 BLOCK = "csv"
 """Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
 
@@ -25,7 +27,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
 
     Args:
         path: the file.
-        time: name of the column of times (s); the first of TIMES that there is when None.
+        time: name of the column of times, in s or the unit that it says; the first of TIMES that there is when None.
     """
     where = f"log file '{path}'"
     try:
@@ -40,17 +42,41 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     if not chosen:
         problem = f"has no column {time!r}" if time else "has no column of times"
         raise InputError(where, problem, choices=names, fix="name it time (in seconds), or say --time NAME")
+    paths = _paths(where, names, chosen[0])
     rows = _numbers(where, lines[1:], len(names))
     seconds = rows[:, names.index(chosen[0])]
-    ticks = np.round((seconds - seconds[0]) * UNITS_PER_SECOND).astype(np.int64)
-    paths = {n: f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', n)}" for n in names if n != chosen[0]}
+    since = (seconds - seconds[0]) * _scale(where, chosen[0], units[names.index(chosen[0])])
+    ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
     signals = {path: rows[:, names.index(n)] for n, path in paths.items()}
     declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
     if (np.diff(ticks) <= 0).any():
         at = int(np.argmax(np.diff(ticks) <= 0))
-        problem = f"its times do not rise after line {at + 2}: {seconds[at]} s, then {seconds[at + 1]} s"
+        problem = f"its times do not rise after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
         raise InputError(where, problem, fix="sort it, leave out repeated rows, and give times to at least 100 ns")
     return Log(t=to_seconds(ticks), ticks=ticks, signals=signals, declared=declared, metadata={"file": Path(path).name})
+
+
+def _scale(where: str, name: str, unit: str) -> float:
+    """Seconds of one unit of the column of times."""
+    if unit not in TIME_UNITS:
+        problem = f"its column of times {name!r} is in {unit!r}"
+        fix = f"convert it to seconds and name it {name}, or {name} [s]"
+        raise InputError(where, problem, choices=("s", "ms", "us", "ns"), fix=fix)
+    return TIME_UNITS[unit]
+
+
+def _paths(where: str, names: list[str], time: str) -> dict[str, str]:
+    """Signal of each column but the times; two columns of one signal would hide each other."""
+    paths: dict[str, str] = {}
+    for i, name in enumerate(names):
+        path = f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
+        same = next((n for n, p in paths.items() if p == path), None)
+        if same is not None or name in names[:i]:
+            problem = f"columns {same or name!r} and {name!r} are one signal, {path}"
+            raise InputError(where, problem, fix=f"give them names that differ in letters or digits, e.g. {name}_2")
+        if name != time:
+            paths[name] = path
+    return paths
 
 
 def _numbers(where: str, lines: list[str], columns: int) -> np.ndarray:

@@ -47,7 +47,7 @@ def effective_draws(z: Any) -> Any:
     """Of each column of z (n, m), by how many independent Gaussian numbers' squares its mean square is known: (m,).
 
     n over 1 + 2 sum (1 - k/n) rho_k², up to where rho is lost in its own noise; about zero, so that a lasting error
-    is one draw, however often it is looked at.
+    is one draw, however often it is looked at. A column of zeros is one draw, too: it says nothing.
     """
     n = len(z)
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
@@ -57,7 +57,8 @@ def effective_draws(z: Any) -> Any:
     tau = 2 * np.cumsum(weight * np.minimum(rho * rho, 1.0), axis=0) - 1
     enough = np.arange(n)[:, None] >= WINDOW * tau
     enough[-1] = True
-    return n / np.take_along_axis(tau, np.argmax(enough, axis=0)[None], axis=0)[0]
+    draws = n / np.maximum(np.take_along_axis(tau, np.argmax(enough, axis=0)[None], axis=0)[0], 1.0)
+    return np.where(sums[0] > 0, draws, 1.0)
 
 
 def judge_average(mean: Any, draws: Any, dof: int, tail: float) -> Judged:

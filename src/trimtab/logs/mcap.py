@@ -183,7 +183,8 @@ def _bytes(path: Path) -> bytes:
         data = path.read_bytes()
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
-        raise InputError(f"log file '{path}'", problem, fix="check the path, or run write_mcap first") from None
+        fix = "check the path; trimtab run SCENARIO --out DIR  writes one, DIR/run.mcap"
+        raise InputError(f"log file '{path}'", problem, fix=fix) from None
     if not data.startswith(MAGIC):
         raise InputError(f"log file '{path}'", "is not an MCAP file", fix="give a file that write_mcap wrote")
     return data

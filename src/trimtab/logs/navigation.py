@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.logs.aiding import Updates, fixes, flag, unaided, updates, where_state
 from trimtab.logs.consistency import CONSISTENT, OPTIMISTIC, PESSIMISTIC, whiteness
 from trimtab.logs.effective_draws import UNDECIDED, Judged, effective_draws, judge_average
 from trimtab.logs.log import Log
@@ -100,8 +101,8 @@ def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
         log: of a run; signals as they are by default.
         probability: with which a consistent filter keeps within the bounds of all rows.
     """
-    fixes, states = _fixes(log), series(log)
-    if not fixes or not states:
+    aids, states = fixes(log), series(log)
+    if not aids or not states:
         return None
     learned = {name: _learned(s) for name, s in states.items() if len(s.t) > 3}
     judged = [n for n in learned if states[n].error is not None] or list(learned)
@@ -113,35 +114,38 @@ def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     }
     errors = {group: z[np.isfinite(z).all(axis=1)] for group, z in errors.items()}
     errors = {group: z for group, z in errors.items() if len(z) > 3}
-    updates = {name: update for name, path in fixes.items() if len((update := _updates(log, path, since)).nis) > 3}
-    tail = (1 - probability) / (2 * max(len(errors) + len(updates), 1))
-    aiding = {name: _aiding(update, tail) for name, update in updates.items()}
+    came = {name: update for name, path in aids.items() if len((update := updates(log, path, since)).nis) > 3}
+    tail = (1 - probability) / (2 * max(len(errors) + len(came), 1))
+    aiding = {name: _aiding(update, tail) for name, update in came.items()}
     found = {
         group: judge_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
         for group, z in errors.items()
     }
     verdict = _together([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
-    return Navigation(verdict, probability, since, _base(log) or "", aiding, found, learned)
+    return Navigation(verdict, probability, since, where_state(log) or "", aiding, found, learned)
 
 
 def series(log: Log) -> dict[str, Series]:
     """Every state that has a sigma, by name, where an estimate was made anew; with its error where the log has truth.
 
+    Left out is what nothing aided in this run (`aiding.unaided`). Empty where no estimate was valid.
+
     An estimate is of the time of its newest measurement, so it is compared with the truth of that time, except while
     it coasts.
     """
-    base = _base(log)
+    base = where_state(log)
     if base is None:
         return {}
-    valid = _flag(log, "estimate.valid", True)
-    fresh = valid & _flag(log, "estimate.fresh", True)
+    valid = flag(log, "estimate.valid", True)
+    fresh = valid & flag(log, "estimate.fresh", True)
     rows = fresh if fresh.any() else valid
+    alone = unaided(log)
     age = log["estimate.age"] if "estimate.age" in log else np.zeros(len(log))
-    of = (log.t - np.where(_flag(log, f"{base}.coasting", False), 0.0, age))[rows]
+    of = (log.t - np.where(flag(log, f"{base}.coasting", False), 0.0, age))[rows]
     found = {}
     for path in log.paths:
         name = path.rpartition(".")[2].removeprefix("sigma_")
-        if path == f"{base}.sigma_{name}" and f"{base}.{name}" in log:
+        if path == f"{base}.sigma_{name}" and f"{base}.{name}" in log and name not in alone:
             estimate, error = log[f"{base}.{name}"][rows], None
             if f"truth.{name}" in log:
                 error = estimate - np.interp(of, log.t, log[f"truth.{name}"])
@@ -151,47 +155,12 @@ def series(log: Log) -> dict[str, Series]:
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
-    """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom."""
-    found = {name: _updates(log, path, -np.inf) for name, path in _fixes(log).items()}
+    """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom; each range counts."""
+    found = {name: updates(log, path, -np.inf) for name, path in fixes(log).items()}
     return {name: (u.t, u.nis, u.normalised.shape[1]) for name, u in found.items() if len(u.nis)}
 
 
-class _Updates(NamedTuple):
-    t: Any
-    nis: Any
-    normalised: Any
-    refused: int
-    unseen: int
-
-
-def _base(log: Log) -> str | None:
-    found = [p.rpartition(".")[0] for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading")]
-    return found[0] if found else None
-
-
-def _fixes(log: Log) -> dict[str, str]:
-    """Name of each aiding sensor -> path of its fix."""
-    ends = ("nis", "normalised", "used", "rejected")
-    found = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
-    return {p.rpartition(".")[2].removesuffix("_fix"): p for p in found if all(f"{p}.{end}" in log for end in ends)}
-
-
-def _flag(log: Log, path: str, otherwise: bool) -> Any:
-    return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
-
-
-def _updates(log: Log, path: str, since: float) -> _Updates:
-    """A measurement counts where the number of those used and refused rises from one row to the next."""
-    count, refused = log[f"{path}.used"] + log[f"{path}.rejected"].astype(np.int64), log[f"{path}.rejected"]
-    more = np.diff(count, prepend=0)
-    rows = (more > 0) & (log.t >= since) & np.isfinite(log[f"{path}.nis"])
-    values = log[f"{path}.normalised"][rows]
-    values = values[:, None] if values.ndim == 1 else values
-    new = np.diff(refused.astype(np.int64), prepend=0)[rows]
-    return _Updates(log.t[rows], log[f"{path}.nis"][rows], values, int(new.sum()), int((more[rows] - 1).sum()))
-
-
-def _aiding(u: _Updates, tail: float) -> Aiding:
+def _aiding(u: Updates, tail: float) -> Aiding:
     dof = u.normalised.shape[1]
     draws = np.mean(effective_draws(u.normalised)) * np.ones(dof)
     white = whiteness(u.normalised, LAGS, 1 - 2 * tail) if len(u.nis) > 3 * LAGS and u.normalised.any() else None

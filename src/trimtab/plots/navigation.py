@@ -38,22 +38,21 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
         problem = "the estimate in it carries no sigmas"
         raise InputError("plot_navigation", problem, fix="log all signals of a run with an aided INS")
     found = navigation(log)
+    states = {name: one for name, one in states.items() if len(one.t)}
     known = [n for n in states if states[n].error is not None]
     names = [*known, *(n for n in states if n not in known)]
-    rows = -(-(len(names) + len(aided)) // COLUMNS)
+    rows = max(1, -(-(len(names) + len(aided)) // COLUMNS))
     figure = Figure(figsize=(WIDTH, TOP + rows * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
     every: Any = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
     for axes, name in zip(every.flat, names, strict=False):
         _draw_state(axes, name, states[name], _unit(log, name))
     for axes, (name, one) in zip(every.flat[len(names) :], aided.items(), strict=False):
         _draw_nis(axes, name, *one)
-    for axes in every.flat[len(names) + len(aided) :]:
-        axes.set_axis_off()
-    for axes in every.flat[max(0, len(names) + len(aided) - COLUMNS) : len(names) + len(aided)]:
-        axes.set_xlabel("time (s)", fontsize=9)
-        axes.tick_params(labelbottom=True)
-    ends = np.concatenate([s.t[[0, -1]] for s in states.values()])
-    every[0, 0].set_xlim(ends.min(), ends.max())
+    _label_times(every.flat, len(names) + len(aided))
+    ends = [s.t[i] for s in states.values() for i in (0, -1)]
+    if ends and min(ends) < max(ends):
+        every[0, 0].set_xlim(min(ends), max(ends))
+    title = title if states else f"{title}, no estimate became valid"
     verdict = "" if found is None else f", {found.verdict}"
     legend = "blue: error, or bias as estimated; grey: two sigmas; red: outside"
     figure.suptitle(f"{title}{verdict}", fontsize=14, weight="bold", x=0.01, ha="left")
@@ -65,6 +64,15 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
 
 def _unit(log: Log, name: str) -> str:
     return next((log.unit(p) for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
+
+
+def _label_times(every: Any, used: int) -> None:
+    """Times below the lowest panel of each column; panels after those used are left out."""
+    for axes in every[used:]:
+        axes.set_axis_off()
+    for axes in every[max(0, used - COLUMNS) : used]:
+        axes.set_xlabel("time (s)", fontsize=9)
+        axes.tick_params(labelbottom=True)
 
 
 def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:

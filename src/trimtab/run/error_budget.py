@@ -6,6 +6,7 @@ Source: docs page, Error budget.
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.core.errors import InputError
@@ -15,6 +16,8 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 from trimtab.logs.navigation import series
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import start
+from trimtab.run.prepare import inputs
 from trimtab.run.simulate import simulate_many
 
 ALL, NONE = "all", "none"
@@ -73,7 +76,7 @@ def error_budget(
         tell: called with a name after each set of flights.
         backend: as `simulate`.
 
-    Raises: InputError where the scenario has no imperfection of a name.
+    Raises: InputError where the scenario has no imperfection of a name, or nothing that could be measured.
     """
     chosen, known = list(seeds), scenario.imperfections()
     if not chosen:
@@ -81,6 +84,8 @@ def error_budget(
     wanted = list(names) or sorted(known)
     for name in wanted:
         scenario.without(name)  # refuses names that it does not have
+    if not _measures(scenario):
+        _refuse(scenario)
 
     def flown(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
         changed = scenario
@@ -92,14 +97,17 @@ def error_budget(
         return found
 
     whole = flown(ALL, ())
+    if not whole:
+        _refuse(scenario)
     least = flown(NONE, known)
     costs = [
         Cost(name, flown(f"without {name}", [name]), flown(f"{name} alone", [n for n in known if n != name]))
         for name in wanted
     ]
-    first = next(iter(whole))
-    costs.sort(key=lambda cost: cost.without[first][0])
-    return Budget(_units(scenario, whole), whole, least, tuple(costs))
+    rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
+    kept = [measure for measure in whole if all(measure in row for row in rows)]
+    costs.sort(key=lambda cost: [cost.without[m][0] for m in kept[:1]])
+    return Budget(_units(scenario, kept), whole, least, tuple(costs))
 
 
 def sets_of_flights(scenario: Scenario, names: Iterable[str] = ()) -> int:
@@ -113,6 +121,22 @@ def share(budget: Budget, cost: Cost, measure: str) -> float:
     if not (np.isfinite(whole) and np.isfinite(without)):
         return float("nan")
     return (whole**2 - without**2) / whole**2 if whole > 0 else 0.0
+
+
+def _measures(scenario: Scenario) -> bool:
+    """Whether it has targets, or else an estimate with sigmas of what its truth has; nothing flies."""
+    if scenario.targets:
+        return True
+    _, autopilot = jax.eval_shape(start, *inputs(scenario, 0, 0))
+    told = {path.rpartition(".")[2] for path, _, _ in leaves(autopilot.estimate)}
+    true = {path for path, _, _ in leaves(scenario.initial)}
+    return any(all(s in true and {s, f"sigma_{s}"} <= told for s in signals) for signals in NAVIGATED.values())
+
+
+def _refuse(scenario: Scenario) -> None:
+    problem = "has no targets, and no estimate with sigmas to hold against the truth: there is nothing to measure"
+    fix = "give the scenario targets=(Target(…),), or take one with either: trimtab budget hovercraft/forward"
+    raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 
 def _units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:

@@ -8,7 +8,7 @@ numbers stands on 166 deg/s, 2 s and 0.07 s, which are choices. Covariances as p
 import math
 from collections.abc import Iterator
 
-from trimtab.studies.hovercraft2006._rig import LITERAL, errors
+from trimtab.studies.hovercraft2006._rig import LITERAL, Errors, errors
 from trimtab.studies.row import Row, direction, within
 
 SECTION = "6.2.1.1"
@@ -59,3 +59,25 @@ def rows() -> Iterator[Row]:
         below=0.5,
         note="Where the filter trusts its gyro, the gyro's dynamics count.",
     )
+    yield from _mended(mended)
+
+
+def _mended(found: dict[str, Errors]) -> Iterator[Row]:
+    """Both errors with the units of the covariance mended, which the source's were not."""
+    for c, (name, rate, heading) in PRINTED.items():
+        pairs = (
+            ("rate", rate, math.radians(found[c].yaw_rate), 0.05, "rad/s"),
+            ("heading", heading, found[c].heading, 0.3, "deg"),
+        )
+        for what, printed, computed, tolerance, unit in pairs:
+            yield within(
+                f"{what}/{c}-consistent",
+                f"square wave, {name}, covariances mended, {what} error",
+                printed,
+                computed,
+                PLACE,
+                tolerance=tolerance,
+                unit=unit,
+                must_hold=False,
+                note="The source flew the covariances as printed; these have their units mended.",
+            )
