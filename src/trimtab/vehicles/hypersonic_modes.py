@@ -7,7 +7,7 @@ modeling of an air-breathing hypersonic vehicle", Journal of Guidance, Control, 
 
 from typing import Any
 
-from trimtab.core.record import Scalar, option, quantity, record
+from trimtab.core.record import Scalar, option, quantity, record, replace
 
 KMODES = ("parker", "paper", "author")
 FITTED = "reconstructed from a printed entry of [1]'s A, see docs page"
@@ -63,6 +63,10 @@ class FlexibleModes:
         """N_i/w_i^2: the displacements at which both modes rest while the pitch rate does not change."""
         N1, N2 = self.forcing(alpha, delta_e)
         return N1 / self.w1**2, N2 / self.w2**2
+
+    def detuned(self, by: Any) -> "FlexibleModes":
+        """A copy with both frequencies times `by`: the plant of a filter that has them wrong."""
+        return replace(self, w1=self.w1 * by, w2=self.w2 * by)
 
     def coupled(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
         """Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
