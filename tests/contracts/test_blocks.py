@@ -21,6 +21,19 @@ FOLDERS = parts.FOLDERS[1:]
 BLOCKS = every(blocks, FOLDERS)
 
 
+def filters_slow(found):
+    """The same, with estimators that fuse several sensors marked slow: their programs take half a minute to compile."""
+    marked = []
+    for one in found:
+        folder, cls = one.values
+        several = folder == "estimators" and len(made(cls).listens) > 1
+        marked.append(pytest.param(folder, cls, id=one.id, marks=[pytest.mark.slow] if several else []))
+    return marked
+
+
+QUICKER = filters_slow(BLOCKS)
+
+
 @functools.cache
 def _alone(folder, cls):
     """State and outputs of each run by itself, compiled once."""
@@ -46,7 +59,7 @@ def test_output_is_finite(folder, cls):
         checks.assert_finite(outputs)
 
 
-@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+@pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_compiled_is_the_same_as_step_by_step(folder, cls):
     one = made(cls)
     given = example(folder, one)
@@ -57,7 +70,7 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
         checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
 
 
-@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+@pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
     one = made(cls)

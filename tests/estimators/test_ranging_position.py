@@ -259,3 +259,10 @@ def test_it_is_an_estimator_and_refuses_what_cannot_be():
     for changes, problem in (({"beacons": np.zeros(3)}, "beacons"), ({"units": np.zeros((2, 3))}, "units")):
         with pytest.raises(InputError, match=f"RangingPosition.{problem}"):
             replace(ONE, **changes).check()
+
+
+def test_without_cone_error_it_is_not_undone():
+    estimator = RangingPosition().without("cone-error")
+    assert not estimator.cone
+    with pytest.raises(InputError, match="no imperfection 'fog'"):
+        estimator.without("fog")

@@ -30,15 +30,20 @@ def test_autopilot_flies_on_the_board(name, target, tmp_path):
     assert flown.stack_bytes < 2048
 
 
+def flight(name):
+    """A module beside this one."""
+    found = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize("target", sorted(TARGETS))
 def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
     """The dual-filter INS with its history of delayed fixes, law and allocation, as one exported step."""
-    where = Path(__file__).with_name("inertial_flight.py")
-    found = importlib.util.spec_from_file_location("inertial_flight", where)
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
+    module = flight("inertial_flight")
     export_c(module.scenario(), tmp_path, real=TARGETS[target].real, steps=1000)
     flown = emulate(tmp_path, target, steps=1000)
     about = json.loads((tmp_path / "export.json").read_text())
@@ -51,3 +56,26 @@ def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
     assert np.percentile(flown.instructions, 95) < 10_000  # IMU and heading
     assert most < 20_000  # a position as well
     assert flown.stack_bytes < 8192
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.usefixtures("board_tools")
+@pytest.mark.parametrize("target", sorted(TARGETS))
+def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
+    """The tightly coupled filter: its start, then late pings of two units, as one exported step."""
+    export_c(flight("ranging_flight").scenario(), tmp_path, real=TARGETS[target].real, steps=1000)
+    flown = emulate(tmp_path, target, steps=1000)
+    about = json.loads((tmp_path / "export.json").read_text())
+    tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
+    _, first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)
+    assert first is None
+    tracking = flown.expected[:, flown.names.index("out.estimate.state.position_fix.tracking")]
+    assert tracking[0] == 0
+    assert tracking[-300:].all()
+    least, median, most = flown.instructions_per_step
+    print(f"ranging on {target}: {least} … {most} instructions, median {median}, RAM {flown.ram_bytes} B")
+    assert median < 2000  # nothing came
+    assert most < 300_000  # a ping, 0.1 s late
+    assert flown.ram_bytes < 80_000
+    assert flown.stack_bytes < 32_768

@@ -1,6 +1,7 @@
 """`trimtab budget`: what each imperfection of a scenario costs."""
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -55,13 +56,13 @@ def budget(request: Request) -> None:
 def _plain(request: Request, found: "Budget") -> dict[str, Any]:
     from trimtab.run.error_budget import share
 
-    def numbers(measured: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
-        return {m: {"rms": rms, "standard_error": error} for m, (rms, error) in measured.items()}
+    def numbers(measured: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+        return {m: {"rms": _known(rms), "standard_error": error} for m, (rms, error) in measured.items()}
 
     costs = [
         {
             "imperfection": cost.name,
-            "share": {m: share(found, cost, m) for m in found.units},
+            "share": {m: _known(share(found, cost, m)) for m in found.units},
             "without": numbers(cost.without),
             "alone": numbers(cost.alone),
         }
@@ -69,6 +70,10 @@ def _plain(request: Request, found: "Budget") -> dict[str, Any]:
     ]
     about = {"scenario": request.scenario, "seed": request.seed, "runs": request.runs, "units": dict(found.units)}
     return about | {"all": numbers(found.whole), "none": numbers(found.least), "costs": costs}
+
+
+def _known(number: float) -> float | None:
+    return number if math.isfinite(number) else None
 
 
 def _draw(found: "Budget", title: str, file: Path | None) -> list[str]:

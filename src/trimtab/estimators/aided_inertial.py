@@ -19,10 +19,11 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators import measurement_history as ring
+from trimtab.estimators.aiding import Aid, fixes
 from trimtab.estimators.measurement_history import Event, History
 from trimtab.estimators.navigation_state import NavigationState, at_reference
 from trimtab.estimators.planar_inertial import Belief
-from trimtab.estimators.sensor_watch import NEVER, Judgement, SensorWatch, judge, plus, unwatched
+from trimtab.estimators.sensor_watch import NEVER, WIDTH, Judgement, SensorWatch, judge, plus, unwatched
 
 
 @record
@@ -88,15 +89,15 @@ class InertialState:
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
 
 
-def begin(form: Any) -> InertialState:
-    """First state of a form."""
+def begin(form: Any, width: int = WIDTH) -> InertialState:
+    """First state of a form; width: of what the sensor at intake.position gives."""
     intake, first = form.intake, form.first()
     told = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _motion(form, first, 0, False)))
     return InertialState(
-        history=ring.empty(first, intake.slots),
+        history=ring.empty(first, intake.slots, max(width, WIDTH)),
         imu=unwatched(),
         heading=unwatched() if intake.heading else None,
-        position=unwatched() if intake.position else None,
+        position=unwatched(max(width, WIDTH)) if intake.position else None,
         heard=np.int64(NEVER),
         told=told | {"coasting": np.bool_(True)},  # so the first step tells it anew
         clock=np.int64(NEVER),
@@ -107,10 +108,15 @@ def begin(form: Any) -> InertialState:
 @jax.jit
 def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
     """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
+    return navigate_with(form, fixes(form), t, state, frame)
+
+
+def navigate_with(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+    """The same with another kind of aiding at intake.position."""
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in _samples(form.intake, frame)]).any()
     watches = {name: getattr(state, name) for name in ("imu", "heading", "position")}
     same = state.history, watches, state.heard, jnp.asarray(False)
-    history, watches, heard, fresh = lax.cond(arrived, lambda: _received(form, t, state, frame), lambda: same)
+    history, watches, heard, fresh = lax.cond(arrived, lambda: _received(form, aid, t, state, frame), lambda: same)
     node = ring.newest(history)
     begun = node.t > NEVER
     silent = begun & (t - heard > form.intake.gap)
@@ -133,18 +139,20 @@ def _samples(intake: Intake, frame: Frame) -> list[Any]:
     return [frame.samples[name] for name in intake.listens()]
 
 
-def _received(form: Any, t: Any, state: InertialState, frame: Frame) -> Any:
+def _received(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> Any:
     """The history with what has arrived, each sensor's watch, when the IMU came last, whether anything was usable."""
-    found = _look(form.intake, t, state, frame)
+    found = look(form.intake, aid, t, state, frame)
+    aids = {kind: correct for kind, correct in ring.usual_aids(form).items() if kind != ring.POSITION}
+    aids |= {aid.kind: aid.correct} if form.intake.position else {}
     fresh = jnp.stack([judgement.usable for _, judgement in found.values()]).any()
     before = state.history, {name: judgement.watch for name, (_, judgement) in found.items()}
-    history, watches = lax.cond(fresh, lambda: _fused(form, state.history, found), lambda: before)
+    history, watches = lax.cond(fresh, lambda: _fused(form, aids, state.history, found), lambda: before)
     heard = jnp.where(found["imu"][1].usable, t, state.heard)
     return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, heard, fresh
 
 
-def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
-    """Each sensor's event, the IMU's first, with what was found about it."""
+def look(intake: Intake, aid: Aid, t: Any, state: Any, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
+    """Each sensor's event, the IMU's first, with what was found about it; state: has watches imu, heading, position."""
     sample = frame.samples[intake.imu]
     reading = sample.value
     felt = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
@@ -162,9 +170,9 @@ def _look(intake: Intake, t: Any, state: InertialState, frame: Frame) -> dict[st
         found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _unfrozen(two)
     if intake.position:
         sample = frame.samples[intake.position]
-        value = sample.value.north, sample.value.east, getattr(sample.value, "variance", 0.0)
+        value = aid.numbers(sample.value)
         three = judge(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
-        found["position"] = Event(three.t, ring.POSITION, three.value, np.zeros(2)), _unfrozen(three)
+        found["position"] = Event(three.t, aid.kind, three.value, np.zeros(2)), _unfrozen(three)
     return found
 
 
@@ -173,7 +181,9 @@ def _unfrozen(judgement: Judgement) -> Judgement:
     return judgement._replace(usable=judgement.usable & ~judgement.watch.frozen)
 
 
-def _fused(form: Any, history: History, found: dict[str, tuple[Event, Judgement]]) -> Any:
+def _fused(
+    form: Any, aids: dict[int, ring.Correct], history: History, found: dict[str, tuple[Event, Judgement]]
+) -> Any:
     """The history with all that is usable in it, and the watches with what was too late or here before."""
     reached = ring.done(history)
     watches: dict[str, SensorWatch] = {}
@@ -185,7 +195,7 @@ def _fused(form: Any, history: History, found: dict[str, tuple[Event, Judgement]
         )
         watch = judgement.watch
         watches[name] = replace(watch, late=plus(watch.late, late), duplicates=plus(watch.duplicates, known))
-    return ring.replay(form, history, reached)[0], watches
+    return ring.replay(form, history, reached, aids)[0], watches
 
 
 def _entered(history: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:

@@ -113,8 +113,8 @@ class AidedInertialCoupled:
         f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
         mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
-        force = node.force + _share(dt, self.smoothing) * (mean - node.force)
-        steady = node.steady + _share(dt, self.rest_smoothing) * (mean - node.steady)
+        force = node.force + low_pass_share(dt, self.smoothing) * (mean - node.force)
+        steady = node.steady + low_pass_share(dt, self.rest_smoothing) * (mean - node.steady)
         growth = self.noise.growth(dt, doubt)
         F = coupled_transition(dt, x[0], force)
         P = predict_covariance(node.P, F, coupled_noise(growth, x[0], self.noise.reach(dt)))
@@ -148,13 +148,26 @@ class AidedInertialCoupled:
 
     def moves(self, node: CoupledNode) -> Any:
         """Whether the low-passed force is told from zero."""
-        tick = to_seconds(self.noise.tick)
-        white = (self.noise.forward + self.noise.starboard) * tick / (tick + 2 * self.rest_smoothing)
-        return node.steady @ node.steady >= self.rest_sigmas**2 * (white + node.P[6, 6] + node.P[7, 7])
+        return told_from_rest(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
         """Of the IMU's point."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
+
+
+def told_from_rest(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
+    """Whether a force (2,), low-passed with this time constant (s), is so many of its sigmas away from zero.
+
+    P: covariance with the accelerometer biases at 6 and 7.
+    """
+    tick = to_seconds(noise.tick)
+    white = (noise.forward + noise.starboard) * tick / (tick + 2 * smoothing)
+    return steady @ steady >= sigmas**2 * (white + P[6, 6] + P[7, 7])
+
+
+def low_pass_share(dt: Any, constant: Any) -> Any:
+    """How much of a step a first-order low-pass follows in dt (s)."""
+    return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
@@ -186,11 +199,6 @@ def coupled_noise(growth: Any, heading: Any, reach: Any) -> Any:
     """Q (8, 8) in the order of Belief.x: those of the dual filter; growth and reach as InertialNoise gives them."""
     Q1, Q2 = heading_noise(growth, reach), motion_noise(growth, heading, reach)
     return belief_covariance(Q1, Q2)
-
-
-def _share(dt: Any, constant: Any) -> Any:
-    """How much of a step a first-order low-pass follows in dt (s)."""
-    return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
 
 def _reset(node: CoupledNode, done: Update) -> CoupledNode:

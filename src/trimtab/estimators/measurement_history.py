@@ -1,9 +1,9 @@
 """Measurements fused at the time they were taken, however late they come: past states are kept, and replayed.
 
-A ring holds the last events in the order in which they were measured: samples of the IMU, headings, positions, each
-with the filter's state after it. A late measurement is put where it belongs, and everything from there on is computed
-again, so the result is that of a filter which had got all in time. An aiding measurement newer than the newest IMU
-sample waits for the next one; between two samples the IMU is taken as running straight.
+A ring holds the last events in the order in which they were measured: samples of the IMU, headings, positions, pings,
+each with the filter's state after it. A late measurement is put where it belongs, and everything from there on is
+computed again, so the result is that of a filter which had got all in time. An aiding measurement newer than the newest
+IMU sample waits for the next one; between two samples the IMU is taken as running straight.
 
 Without a late measurement there is one turn of the loop for each event. Nothing is approximated, and the only limit is
 the ring's length.
@@ -11,6 +11,7 @@ the ring's length.
 Source: docs page, Measurement history.
 """
 
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -22,9 +23,13 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.time import to_seconds
 from trimtab.estimators.sensor_watch import NEVER, WIDTH
 
-EMPTY, IMU, HEADING, POSITION = range(4)
+EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of event."""
-KINDS = ("empty", "imu", "heading", "position")
+KINDS = ("empty", "imu", "heading", "position", "ranges")
+FELT = 3
+"""Numbers of an IMU's event."""
+Correct = Callable[[Any, Any], Any]
+"""What an aiding measurement does: node and value of the event in, node out."""
 
 
 @record
@@ -40,7 +45,7 @@ class History:
 
 
 class Event(NamedTuple):
-    """One measurement: integer time, kind, value (3,), doubt (2,)."""
+    """One measurement: integer time, kind, value as wide as the ring's or shorter, doubt (2,)."""
 
     t: Any
     kind: int
@@ -48,13 +53,13 @@ class Event(NamedTuple):
     doubt: Any
 
 
-def empty(node: Any, slots: int) -> History:
-    """A ring without events; node: state of the filter before any, with t = NEVER."""
+def empty(node: Any, slots: int, width: int = WIDTH) -> History:
+    """A ring without events; node: state of the filter before any, with t = NEVER; width: of the longest value."""
     return History(
         head=np.int32(0),
         t=np.full(slots, NEVER, np.int64),
         kind=np.zeros(slots, np.int32),
-        value=np.zeros((slots, WIDTH)),
+        value=np.zeros((slots, width)),
         doubt=np.zeros((slots, 2)),
         nodes=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (slots, *np.shape(leaf))), node),
     )
@@ -101,25 +106,42 @@ def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
     rings = {name: getattr(h, name) for name in ("t", "kind", "value", "doubt")}
     last = np.int32(h.t.shape[0] - 1)
     _, rings = lax.while_loop(lambda carry: carry[0] > place, up, (last, rings))
-    rings = _put(rings, _slot(h, place), {name: getattr(event, name) for name in rings})
+    new = {name: getattr(event, name) for name in rings}
+    short = h.value.shape[1] - np.shape(event.value)[0]
+    if short:
+        new["value"] = jnp.concatenate([event.value, jnp.zeros(short)])
+    rings = _put(rings, _slot(h, place), new)
     return replace(h, **rings), jnp.minimum(reached - 1, place - 1)
 
 
-def replay(form: Any, h: History, reached: Any) -> tuple[History, Any]:
+def replay(form: Any, h: History, reached: Any, aids: Mapping[int, Correct] | None = None) -> tuple[History, Any]:
     """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state.
 
-    form: gives propagate(node, dt, felt, doubt), correct_heading(node, z, variance) and correct_position.
+    form: gives propagate(node, dt, felt, doubt), and where aids is None correct_heading(node, z, variance) and
+    correct_position, for what its intake has.
+    aids: what the events of each kind do.
     """
     last = done(h)
+    aids = usual_aids(form) if aids is None else aids
 
     def body(carry: Any) -> Any:
         i, nodes, node = carry
-        node = _processed(form, h, node, i, last)
+        node = _processed(form, h, node, i, last, aids)
         return i + 1, _put(nodes, _slot(h, i), node), node
 
     start = reached + 1, h.nodes, _take(h.nodes, _slot(h, reached))
     _, nodes, node = lax.while_loop(lambda carry: carry[0] <= last, body, start)
     return replace(h, nodes=nodes), node
+
+
+def usual_aids(form: Any) -> dict[int, Correct]:
+    """Of a form that corrects with headings, positions or both."""
+    aids: dict[int, Correct] = {}
+    if form.intake.heading:
+        aids[HEADING] = lambda node, value: form.correct_heading(node, value[0], value[1])
+    if form.intake.position:
+        aids[POSITION] = lambda node, value: form.correct_position(node, value[:2], value[2])
+    return aids
 
 
 def newest(h: History) -> Any:
@@ -132,12 +154,13 @@ def state_before(h: History, t: Any) -> Any:
     return _take(h.nodes, _slot(h, jnp.maximum(jnp.minimum(_last(h, t), done(h)), 0)))
 
 
-def _processed(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
+def _processed(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mapping[int, Correct]) -> Any:
     """The state after event i, from that after the event before it; last: the newest of the IMU."""
     t, kind, value = (_take(x, _slot(h, i)) for x in (h.t, h.kind, h.value))
     # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
     j = lax.while_loop(lambda j: (j < last) & (_take(h.kind, _slot(h, j)) != IMU), lambda j: j + 1, i)
     ahead, felt, doubt = (_take(x, _slot(h, j)) for x in (h.t, h.value, h.doubt))
+    felt = felt[:FELT]
     span = (ahead - node.t).astype(np.float64)
     share = jnp.where(ahead > node.t, (t - node.t).astype(np.float64) / jnp.where(span > 0, span, 1.0), 1.0)
     dt = jnp.where(node.t > NEVER, to_seconds(t - node.t), 0.0)
@@ -147,10 +170,8 @@ def _processed(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     # no time passes between events of one instant: most headings and fixes come with a sample
     moved = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
     moved = replace(moved, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
-    if form.intake.heading:
-        moved = lax.cond(kind == HEADING, lambda: form.correct_heading(moved, value[0], value[1]), lambda: moved)
-    if form.intake.position:
-        moved = lax.cond(kind == POSITION, lambda: form.correct_position(moved, value[:2], value[2]), lambda: moved)
+    for aiding, correct in aids.items():
+        moved = lax.cond(kind == aiding, lambda m=moved, c=correct: c(m, value), lambda m=moved: m)
     return moved
 
 

@@ -3,7 +3,7 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import numpy as np
@@ -102,6 +102,14 @@ class RangingPosition:
         choices=("least squares", "closed form"),
     )
     sensor: str = option("Name of the sensor.", default="ranging")
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("cone-error",)
+
+    def without(self, name: str) -> "RangingPosition":
+        """A copy that does not undo the cone error, for a sensor that has none."""
+        if name not in self.IMPERFECTIONS:
+            raise InputError("RangingPosition", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, cone=False)
 
     def check(self) -> None:
         """Refuse beacons and units without positions, and units that lie above each other."""

@@ -15,7 +15,7 @@ from trimtab.core.time import FOREVER
 NEVER = -FOREVER
 """Before any instant."""
 WIDTH = 3
-"""Numbers in a watched value; shorter ones are filled up with zeros."""
+"""Numbers in a watched value unless it is wider; shorter ones are filled up with zeros."""
 
 
 @record
@@ -23,7 +23,7 @@ class SensorWatch:
     """What one sensor has done so far. Source: docs page, Sensor watch."""
 
     last: Scalar = quantity("100 ns", "When its newest sample so far was measured.", kind="time")
-    value: Any = quantity("1", "Its last sample, in the sensor's units, filled up with zeros.", shape=(WIDTH,))
+    value: Any = quantity("1", "Its last sample, in the sensor's units, filled up with zeros.")
     repeats: Scalar = quantity("1", "How many samples in a row had exactly the same value.", kind="count")
     frozen: Scalar = quantity("1", "Whether that is more than noise allows: not used, or distrusted.", kind="flag")
     saturated: Scalar = quantity("1", "Whether the last sample lay at the end of its range.", kind="flag")
@@ -36,7 +36,7 @@ class SensorWatch:
 
 
 class Judgement(NamedTuple):
-    """What was found: the watch as it now stands; usable; value (3,), finite; t, integer time of measurement."""
+    """What was found: the watch as it now stands; usable; value, finite and as wide as the watch; t, when measured."""
 
     watch: SensorWatch
     usable: Any
@@ -44,12 +44,12 @@ class Judgement(NamedTuple):
     t: Any
 
 
-def unwatched() -> SensorWatch:
-    """Before the first sample."""
+def unwatched(width: int = WIDTH) -> SensorWatch:
+    """Before the first sample; width: of its values."""
     none, no = np.int32(0), np.bool_(False)
     return SensorWatch(
         last=np.int64(NEVER),
-        value=np.zeros(WIDTH),
+        value=np.zeros(width),
         repeats=none,
         frozen=no,
         saturated=no,
@@ -71,11 +71,11 @@ def judge(
         watch: what the sensor has done so far.
         now: integer time at the autopilot; a sample from later than that is invalid.
         sample: with its time and whether it arrived at this instant.
-        numbers: its value, at most three.
+        numbers: its value, at most as many as the watch is wide.
         frozen_after: so many equal samples in a row mean frozen; 0: never.
         ordered: refuse samples older than the newest, e.g. of an IMU; otherwise they are usable and counted.
     """
-    filled = [jnp.asarray(n, np.float64) for n in numbers] + [jnp.zeros(())] * (WIDTH - len(numbers))
+    filled = [jnp.asarray(n, np.float64) for n in numbers] + [jnp.zeros(())] * (watch.value.shape[0] - len(numbers))
     value = jnp.stack(filled)
     arrived = jnp.asarray(sample.fresh & sample.valid)
     sound = jnp.all(jnp.isfinite(value)) & (sample.t <= now)

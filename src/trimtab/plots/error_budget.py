@@ -34,6 +34,7 @@ def plot_error_budget(found: Budget, path: str | os.PathLike[str] | None = None,
         axes.axvline(whole, color="black", linewidth=0.9, label="all")
         for offset, kind, colour in ((-0.19, "alone", ALONE), (0.19, "without", WITHOUT)):
             values = np.array([getattr(cost, kind)[measure] for cost in found.costs]).reshape(n, 2)
+            values = np.where(np.isfinite(values), values, np.nan)
             axes.errorbar(
                 values[:, 0], y + offset, xerr=2 * values[:, 1], fmt="o", color=colour, markersize=3.5, linewidth=0.9
             )

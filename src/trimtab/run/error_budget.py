@@ -31,6 +31,8 @@ UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 class Cost(NamedTuple):
     """One imperfection. Each by measure: root mean square over runs and instants, and its standard error.
 
+    Where some run has no valid estimate, what is measured of it is infinite.
+
     without: with all others but this.  alone: with this and no other.
     """
 
@@ -106,8 +108,10 @@ def sets_of_flights(scenario: Scenario, names: Iterable[str] = ()) -> int:
 
 
 def share(budget: Budget, cost: Cost, measure: str) -> float:
-    """How much of the whole's mean square an imperfection costs; below 0 where it helps."""
+    """How much of the whole's mean square an imperfection costs; below 0 where it helps, NaN where nothing is known."""
     whole, without = budget.whole[measure][0], cost.without[measure][0]
+    if not (np.isfinite(whole) and np.isfinite(without)):
+        return float("nan")
     return (whole**2 - without**2) / whole**2 if whole > 0 else 0.0
 
 
@@ -120,17 +124,18 @@ def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, flo
     half = to_seconds(scenario.duration) / 2
     squares: dict[str, list[float]] = {}
     for log in logs:
-        late = log.t >= half
+        rows = log.t >= half
         for target in scenario.targets:
             path = full_path(target.path)
-            away = log[path][late] - target.value
+            away = log[path][rows] - target.value
             squares.setdefault(path.removeprefix("truth."), []).append(float(np.mean(away**2)))
         states = series(log)
         for measure, signals in NAVIGATED.items():
             seen = [states[s] for s in signals if s in states and states[s].error is not None]
             if len(seen) == len(signals):
-                square = sum(np.mean(one.error[one.t >= half] ** 2) for one in seen)
-                squares.setdefault(f"{measure} error", []).append(float(square))
+                late = [one.error[one.t >= half] for one in seen]
+                square = sum(float(np.mean(e**2)) if len(e) else np.inf for e in late)
+                squares.setdefault(f"{measure} error", []).append(square)
     return {measure: _root(np.array(values)) for measure, values in squares.items()}
 
 
@@ -138,6 +143,6 @@ def _root(squares: Any) -> tuple[float, float]:
     """Root of the mean of the runs' mean squares, and its standard error."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))
-    if n < 2 or root == 0.0:
+    if n < 2 or root == 0.0 or not np.isfinite(root):
         return root, 0.0
     return root, float(squares.std(ddof=1)) / np.sqrt(n) / (2 * root)

@@ -1,0 +1,54 @@
+"""`trimtab budget`: what is printed, what is given as JSON, and what is refused before anything flies."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+
+NAME = "hovercraft/forward"
+FEW = ("--only", "navigation-error", "--runs", "3", "--set", "duration=4 s")
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, ["budget", *arguments])
+
+
+def test_numbers_as_json_and_a_picture(tmp_path):
+    picture = tmp_path / "made" / "budget.png"
+    result = call(NAME, *FEW, "--plot", str(picture), "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["files"] == [str(picture)]
+    assert picture.stat().st_size > 5000
+    (cost,) = found["costs"]
+    assert cost["imperfection"] == "navigation-error"
+    for measure in ("surge_velocity", "sway_velocity", "yaw_rate"):
+        whole, without = found["all"][measure]["rms"], cost["without"][measure]["rms"]
+        assert cost["share"][measure] == pytest.approx(1 - without**2 / whole**2)
+    assert found["units"]["yaw_rate"] == "rad/s"
+    assert found["runs"] == 3
+
+
+def test_a_table_for_people():
+    result = call(NAME, *FEW)
+    assert result.exit_code == 0, result.output
+    for text in ("navigation-error alone", "yaw rate (rad/s)", "Share of the mean square", "standard error"):
+        assert text in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--only", "wind"), ("no imperfection 'wind'", "uplink-delay", "Fix")),
+        (("--navigation", "gps"), ("'gps' is not a choice", "ins-magnetometer", "Fix")),
+        (("--plot", "budget.txt"), ("no picture's ending", ".png", "Fix")),
+        (("--set", "world.vehicle.mass=-1"), ("world.vehicle.mass", "Fix")),
+    ],
+)
+def test_refused_before_anything_flies(arguments, said):
+    result = call(NAME, *arguments)
+    assert result.exit_code == 2
+    for text in said:
+        assert text in result.stderr
