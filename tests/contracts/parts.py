@@ -162,7 +162,7 @@ def commands() -> list[Any]:
 
 @record
 class Everything:
-    """What an IMU, a heading, a position and a ranging sensor tell, in one. Source: this test."""
+    """What all sensors and the actuators of a vehicle tell, in one. Source: this test."""
 
     angular_rate: Any = quantity("rad/s", "Rate.", shape=(3,))
     specific_force: Any = quantity("m/s^2", "Force per mass.", shape=(3,))
@@ -174,6 +174,14 @@ class Everything:
     range: Any = quantity("m", "To four beacons.", shape=(4,))
     arrived: Any = quantity("1", "Which of them replied.", kind="flag", shape=(4,))
     unit: Any = quantity("1", "Which unit pinged.", kind="count")
+    altitude: Any = quantity("m", "Altitude.")
+    climb: Any = quantity("m/s", "Its rate.")
+    speed: Any = quantity("m/s", "Along the path.")
+    alpha: Any = quantity("rad", "Angle of attack.", kind="angle")
+    pitch_rate: Any = quantity("rad/s", "Nose up.")
+    pitch_acceleration: Any = quantity("rad/s^2", "Nose up.")
+    Phi: Any = quantity("1", "Fuel ratio.")
+    delta_e: Any = quantity("rad", "Elevator.", kind="angle")
 
 
 def everything(t: Any) -> Everything:
@@ -182,7 +190,9 @@ def everything(t: Any) -> Everything:
     three = np.arange(3.0)
     felt = 0.3 * jnp.cos(s + three), 0.3 * jnp.sin(s + three), jnp.asarray(False), jnp.asarray(False)
     ranges = 3.4 + 0.01 * jnp.sin(s + np.arange(4.0)), jnp.asarray([True] * 4), jnp.int32(0)
-    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges)
+    flight = 26e3 + jnp.sin(s), jnp.cos(s), 2350.0 + jnp.sin(s), 0.03 + 0.01 * jnp.sin(s)
+    rest = (0.01 * jnp.cos(s + k) for k in range(4))
+    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest)
 
 
 def sensed() -> list[Any]:

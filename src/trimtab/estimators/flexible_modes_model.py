@@ -1,0 +1,89 @@
+"""What the filters of the bending modes know of the hypersonic vehicle: a linear model with known forcing.
+
+    eta' = A eta + b(chi, u)          Q' - M/Iyy = C eta + d(chi, u)
+
+The modes enter pitch acceleration and their own linearly, so A and C are constant, for each reading of the coupling;
+the rigid flight chi = (h, h', V, alpha, Q) and the input u act through b and d alone. What the source calls an extended
+filter is a linear one.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing in b, which it drops, are put back.
+"""
+
+from typing import Any
+
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.signals import Sample
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
+from trimtab.vehicles.imperial import FOOT
+
+
+@record
+class RigidFlight:
+    """The measured part of the state, chi. Source: [1] eq. 4 and the observer's section, in its units."""
+
+    h: Scalar = quantity("ft", "Altitude.", frame="W", default=0.0)
+    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W", default=0.0)
+    V: Scalar = quantity("ft/s", "Speed along the path.", default=0.0)
+    alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle", default=0.0)
+    q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B", default=0.0)
+
+
+@record
+class FlexibleFlight:
+    """The whole state as a filter of the modes gives it, with what tells how the filter fares.
+
+    Source: [1], order of its errors e; innovation signals: docs page, Flexible modes.
+    """
+
+    h: Scalar = quantity("ft", "Altitude, as measured.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Its rate, as measured.", frame="W")
+    V: Scalar = quantity("ft/s", "Speed along the path, as measured.")
+    alpha: Scalar = quantity("rad", "Angle of attack, as measured.", kind="angle")
+    q: Scalar = quantity("rad/s", "Pitch rate, as measured.", frame="B")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1, estimated.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2, estimated.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
+    sigma: Any = quantity("1", "Deviations that the filter believes of these four, each in its unit.", shape=(4,))
+    innovation: Scalar = quantity("rad/s^2", "Pitch acceleration measured minus expected; 0 if not finite.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
+    nis: Scalar = quantity("1", "Innovation squared over S.")
+    updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+
+
+def dynamics_of(craft: Hypersonic) -> tuple[Any, Any]:
+    """A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), from the algebraic loop of any `kmode`, unit by unit."""
+    one = jnp.eye(4)
+    back1, back2 = craft.modes.restoring(one[0], one[1], one[2], one[3])
+    C, first, second = craft.modes.coupled(craft.Iyy, jnp.zeros(4), back1, back2)
+    return jnp.stack([one[1], first, one[3], second]), C
+
+
+def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any, Any]:
+    """b (4,), d and M/Iyy (rad/s^2): what flight and input do to the modes and to the pitch acceleration."""
+    moment = craft.forces.at(chi.h, chi.V, chi.alpha, u.Phi, u.delta_e).M
+    N1, N2 = craft.modes.forcing(chi.alpha, u.delta_e)
+    q_rate, first, second = craft.modes.coupled(craft.Iyy, moment, N1, N2)
+    still = jnp.zeros_like(first)
+    return jnp.stack([still, first, still, second]), q_rate - moment / craft.Iyy, moment / craft.Iyy
+
+
+def rigid_flight(sample: Sample, before: RigidFlight) -> tuple[RigidFlight, Any]:
+    """chi of a sample in the SI, in the vehicle's units, and whether it can be used; if not, what was held before."""
+    z = sample.value
+    new = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
+    usable = sample.valid & _finite(new)
+    return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
+
+
+def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInput, Any]:
+    """What engine and elevator have done since the last instant, and whether it can be used; if not, what was held."""
+    new = HypersonicInput(sample.value.Phi, sample.value.delta_e)
+    usable = sample.valid & _finite(new)
+    return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
+
+
+def _finite(r: Any) -> Any:
+    return jnp.all(jnp.isfinite(jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(r)])))
