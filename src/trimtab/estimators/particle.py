@@ -29,6 +29,7 @@ from trimtab.estimators.particle_cloud import (
     weighed,
 )
 from trimtab.estimators.particle_throw import thrown
+from trimtab.estimators.ping_update import either
 from trimtab.estimators.planar_inertial import DIMENSION, Belief, InertialStart, LeverArms
 from trimtab.estimators.preintegration import ImuHistory, Motion, between, no_samples, noted
 from trimtab.estimators.range_errors import RangeErrorModel
@@ -115,8 +116,7 @@ class Particle:
         """Refuse what this filter can't read, and beacons or units that are not lists of positions."""
         self.intake.check()
         if self.intake.heading or not self.intake.position:
-            problem = "it reads an IMU and ranges, no heading"
-            raise InputError("Particle.intake", problem, fix="name the ranging, and leave heading empty")
+            raise InputError("Particle.intake", "it reads an IMU and ranges only", fix="leave heading empty")
         if self.N < 2:
             raise InputError("Particle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
         check_places("Particle", self)
@@ -153,11 +153,11 @@ def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> P
     """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
     n = np.shape(form.beacons)[0]
     unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
-    ranges = jnp.maximum(value[:n], 0.0)
-    heard = ranges > 0
+    ranges, heard = jnp.maximum(value[:n], 0.0), value[:n] > 0
     number = s.fix.used + s.position.samples
     z = normals(s.key.at("redrawn"), number * form.N + jnp.arange(form.N), 1)[0]
     starts = ~s.fix.tracking & (jnp.sum(heard) >= 2)
+    alive = s.fix.tracking | starts
     cloud = lax.cond(
         s.fix.tracking,
         lambda: advanced(s.cloud, m, form.noise),
@@ -165,18 +165,16 @@ def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> P
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
     done = weighed(cloud, ranges, form.geometry(unit), form.errors, form.wrong, form.width, learns)
-    size = effective(done.cloud.weight)
-    few = size < form.N / 2
+    few = effective(done.cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: redrawn(done.cloud, comb, z, form.share), lambda: done.cloud)
-    alive = s.fix.tracking | starts
     mostly = (
         jnp.sum(jnp.where(heard, done.believed, 0.0)) > jnp.sum(heard) / 2 - 0.01
     )  # half of them, to rounding, is no reason yet
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
-        effective=size,
+        effective=effective(done.cloud.weight),
         believed=done.believed,
         used=plus(s.fix.used, alive),
         unit=unit,
@@ -187,8 +185,7 @@ def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> P
         scale=cloud.weight @ cloud.x[:, DIMENSION],
     )
     used = jnp.any(heard) & alive
-    new = replace(s, cloud=cloud, at=t, fix=fix)
-    return jax.tree.map(lambda a, b: jnp.where(used, a, b), new, s)
+    return either(used, replace(s, cloud=cloud, at=t, fix=fix), s)
 
 
 def _carried(form: Particle, s: ParticleState) -> ParticleState:
