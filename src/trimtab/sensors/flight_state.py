@@ -1,0 +1,84 @@
+"""Altitude, climb, speed, angle of attack and pitch rate, as air data and inertial sensors of an aircraft give them."""
+
+from typing import Any, ClassVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, period, quantity, record, replace
+from trimtab.core.rng import Key, normal2
+from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.time import ms
+
+
+@record
+class FlightReading:
+    """Flight in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
+
+    altitude: Scalar = quantity("m", "Above the origin of W.", frame="W")
+    climb: Scalar = quantity("m/s", "Rate of the altitude.", frame="W")
+    speed: Scalar = quantity("m/s", "Along the path; no wind, so through the air too.")
+    alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
+    pitch_rate: Scalar = quantity("rad/s", "Nose up.", frame="B")
+
+
+@record
+class FlightStateSensor:
+    """All that is measured of the flight in the vertical plane, each with white noise of its own, none by default.
+
+        z = (h, h', V, alpha, Q) + w
+
+    The source takes these five as measured without error; only the modes of bending have no sensor.
+
+    Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
+    Not modelled: wind, lags, errors of the places of the probes.
+    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+             flight vehicle", Aerospace 2022, 9(4), 206: the measured part of the state.
+    """
+
+    altitude_noise: Scalar = quantity("m", "Standard deviation of each sample.", default=0.0, low=0)
+    climb_noise: Scalar = quantity("m/s", "Standard deviation of each sample.", default=0.0, low=0)
+    speed_noise: Scalar = quantity("m/s", "Standard deviation of each sample.", default=0.0, low=0)
+    alpha_noise: Scalar = quantity("rad", "Standard deviation of each sample.", default=0.0, low=0)
+    pitch_rate_noise: Scalar = quantity("rad/s", "Standard deviation of each sample.", default=0.0, low=0)
+    period: int = period("Time between samples.", default=ms(5))
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = tuple(
+        f"flight-{name}-noise" for name in ("altitude", "climb", "speed", "alpha", "pitch-rate")
+    )
+
+    def without(self, name: str) -> "FlightStateSensor":
+        """A copy with one of IMPERFECTIONS switched off."""
+        if name not in self.IMPERFECTIONS:
+            raise InputError("FlightStateSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, **{name.removeprefix("flight-").replace("-", "_"): 0.0})
+
+    def init(self, key: Key) -> Key:
+        """The noise's key is all that it keeps."""
+        return key
+
+    def measure(self, motion: Motion) -> FlightReading:
+        """The measurement h(x) of a motion, without error."""
+        u, v, w = motion.v_WB_B[0], motion.v_WB_B[1], motion.v_WB_B[2]
+        roll, pitch = motion.attitude[0], motion.attitude[1]
+        return FlightReading(
+            altitude=-motion.p_WB[2],
+            climb=jnp.sin(pitch) * u - jnp.cos(pitch) * (jnp.sin(roll) * v + jnp.cos(roll) * w),
+            speed=jnp.sqrt(u * u + v * v + w * w),
+            alpha=jnp.arctan2(w, u),
+            pitch_rate=motion.w_WB_B[1],
+        )
+
+    def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
+        """The sample at integer time t."""
+        true, k = self.measure(motion), t // self.period
+        w0, w1 = normal2(state, k, 0)
+        w2, w3 = normal2(state, k, 1)
+        w4, _ = normal2(state, k, 2)
+        seen = FlightReading(
+            altitude=true.altitude + self.altitude_noise * w0,
+            climb=true.climb + self.climb_noise * w1,
+            speed=true.speed + self.speed_noise * w2,
+            alpha=true.alpha + self.alpha_noise * w3,
+            pitch_rate=true.pitch_rate + self.pitch_rate_noise * w4,
+        )
+        return state, measured(t, seen)

@@ -1,0 +1,152 @@
+"""Air-breathing hypersonic vehicle, longitudinal, with two bending modes; in slug, foot and second, as published."""
+
+from typing import Any
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.signals import Motion
+from trimtab.vehicles.hypersonic_aerodynamics import Forces, RigidForces
+from trimtab.vehicles.hypersonic_modes import FlexibleModes
+from trimtab.vehicles.imperial import FOOT
+
+STANDARD_GRAVITY = 1.39e16 / (20903500.0 + 85000.0) ** 2
+"""Attraction of the earth at 85000 ft (ft/s^2), 31.5538."""
+
+
+@record
+class HypersonicState:
+    """Flight in the vertical plane, and the bending modes. Frames: path angle gamma = theta - alpha, from the horizon.
+
+    The unit of the modal displacements follows from modes of unit mass, whose kinetic energy is eta'^2/2 per width.
+
+    Source: [1] eq. 1, x = (h, V, alpha, theta, Q, eta1, eta1', eta2, eta2').
+    """
+
+    h: Scalar = quantity("ft", "Altitude.", frame="W")
+    V: Scalar = quantity("ft/s", "Speed along the path.")
+    alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
+    theta: Scalar = quantity("rad", "Pitch angle.", frame="W", kind="angle")
+    q: Scalar = quantity("rad/s", "Pitch rate, nose up; Q in [1].", frame="B")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+
+
+@record
+class HypersonicInput:
+    """What the engine and the elevator do. Source: [1] eq. 2, u = (Phi, delta_e)."""
+
+    Phi: Scalar = quantity("1", "Fuel equivalence ratio.")
+    delta_e: Scalar = quantity("rad", "Elevator, trailing edge down.", kind="angle")
+
+
+@record
+class Disturbance:
+    """Forces and a moment from outside, constant from `start` for `duration`: a gust, a step, an impulse.
+
+    The moment joins M, and so excites the bending modes too; the forces join m V' and m V gamma'.
+
+    Source: the further work that [1] names; sizes are chosen by who uses it.
+    """
+
+    moment: Scalar = quantity("lbf ft/ft", "Added to the pitching moment.", default=0.0)
+    along: Scalar = quantity("lbf/ft", "Force along the path, forward.", default=0.0)
+    normal: Scalar = quantity("lbf/ft", "Force normal to the path, up.", default=0.0)
+    start: Scalar = quantity("s", "When it begins.", default=0.0)
+    duration: Scalar = quantity("s", "How long it lasts; infinite: a step.", default=float("inf"), low=0)
+
+    def active(self, t: Any) -> Any:
+        """1.0 while it acts at time t (s), else 0.0; half open, to a nanosecond, so that an impulse keeps its size."""
+        since = t - self.start + 1e-9
+        return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
+
+
+@record
+class Hypersonic:
+    """Air-breathing hypersonic vehicle in the vertical plane with two bending modes.
+
+        h'     = V sin gamma                                              gamma = theta - alpha
+        V'     = (T cos alpha - D)/m - g sin gamma
+        alpha' = Q - gamma'        gamma' = (T sin alpha + L)/(m V) - (g/V) cos gamma
+        theta' = Q                 Q', eta1'', eta2'': part `modes`, solved together          [1, eqs. 1-3]
+
+    Forces, moment, mass and inertia are per foot of width. Altitude and speed as outputs: non-minimum phase.
+
+    Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; pitch is nose up.
+    Valid:   near 85 000 ft and 7 700 ft/s (about 80-95 kft, 7-9 kft/s, alpha 0-4 deg), where the curves were fitted.
+    Not modelled: round earth, wind, aerodynamics of the bending, lags of engine and elevator.
+    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+             flight vehicle", Aerospace 2022, 9(4), 206; [2] Parker et al., Journal of Guidance, Control, and Dynamics
+             30(3), 2007. Differences from the source: docs page.
+    """
+
+    m: Scalar = quantity("slug/ft", "Mass.", default=300.0, above=0, source="[1], [2]")
+    Iyy: Scalar = quantity("slug ft^2/ft", "Moment of inertia in pitch.", default=5e5, above=0, source="[2]")
+    g: Scalar = quantity("ft/s^2", "Gravity.", default=STANDARD_GRAVITY, source="reconstructed from [1]'s printed A")
+    forces: RigidForces = part("Air, aerodynamics, propulsion.", default=RigidForces())
+    modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
+    disturbance: Any = part("Disturbance from outside, or None.", default=None)
+
+    def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
+        """The derivative of x at time t (s) under fuel ratio and elevator."""
+        V_rate, lifting = self.path_accelerations(t, x, u)
+        q_rate, eta1_acceleration, eta2_acceleration = self.coupled_accelerations(t, x, u)
+        return HypersonicState(
+            h=x.V * jnp.sin(x.theta - x.alpha),
+            V=V_rate,
+            alpha=x.q - lifting / x.V,
+            theta=x.q,
+            q=q_rate,
+            eta1=x.eta1_rate,
+            eta1_rate=eta1_acceleration,
+            eta2=x.eta2_rate,
+            eta2_rate=eta2_acceleration,
+        )
+
+    def forces_at(self, x: HypersonicState, u: HypersonicInput) -> Forces:
+        """Thrust, lift, drag, moment and dynamic pressure, per foot of width."""
+        return self.forces.at(x.h, x.V, x.alpha, u.Phi, u.delta_e)
+
+    def path_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any]:
+        """V' and V gamma' (ft/s^2): along the path, and normal to it, up."""
+        f, gamma = self.forces_at(x, u), x.theta - x.alpha
+        along = f.T * jnp.cos(x.alpha) - f.D
+        normal = f.T * jnp.sin(x.alpha) + f.L
+        if self.disturbance is not None:
+            on = self.disturbance.active(t)
+            along, normal = along + on * self.disturbance.along, normal + on * self.disturbance.normal
+        return along / self.m - self.g * jnp.sin(gamma), normal / self.m - self.g * jnp.cos(gamma)
+
+    def coupled_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any, Any]:
+        """Q' (rad/s^2), eta1'' and eta2''."""
+        M = self.forces_at(x, u).M
+        if self.disturbance is not None:
+            M = M + self.disturbance.active(t) * self.disturbance.moment
+        N1, N2 = self.modes.forcing(x.alpha, u.delta_e)
+        back1, back2 = self.modes.restoring(x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
+        return self.modes.coupled(self.Iyy, M, N1 + back1, N2 + back2)
+
+    def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
+        """All that a rigid sensor at the centre of mass can feel, in the SI; t: integer time.
+
+        The model has no distance flown: north and east stay zero.
+        """
+        seconds = t * 1e-7
+        along, normal = self.path_accelerations(seconds, x, u)
+        q_rate, _, _ = self.coupled_accelerations(seconds, x, u)
+        c, s, o = jnp.cos(x.alpha), jnp.sin(x.alpha), jnp.zeros_like(q_rate)
+        return Motion(
+            t=t,
+            p_WB=jnp.stack([o, o, -x.h * FOOT]),
+            attitude=jnp.stack([o, x.theta + o, o]),
+            v_WB_B=jnp.stack([x.V * c, o, x.V * s]) * FOOT,
+            w_WB_B=jnp.stack([o, x.q + o, o]),
+            a_WB_B=jnp.stack([along * c + normal * s, o, along * s - normal * c]) * FOOT,
+            alpha_WB_B=jnp.stack([o, q_rate, o]),
+        )
+
+    def at_rest(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
+        """Level at this angle of attack, not turning, bending at rest: a trim where V', gamma' and M vanish too."""
+        eta1, eta2 = self.modes.static(alpha, delta_e)
+        return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)
