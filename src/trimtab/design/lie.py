@@ -15,7 +15,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import Function, Model, combination, indices
+from trimtab.design.model import QUICKLY, Function, Model, combination, indices
 
 ROUNDING = 1e-10
 """A sum this small a part of the sum of its terms' magnitudes counts as zero."""
@@ -23,9 +23,6 @@ WEAK = 1e-13
 """A state that changes a function by this small a part of what all do, each over its neighbourhood, is not in it."""
 VANISHES = 1e-8
 """A row this small a part of what it is around counts as zero at the point; singular values likewise."""
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-"""Each of these programs runs once, so compiling it is what takes the time."""
-
 Field = Callable[[Any], Any]
 """x (n,) -> vector, traceable by jax."""
 

@@ -15,7 +15,7 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import Model, indices
+from trimtab.design.model import QUICKLY, Model, indices
 
 ROUNDING = 1e-10
 """Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""
@@ -142,8 +142,8 @@ def linearise(model: Model, x: Any = None, u: Any = None) -> Linear:
     """
     x0, u0 = model.point(x, u)
     a, b = jnp.asarray(x0), jnp.asarray(u0)
-    A, B = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)))(a, b))
-    C, D = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)))(a, b))
+    A, B = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
+    C, D = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
     drift, y0 = np.asarray(model.f(a, b)), np.asarray(model.h(a, b))
     for what, value, rows in (
         ("x'", np.column_stack([drift, A, B]), model.states),
