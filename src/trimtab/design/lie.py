@@ -1,0 +1,249 @@
+"""Lie derivatives, relative degree and decoupling matrix of any model, by automatic differentiation.
+
+The derivatives of an output are taken along x' = f(x, u) with the input held until it appears; for a system affine in
+the inputs, f(x) + g(x) u, that is L_f^k h, and the derivative by u is L_g L_f^(r-1) h. Nothing here needs the system to
+be affine: where it is not, the matrix is dv/du at the point, v the highest derivatives. Offline code.
+
+Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 5.1, 5.4; [2] H. Nijmeijer, A. van der
+Schaft, "Nonlinear Dynamical Control Systems", Springer 1990, chapter 13, for systems that are not affine.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.design.model import QUICKLY, Function, Model, combination, indices
+
+ROUNDING = 1e-10
+"""A sum this small a part of the sum of its terms' magnitudes counts as zero."""
+WEAK = 1e-13
+"""A state that changes a function by this small a part of what all do, each over its neighbourhood, is not in it."""
+VANISHES = 1e-8
+"""A row this small a part of what it is around counts as zero at the point; singular values likewise."""
+Field = Callable[[Any], Any]
+"""x (n,) -> vector, traceable by jax."""
+
+
+class RelativeDegree(NamedTuple):
+    """What was found.
+
+    degrees: output -> how often it is differentiated until an input appears, or None where none ever does.
+    matrix: d(highest derivatives)/du at the point (p, m), for affine systems L_g L_f^(r-1) h.  condition: its condition
+    number after rows and columns are scaled to size 1, so that units don't count.  determinant: where it is square.
+    margin: output -> size of its row at the point in parts of the largest around it.  total: sum of the degrees.
+    defined: whether the vector relative degree is well defined here.  why: the reasons where it is not, in words.
+    """
+
+    degrees: dict[str, int | None]
+    matrix: Any
+    condition: float
+    determinant: float
+    margin: dict[str, float]
+    total: int
+    defined: bool
+    why: tuple[str, ...]
+
+
+def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
+    """L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
+    made = h
+    for _ in range(order):
+        made = _along(made, field)
+    return made
+
+
+def _along(h: Field, field: Field) -> Field:
+    return lambda x: jax.jvp(h, (x,), (field(x),))[1]
+
+
+def affine_fields(model: Model, u: Any = None) -> tuple[Field, tuple[Field, ...]]:
+    """f(x) and the columns g_j(x) of x' = f(x) + sum g_j(x) u_j, expanded about an input u (zero where not given)."""
+    base = jnp.zeros(len(model.inputs)) if u is None else jnp.asarray(model.point(u=u)[1])
+
+    def column(j: int) -> Field:
+        unit = jnp.zeros(len(base)).at[j].set(1.0)
+        return lambda x: jax.jvp(lambda w: model.f(x, w), (base,), (unit,))[1]
+
+    columns = tuple(column(j) for j in range(len(base)))
+    return lambda x: model.f(x, base) - sum(g(x) * b for g, b in zip(columns, base, strict=True)), columns
+
+
+def curved_inputs(
+    model: Model, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
+) -> dict[str, tuple[str, ...]]:
+    """Inputs in which the model is not affine around a point -> states whose derivatives curve with them."""
+    points = neighbourhood(model, x, u, radius, samples)
+    slope = jax.jacfwd(model.f, argnums=1)
+    first, second = (
+        np.abs(np.asarray(d))
+        for d in jax.jit(jax.vmap(lambda a, b: (slope(a, b), jax.jacfwd(slope, 1)(a, b))))(*points)
+    )
+    bent = second.max(axis=(0, 2)) > ROUNDING * first.max(axis=0)
+    return {
+        n: tuple(s for s, c in zip(model.states, bent[:, j], strict=True) if c)
+        for j, n in enumerate(model.inputs)
+        if bent[:, j].any()
+    }
+
+
+def extend(model: Model, names: Sequence[str], order: int = 1) -> Model:
+    """Dynamic extension: the named inputs become states, and their derivatives of the given order the new inputs.
+
+    The result is affine in the new inputs, whatever the model is in the old ones. Names: "FX", "FX'", …
+
+    Source: [1] section 5.4.
+    """
+    if order < 1:
+        raise InputError("extend.order", f"{order}", fix="give 1 or more")
+    picked = np.array(indices("extend.inputs", names, model.inputs), int)
+    n, k = len(model.states), len(picked)
+
+    def apart(z: Any, w: Any) -> tuple[Any, Any]:
+        return z[:n], w.at[picked].set(z[n : n + k])
+
+    def f(z: Any, w: Any) -> Any:
+        return jnp.concatenate([model.f(*apart(z, w)), z[n + k :], w[picked]])
+
+    chain = tuple(name + "'" * i for i in range(order) for name in names)
+    inputs = tuple(m + "'" * order if j in picked else m for j, m in enumerate(model.inputs))
+    x0 = np.concatenate([model.x0, np.asarray(model.u0)[picked], np.zeros(k * (order - 1))])
+    u0 = np.array(model.u0, float)
+    u0[picked] = 0.0
+    return Model(f, lambda z, w: model.h(*apart(z, w)), (*model.states, *chain), inputs, model.outputs, x0, u0)
+
+
+def output_derivatives(model: Model, output: Any, order: int) -> Function:
+    """The order-th time derivative of an output (or of several: indices) along f, input held: a function of (x, u)."""
+
+    def made(x: Any, u: Any) -> Any:
+        return lie_derivative(lambda a: model.h(a, u)[output], lambda a: model.f(a, u), order)(x)
+
+    return made
+
+
+def neighbourhood(model: Model, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:
+    """The point and samples around it: states (samples + 1, n) and inputs (samples + 1, m)."""
+    x0, u0 = model.point(x, u)
+    size = np.concatenate([x0, u0])
+    size = 0.1 * np.maximum(1.0, np.abs(size))
+    if isinstance(radius, Mapping):
+        given: Mapping[str, float] = radius
+        size[indices("radius", given, (*model.states, *model.inputs))] = list(given.values())
+    elif radius is not None:
+        size = size * 10 * float(radius)
+    if not (np.isfinite(size) & (size > 0)).all():
+        raise InputError("radius", f"{size}", fix="give finite radii above 0")
+    draws = np.random.default_rng(0).uniform(-1, 1, (samples + 1, len(size))) * size
+    draws[0] = 0.0
+    points = np.concatenate([x0, u0]) + draws
+    return jnp.asarray(points[:, : len(x0)]), jnp.asarray(points[:, len(x0) :])
+
+
+def relative_degree(
+    model: Model, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
+) -> RelativeDegree:
+    """Vector relative degree at a point, and whether it is well defined there.
+
+    An input counts as appearing in a derivative if it does at the point or at any sample around it; where it does
+    around the point but not at it, the relative degree is not well defined, and that is said.
+
+    Args:
+        model: the system; its outputs are those that are differentiated.
+        x: state: vector, record, or changes to the model's own point.
+        u: input, likewise.
+        radius: how far around the point samples lie: entry -> half width, or one number in parts of max(1, |value|);
+            0.1 where not given.
+        samples: how many.
+
+    Source: [1] section 5.1 (5.2); [2] definition 13.1 where the system is not affine.
+    """
+    points = neighbourhood(model, x, u, radius, samples)
+    degrees: dict[str, int | None] = dict.fromkeys(model.outputs)
+    rows = np.zeros((len(points[0]), len(model.outputs), len(model.inputs)))
+    left = list(range(len(model.outputs)))
+    for order in range(len(model.states) + 1):
+        for i, row in zip(left, np.moveaxis(_rows(model, left, order, points), 1, 0), strict=True):
+            if row.any():
+                degrees[model.outputs[i]], rows[:, i] = order, row
+        left = [i for i in left if degrees[model.outputs[i]] is None]
+        if not left:
+            break
+    return _verdict(model, degrees, rows)
+
+
+def _rows(model: Model, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
+    """Derivatives by u of the outputs' derivatives of one order, at all points (s, p, m); what only rounds is zero."""
+    picked = np.array(outputs)
+    if order == 0:
+        slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)
+        return _finite(np.asarray(jax.jit(jax.vmap(slope), compiler_options=QUICKLY)(*points)))
+    lower = output_derivatives(model, picked, order - 1)
+    both = jax.vmap(lambda a, b: (jax.jacrev(lower)(a, b), jax.jacfwd(model.f, 1)(a, b)))
+    gradient, field = (np.asarray(d) for d in jax.jit(both, compiler_options=QUICKLY)(*points))
+    change = np.nan_to_num(np.abs(gradient)) * np.ptp(np.asarray(points[0]), axis=0)
+    gradient = np.where(change > WEAK * change.sum(axis=2, keepdims=True), gradient, 0.0)
+    value = _finite(np.einsum("spn,snm->spm", gradient, field))
+    size = np.einsum("spn,snm->spm", np.abs(gradient), np.abs(field))
+    return np.where(np.abs(value) > ROUNDING * np.nan_to_num(size, nan=np.inf), value, 0.0)
+
+
+def _finite(rows: Any) -> Any:
+    if not np.isfinite(rows[0]).all():
+        raise InputError("relative_degree", "not finite at the point", fix="choose one where the model is smooth")
+    return np.nan_to_num(rows, posinf=0.0, neginf=0.0)
+
+
+def equilibrated(matrix: Any) -> Any:
+    """The matrix with rows and columns scaled to size 1, alternately; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
+    made = np.array(matrix, float)
+    for _ in range(20):
+        for axis in (1, 0):
+            size = np.linalg.norm(made, axis=axis, keepdims=True)
+            made = made / np.where(size > 0, size, 1.0)
+    return made
+
+
+def _verdict(model: Model, degrees: dict[str, int | None], rows: Any) -> RelativeDegree:
+    names, m, p = model.outputs, len(model.inputs), len(model.outputs)
+    size = np.linalg.norm(rows, axis=2)
+    largest = size.max(axis=0)
+    margin = np.divide(size[0], largest, out=np.zeros(p), where=largest > 0)
+    why = [f"no input reaches {n}" for n in names if degrees[n] is None]
+    for n, share in zip(names, margin, strict=True):
+        if degrees[n] is not None and share <= VANISHES:
+            why.append(f"the inputs enter derivative {degrees[n]} of {n} around the point, but not at it")
+    matrix = rows[0]
+    singular = np.linalg.svd(equilibrated(matrix), compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
+    if p > m:
+        why.append(f"{p} outputs and only {m} inputs")
+    elif None not in degrees.values():
+        why += _singular(model, rows, bool(why))
+    total = sum(r for r in degrees.values() if r is not None)
+    determinant = float(np.linalg.det(matrix)) if p == m else float("nan")
+    return RelativeDegree(
+        degrees,
+        matrix,
+        condition,
+        determinant,
+        dict(zip(names, margin.tolist(), strict=True)),
+        total,
+        not why,
+        tuple(why),
+    )
+
+
+def _singular(model: Model, rows: Any, explained: bool) -> list[str]:
+    """In words: where the decoupling matrix is singular, and which combination of outputs it can't move."""
+    values = np.array([np.linalg.svd(equilibrated(r), compute_uv=False) for r in rows])
+    singular = values[:, -1] <= VANISHES * values[:, 0]
+    if not singular[0] or (explained and not singular.all()):
+        return []
+    blocked = combination(np.linalg.svd(equilibrated(rows[0]))[0][:, -1], model.outputs)
+    where = "all around" if singular.all() else "at the point only"
+    text = f"the decoupling matrix is singular {where}: here it can't move {blocked} (scaled)"
+    enter = [n for n, c in zip(model.inputs, np.abs(rows).max(axis=(0, 1)), strict=True) if c > 0]
+    return [text + (f"; try the dynamic extension of {' or '.join(enter)}" if singular.all() else "")]

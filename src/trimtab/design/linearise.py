@@ -1,0 +1,183 @@
+"""Linearisation by automatic differentiation, in deviations from a point, with the names of all entries kept.
+
+Offline code: LAPACK.
+
+Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.7;
+[2] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective modal analysis", IEEE Trans. PAS 101 (1982), for the
+participation factors.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur, solve_sylvester
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.design.model import QUICKLY, Model, indices
+
+ROUNDING = 1e-10
+"""Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""
+TOGETHER = 1e-6
+"""Poles closer than this part of the largest entry of the scaled A have their states in common."""
+
+
+class Mode(NamedTuple):
+    """One real pole, or a conjugate pair.
+
+    pole: with positive imaginary part where it is a pair.  frequency: |pole| (rad/s).  damping: -Re/|pole|; nan at 0.
+    time_constant: 1/|Re pole| (s), of decay or growth; infinite where neither.  states: name and participation of the
+    states that make it, largest first; participations of a mode sum to 1 and do not depend on units.
+    """
+
+    pole: complex
+    frequency: float
+    damping: float
+    time_constant: float
+    states: tuple[tuple[str, float], ...]
+
+
+class Linear(NamedTuple):
+    """dx' = A dx + B du, dy = C dx + D du, deviations from (x0, u0, y0).
+
+    A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the point.  drift: f(x0, u0) (n,), zero at a trim.
+    states, inputs, outputs: names.
+    """
+
+    A: Any
+    B: Any
+    C: Any
+    D: Any
+    x0: Any
+    u0: Any
+    y0: Any
+    drift: Any
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def poles(self) -> Any:
+        """Eigenvalues of A (n,), by falling real part."""
+        return _by_real_part(np.linalg.eigvals(_balanced(self.A)))
+
+    def modes(self, *, least: float = 0.02) -> tuple[Mode, ...]:
+        """Poles with their states, by falling real part; states with a participation below `least` are left out."""
+        scaled = _balanced(self.A)
+        size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
+        poles = _by_real_part(np.linalg.eigvals(scaled))
+        made: list[Mode] = []
+        for found in poles:
+            pole = complex(_cut(found.real, size), _cut(found.imag, size))
+            if pole.imag < 0:
+                continue
+            share = _participation(scaled, found, TOGETHER * size)
+            pairs = sorted(zip(self.states, share.tolist(), strict=True), key=lambda pair: -pair[1])
+            states = tuple((n, s) for n, s in pairs if s >= least)
+            frequency = abs(pole)
+            damping = -pole.real / frequency if frequency else float("nan")
+            slow = 1 / abs(pole.real) if pole.real else float("inf")
+            made.append(Mode(pole, frequency, damping, slow, states))
+        return tuple(made)
+
+    def table(self) -> str:
+        """The modes as text, one a line."""
+        lines = [f"{'pole [1/s]':>24}  {'rad/s':>9}  {'damping':>8}  {'time [s]':>9}  states"]
+        for m in self.modes():
+            pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")
+            states = ", ".join(f"{n} {s:.2f}" for n, s in m.states)
+            lines.append(f"{pole:>24}  {m.frequency:9.4g}  {m.damping:8.4f}  {m.time_constant:9.4g}  {states}")
+        return "\n".join(lines)
+
+    def part(
+        self,
+        states: Iterable[str] | None = None,
+        inputs: Iterable[str] | None = None,
+        outputs: Iterable[str] | None = None,
+    ) -> "Linear":
+        """The rows and columns of the named states, inputs and outputs, in that order; the others are held at zero."""
+        picked = (
+            indices("linear.states", self.states if states is None else states, self.states),
+            indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs),
+            indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs),
+        )
+        i, j, k = picked
+        labels = (
+            tuple(known[q] for q in p)
+            for known, p in zip((self.states, self.inputs, self.outputs), picked, strict=True)
+        )
+        A, B, C, D = self.A[np.ix_(i, i)], self.B[np.ix_(i, j)], self.C[np.ix_(k, i)], self.D[np.ix_(k, j)]
+        return Linear(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
+
+    def scaled(self, states: Any, inputs: Any = None, outputs: Any = None) -> "Linear":
+        """The same in units of the given sizes of states (n,), inputs (m,) and outputs (p,); ones where not given."""
+        sizes = []
+        for what, value, known in (
+            ("states", states, self.states),
+            ("inputs", inputs, self.inputs),
+            ("outputs", outputs, self.outputs),
+        ):
+            s = np.ones(len(known)) if value is None else np.asarray(value, float)
+            if s.shape != (len(known),) or not (np.isfinite(s) & (s > 0)).all():
+                raise InputError(f"linear.scaled.{what}", f"{s}", fix=f"give {len(known)} finite sizes above 0")
+            sizes.append(s)
+        a, b, c = sizes
+        A, B = self.A * a / a[:, None], self.B * b / a[:, None]
+        C, D = self.C * a / c[:, None], self.D * b / c[:, None]
+        names = (self.states, self.inputs, self.outputs)
+        return Linear(A, B, C, D, self.x0 / a, self.u0 / b, self.y0 / c, self.drift / a, *names)
+
+
+def linearise(model: Model, x: Any = None, u: Any = None) -> Linear:
+    """A, B, C, D at a point, by automatic differentiation.
+
+    Where the point is no trim (`drift` not zero) the deviations obey dx' = A dx + B du + drift.
+
+    Args:
+        model: the system.
+        x: state: vector, record, or changes to the model's own point.
+        u: input, likewise.
+
+    Source: [1] section 3.7, with derivatives instead of differences.
+    """
+    x0, u0 = model.point(x, u)
+    a, b = jnp.asarray(x0), jnp.asarray(u0)
+    A, B = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
+    C, D = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
+    drift, y0 = np.asarray(model.f(a, b)), np.asarray(model.h(a, b))
+    for what, value, rows in (
+        ("x'", np.column_stack([drift, A, B]), model.states),
+        ("y", np.column_stack([y0, C, D]), model.outputs),
+    ):
+        bad = [n for n, row in zip(rows, value, strict=True) if not np.isfinite(row).all()]
+        if bad:
+            problem = f"{what} or its derivative is not finite for {', '.join(bad)}"
+            raise InputError("linearise", problem, fix="choose a point where the model is smooth")
+    return Linear(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
+
+
+def _cut(value: float, size: float) -> float:
+    return 0.0 if abs(value) <= ROUNDING * size else float(value)
+
+
+def _balanced(A: Any) -> Any:
+    """A similar to A by a diagonal of powers of two, rows and columns of like size."""
+    made: Any = matrix_balance(A, permute=False)
+    return made[0]
+
+
+def _by_real_part(poles: Any) -> Any:
+    return poles[np.lexsort((-poles.imag, -poles.real))]
+
+
+def _participation(A: Any, pole: complex, distance: float) -> Any:
+    """Diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
+
+    For a single pole these are the products of its left and right eigenvector; poles that coincide, where eigenvectors
+    fail, are taken together.
+    """
+    found: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
+    T, Q, k = found
+    R = solve_sylvester(T[:k, :k], -T[k:, k:], T[:k, k:]) if 0 < k < len(A) else np.zeros((k, len(A) - k))
+    share = np.abs(np.einsum("ni,ij,nj->n", Q[:, :k], np.hstack([np.eye(k), R]), Q.conj()))
+    return share / share.sum()

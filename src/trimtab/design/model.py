@@ -1,0 +1,208 @@
+"""A vehicle, or any x' = f(x, u), y = h(x, u), as functions of vectors whose entries have names.
+
+The design tools take this one form, so that none of them is for one vehicle alone. Offline code.
+
+Source: this module; the form is that of A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 5.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.manifold import names
+from trimtab.core.record import Quantity, is_record, leaves, with_leaf
+
+Function = Callable[[Any, Any], Any]
+"""(x (n,), u (m,)) -> vector, traceable by jax."""
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+"""How to compile what runs once: there compiling is what takes the time."""
+
+
+class Model(NamedTuple):
+    """x' = f(x, u), y = h(x, u), with the names of all entries.
+
+    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the point it was made with.
+    state_record, input_record: what the vectors are as records, or None.
+    """
+
+    f: Function
+    h: Function
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    x0: Any
+    u0: Any
+    state_record: Any = None
+    input_record: Any = None
+
+    def state(self, x: Any) -> Any:
+        """The state vector (n,) as the vehicle's record, or as it is where there is none."""
+        return x if self.state_record is None else unpacked(self.state_record, x)
+
+    def input(self, u: Any) -> Any:
+        """The input vector (m,) as the vehicle's record, or as it is where there is none."""
+        return u if self.input_record is None else unpacked(self.input_record, u)
+
+    def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
+        """State and input as finite float vectors; each a vector, a record, a mapping of changes to x0, or None."""
+        pairs = ((x, self.x0, self.states, "state"), (u, self.u0, self.inputs, "input"))
+        given = [_vector(value, start, labels, what) for value, start, labels, what in pairs]
+        return given[0], given[1]
+
+
+def vector(value: Any) -> Any:
+    """The reals and angles of a record as one vector, in declared order."""
+    if not names(value):
+        raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
+    return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in _real(value)])
+
+
+def unpacked(like: Any, values: Any) -> Any:
+    """The record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
+    start, made = 0, like
+    for path, old, _ in _real(like):
+        size = int(np.size(old))
+        new = values[start : start + size].reshape(np.shape(old))
+        start += size
+        made = with_leaf(made, path, lambda _old, _d, new=new: new)
+    return made
+
+
+def system(
+    f: Function,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    *,
+    h: Function | None = None,
+    outputs: Sequence[str] | None = None,
+    x0: Any = None,
+    u0: Any = None,
+) -> Model:
+    """A model from functions of vectors.
+
+    Args:
+        f: the derivative, (x (n,), u (m,)) -> (n,).
+        states: n names.
+        inputs: m names.
+        h: the outputs -> (p,); all states where not given.
+        outputs: p names; where not given "y0", "y1", …, or those of the states.
+        x0: a state (n,), zeros where not given.
+        u0: an input (m,), zeros where not given.
+    """
+    x = np.zeros(len(states)) if x0 is None else np.asarray(x0, float)
+    u = np.zeros(len(inputs)) if u0 is None else np.asarray(u0, float)
+    if h is None:
+        measured: Function = lambda x, u: x  # noqa: E731
+        outputs = tuple(states) if outputs is None else outputs
+    else:
+        measured = h
+    _check_length("states", states, "x0", np.shape(x))
+    _check_length("inputs", inputs, "u0", np.shape(u))
+    _check_length("states", states, "f(x, u)", jax.eval_shape(f, jnp.asarray(x), jnp.asarray(u)).shape)
+    shape = jax.eval_shape(measured, jnp.asarray(x), jnp.asarray(u)).shape
+    labels = tuple(outputs) if outputs is not None else tuple(f"y{i}" for i in range(int(np.prod(shape))))
+    _check_length("outputs", labels, "h(x, u)", shape)
+    return Model(f, measured, tuple(states), tuple(inputs), labels, x, u)
+
+
+def of_vehicle(
+    vehicle: Any,
+    x: Any,
+    u: Any,
+    *,
+    outputs: Iterable[str] | Mapping[str, Callable[[Any, Any], Any]] | None = None,
+    t: float = 0.0,
+) -> Model:
+    """A model of anything with `dynamics(t, x, u)` whose state and input are records.
+
+    Args:
+        vehicle: the vehicle.
+        x: a state record; its values are the model's x0.
+        u: an input record; its values are the model's u0.
+        outputs: names of states, or name -> function of the two records; all states where not given.
+        t: time at which the dynamics are taken (s).
+    """
+    for value, what in ((x, "state"), (u, "input")):
+        if not is_record(value):
+            problem = f"the {what} is a {type(value).__name__}, not a record"
+            raise InputError("of_vehicle", problem, fix="give the vehicle's records, or use `system` for vectors")
+    states, inputs = names(x), names(u)
+
+    def f(xs: Any, us: Any) -> Any:
+        return vector(vehicle.dynamics(t, unpacked(x, xs), unpacked(u, us)))
+
+    if isinstance(outputs, Mapping):
+        functions: Mapping[str, Callable[[Any, Any], Any]] = outputs
+        labels = tuple(functions)
+
+        def h(xs: Any, us: Any) -> Any:
+            a, b = unpacked(x, xs), unpacked(u, us)
+            return jnp.stack([jnp.asarray(functions[name](a, b), jnp.float64) for name in labels])
+    else:
+        labels = states if outputs is None else tuple(outputs)
+        rows = jnp.array(indices("of_vehicle.outputs", labels, states))
+
+        def h(xs: Any, us: Any) -> Any:
+            return xs[rows]
+
+    made = system(f, states, inputs, h=h, outputs=labels, x0=vector(x), u0=vector(u))
+    return made._replace(state_record=x, input_record=u)
+
+
+def indices(part: str, wanted: Iterable[str], known: Sequence[str]) -> list[int]:
+    """The places of wanted names among the known ones; InputError names what is unknown or named twice."""
+    found: list[int] = []
+    for name in wanted:
+        if name not in known:
+            near = closest(name, known)
+            fix = f"write {near[0]!r}" if near else "use one of the choices"
+            raise InputError(part, f"there is no {name!r}", choices=known, fix=fix)
+        if known.index(name) in found:
+            raise InputError(part, f"{name!r} is named twice", fix="name it once")
+        found.append(known.index(name))
+    return found
+
+
+def combination(v: Any, names: Iterable[str]) -> str:
+    """A vector in words, largest entries first: "0.8 FX - 0.6 FY"; entries below 1 % of the largest are left out."""
+    pairs = sorted(zip(np.asarray(v), names, strict=True), key=lambda pair: -abs(pair[0]))
+    sign = np.sign(pairs[0][0]) or 1.0
+    text = ""
+    for value, name in pairs:
+        if abs(value) < 0.01 * abs(pairs[0][0]):
+            break
+        number = f"{abs(value):.3g} {name}" if abs(abs(value) - 1) > 5e-4 else name
+        text += (" - " if value * sign < 0 else " + ") + number if text else number
+    return text
+
+
+def _real(value: Any) -> list[tuple[str, Any, Quantity]]:
+    return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
+
+
+def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[int, ...]) -> None:
+    if len(set(labels)) != len(labels):
+        raise InputError(f"model.{what}", f"{tuple(labels)} names something twice", fix="give each entry its own name")
+    if shape != (len(labels),):
+        problem = f"{len(labels)} names for {source} of shape {shape}"
+        raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
+
+
+def _vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> Any:
+    if value is None:
+        made = np.array(start, float)
+    elif isinstance(value, Mapping):
+        changes: Mapping[str, float] = value
+        made = np.array(start, float)
+        made[indices(f"model.{what}", changes, labels)] = list(changes.values())
+    else:
+        made = np.array(vector(value) if is_record(value) else value, float)
+    if made.shape != np.shape(start):
+        raise InputError(f"model.{what}", f"shape {made.shape}", fix=f"give ({len(labels)},): {', '.join(labels)}")
+    bad = [f"{n} = {v}" for n, v in zip(labels, made, strict=True) if not np.isfinite(v)]
+    if bad:
+        raise InputError(f"model.{what}", f"not finite: {', '.join(bad)}", fix="give finite values")
+    return made

@@ -1,0 +1,220 @@
+"""The normal form of a system with a relative degree: external coordinates, internal dynamics, the input that gives v.
+
+    xi = (y1, y1', …, y1^(r1-1), y2, …)        y_i^(r_i) = v_i        zeta' = Psi(xi, zeta, v)
+
+Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem, so that
+systems which are not affine in their inputs need nothing more. Offline code: LAPACK.
+
+Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 4.3, 5.1.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.design.lie import RelativeDegree, equilibrated, output_derivatives, relative_degree
+from trimtab.design.model import QUICKLY, Model, indices, system
+
+STEPS = 50
+"""Newton steps at most."""
+SETTLED = 1e-9
+"""A step below this part of max(1, |value|) is the last but one."""
+
+
+class NormalForm(NamedTuple):
+    """Coordinates around a point, and the functions between them; all are traceable by jax.
+
+    forward: x -> (xi, zeta).  backward: (xi, zeta) -> x.  invert: (x, v) -> u.  internal: (xi, zeta, v) -> zeta'.
+    backward and invert search from the point; where there is no solution near, they give nan.
+    external, internals, virtual: names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'").
+    xi0, zeta0, v0, x0, u0: the point.  degree: as found there.
+    jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: of d(xi, zeta)/dx, scaled.
+    inputs_enter: internal coordinates whose derivatives contain the inputs (as states chosen for zeta may).
+    """
+
+    forward: Callable[[Any], tuple[Any, Any]]
+    backward: Callable[[Any, Any], Any]
+    invert: Callable[[Any, Any], Any]
+    internal: Callable[[Any, Any, Any], Any]
+    external: tuple[str, ...]
+    internals: tuple[str, ...]
+    virtual: tuple[str, ...]
+    xi0: Any
+    zeta0: Any
+    v0: Any
+    x0: Any
+    u0: Any
+    degree: RelativeDegree
+    jacobian: Any
+    condition: float
+    inputs_enter: tuple[str, ...]
+
+    def model(self) -> Model:
+        """The system in these coordinates: states (xi, zeta), inputs v, outputs y."""
+        orders = [r for r in self.degree.degrees.values() if r is not None]
+        total, ends = sum(orders), np.cumsum(orders, dtype=int)
+        differentiated = np.flatnonzero(orders)
+        first = (ends - orders)[differentiated]
+
+        def f(z: Any, v: Any) -> Any:
+            xi, zeta = z[:total], z[total:]
+            chain = jnp.append(xi[1:], jnp.zeros(min(total, 1))).at[ends[differentiated] - 1].set(v[differentiated])
+            return jnp.concatenate([chain, self.internal(xi, zeta, v)])
+
+        def h(z: Any, v: Any) -> Any:
+            return v.at[differentiated].set(z[first])
+
+        labels, start = (*self.external, *self.internals), np.concatenate([self.xi0, self.zeta0])
+        outputs = tuple(self.degree.degrees)
+        return system(f, labels, self.virtual, h=h, outputs=outputs, x0=start, u0=self.v0)
+
+
+def normal_form(
+    model: Model,
+    x: Any = None,
+    u: Any = None,
+    *,
+    internal: Iterable[str] | Mapping[str, Callable[[Any], Any]] | None = None,
+    radius: Any = None,
+) -> NormalForm:
+    """Coordinates (xi, zeta) around a point at which the vector relative degree is well defined.
+
+    Args:
+        model: as many outputs as inputs.
+        x: state: vector, record, or changes to the model's own point.
+        u: input, likewise.
+        internal: names of the states that make zeta, or name -> function of x (n,); chosen among the states where not
+            given, those that complete xi best.
+        radius: as in `relative_degree`.
+
+    Source: [1] propositions 4.1.3 and 5.1.2.
+    """
+    x0, u0 = model.point(x, u)
+    degree = relative_degree(model, x0, u0, radius=radius)
+    reasons = list(degree.why)
+    if len(model.outputs) != len(model.inputs):
+        reasons = [f"{len(model.outputs)} outputs and {len(model.inputs)} inputs"]
+    if reasons:
+        fix = "choose other outputs or another point, or extend the model"
+        raise InputError("normal_form", "no relative degree here: " + "; ".join(reasons), fix=fix)
+    orders = {n: r for n, r in degree.degrees.items() if r is not None}
+    external, virtual = _names(orders), tuple(n + "'" * r for n, r in orders.items())
+
+    def xi(a: Any) -> Any:
+        b = jnp.asarray(u0)
+        chain = [output_derivatives(model, i, k)(a, b) for i, r in enumerate(orders.values()) for k in range(r)]
+        return jnp.stack(chain) if chain else jnp.zeros(0)
+
+    def highest(a: Any, b: Any) -> Any:
+        return jnp.stack([output_derivatives(model, i, r)(a, b) for i, r in enumerate(orders.values())])
+
+    def at_point(a: Any, b: Any) -> Any:
+        return xi(a), highest(a, b), jax.jacfwd(xi)(a), jax.jacfwd(highest, (0, 1))(a, b)
+
+    values = jax.jit(at_point, compiler_options=QUICKLY)(jnp.asarray(x0), jnp.asarray(u0))
+    xi0, v0, slope, slopes = jax.tree.map(np.asarray, values)
+    labels, zeta = _internal(model, slope, internal)
+    jacobian, condition, enter = _first_order(model, zeta, labels, slope, slopes, (x0, u0))
+    functions = _functions(model, xi, zeta, highest, jnp.asarray(x0), jnp.asarray(u0))
+    point = (xi0, np.asarray(zeta(jnp.asarray(x0))), v0, x0, u0)
+    return NormalForm(*functions, external, labels, virtual, *point, degree, jacobian, condition, enter)
+
+
+def _functions(model: Model, xi: Any, zeta: Any, highest: Any, a0: Any, b0: Any) -> tuple[Any, Any, Any, Any]:
+    def forward(a: Any) -> tuple[Any, Any]:
+        return xi(a), zeta(a)
+
+    def backward(e: Any, z: Any) -> Any:
+        return solve(lambda a: jnp.concatenate([xi(a) - e, zeta(a) - z]), a0)
+
+    def invert(a: Any, v: Any) -> Any:
+        return solve(lambda b: highest(a, b) - v, b0)
+
+    def internal(e: Any, z: Any, v: Any) -> Any:
+        a = backward(e, z)
+        return jax.jvp(zeta, (a,), (model.f(a, invert(a, v)),))[1]
+
+    return forward, backward, invert, internal
+
+
+def _first_order(model: Model, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any) -> tuple[Any, float, Any]:
+    """dPsi/dzeta at the point, condition of the coordinates, and the internal ones into whose rates the inputs go.
+
+    slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
+    """
+
+    def rate(a: Any, b: Any) -> Any:
+        return jax.jvp(zeta, (a,), (model.f(a, b),))[1]
+
+    made = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
+    inner, by_state, by_input = (np.asarray(d) for d in made)
+    whole = np.vstack([slope, inner])
+    singular = np.linalg.svd(equilibrated(whole), compute_uv=False)
+    if not singular[-1] > 1e-10 * singular[0]:
+        problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
+        raise InputError("normal_form.internal", problem, fix="name other states, or leave the choice open")
+    S = np.linalg.solve(whole, np.eye(len(whole))[:, len(slope) :])
+    jacobian = by_state @ S - by_input @ np.linalg.solve(slopes[1], slopes[0] @ S)
+    enter = tuple(n for n, row in zip(labels, by_input, strict=True) if row.any())
+    return jacobian, float(singular[0] / singular[-1]), enter
+
+
+def _names(orders: dict[str, int]) -> tuple[str, ...]:
+    return tuple(n + "'" * k for n, r in orders.items() for k in range(r))
+
+
+def _internal(model: Model, slope: Any, given: Any) -> tuple[tuple[str, ...], Any]:
+    """Names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
+    total, wanted = len(slope), len(model.states) - len(slope)
+    if given is None:
+        free = np.linalg.svd(equilibrated(slope))[2][total:]  # directions in which no output moves
+        pivoted: Any = qr(free, pivoting=True) if wanted else (None, None, [])
+        given = tuple(model.states[i] for i in sorted(pivoted[2][:wanted]))
+    if isinstance(given, Mapping):
+        functions: Mapping[str, Callable[[Any], Any]] = given
+        labels = tuple(functions)
+
+        def zeta(a: Any) -> Any:
+            return jnp.stack([jnp.asarray(functions[n](a), jnp.float64) for n in labels])
+    else:
+        labels = tuple(given)
+        rows = np.array(indices("normal_form.internal", labels, model.states), int)
+
+        def zeta(a: Any) -> Any:
+            return a[rows]
+
+    if len(labels) != wanted:
+        problem = (
+            f"{len(labels)} coordinates, and {len(model.states)} states less relative degree {total} leave {wanted}"
+        )
+        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"name {wanted}")
+    return labels, zeta
+
+
+def solve(equation: Callable[[Any], Any], start: Any) -> Any:
+    """The root of a function of a vector near `start`, by Newton; nan where it doesn't settle.
+
+    Differentiable, by the implicit function theorem, with regard to all that `equation` closes over.
+    """
+
+    def newton(g: Any, z0: Any) -> Any:
+        def go(carry: Any) -> Any:
+            z, _, k = carry
+            step = jnp.linalg.solve(jax.jacfwd(g)(z), g(z))
+            return z - step, jnp.abs(step) / jnp.maximum(1.0, jnp.abs(z)), k + 1
+
+        def on(carry: Any) -> Any:
+            return (carry[2] < STEPS) & (carry[1].max(initial=0.0) > SETTLED)
+
+        z, moved, _ = jax.lax.while_loop(on, go, (z0, jnp.full_like(z0, jnp.inf), 0))
+        step = jnp.linalg.solve(jax.jacfwd(g)(z), g(z))  # once more, to rounding
+        return jnp.where(moved.max(initial=0.0) <= SETTLED, z - step, jnp.nan)
+
+    def tangent(g: Any, y: Any) -> Any:
+        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y)
+
+    return jax.lax.custom_root(equation, start, newton, tangent)

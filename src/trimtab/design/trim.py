@@ -1,0 +1,270 @@
+"""Trim: the states and inputs at which chosen derivatives and outputs have the wanted values, or why there are none.
+
+Bounded least squares (trust region reflective) with derivatives by automatic differentiation, then Newton steps down to
+rounding. Offline code: scipy, LAPACK.
+
+Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.6, for
+trim as a search; [2] M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21 (1999), for the solver.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.design.model import Model, combination, indices
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this part of the largest count as zero."""
+AT_BOUND = 1e-9
+"""An unknown this near a bound, in parts of its scale, lies on it."""
+
+
+class Trim(NamedTuple):
+    """What was found.
+
+    found: whether every equation holds.  x, u: the point (n,), (m,).  residual: equation -> what is left, in its own
+    unit, e.g. "speed'" -> 0.3.  relative: the same in parts of what the unknowns do to it, each moved by its scale.
+    active: unknown -> "low" or "high", the bounds that hold it.  powerless: unknowns that move no equation.
+    undetermined: combinations of unknowns that move none (several solutions).  unmoved: combinations of equations that
+    no unknown moves.  rank: of the scaled Jacobian.  singular: its singular values.  why: the reasons, in words.
+    """
+
+    found: bool
+    x: Any
+    u: Any
+    residual: dict[str, float]
+    relative: dict[str, float]
+    active: dict[str, str]
+    powerless: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    unmoved: tuple[str, ...]
+    rank: int
+    singular: Any
+    why: tuple[str, ...]
+
+    def require(self, part: str = "trim") -> "Trim":
+        """Itself where the trim was found; InputError with the reasons where not."""
+        if not self.found:
+            fix = "free another unknown, widen a bound, or drop a condition"
+            raise InputError(part, "there is no trim here: " + "; ".join(self.why), fix=fix)
+        return self
+
+
+class _Problem(NamedTuple):
+    """residual and jacobian: of the unknowns z (k,), the latter with regard to all of (x, u), in own units.
+
+    low, high, scale, names: of the unknowns.  equations: names.  x, u: fixed values.  columns: where z is in (x, u).
+    """
+
+    residual: Any
+    jacobian: Any
+    low: Any
+    high: Any
+    scale: Any
+    names: tuple[str, ...]
+    equations: tuple[str, ...]
+    x: Any
+    u: Any
+    columns: Any
+
+
+def trim(
+    model: Model,
+    *,
+    free: Iterable[str],
+    x: Any = None,
+    u: Any = None,
+    derivatives: Mapping[str, float] | None = None,
+    loose: Iterable[str] = (),
+    outputs: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    scales: Mapping[str, float] | None = None,
+    starts: int = 8,
+    tolerance: float = 1e-10,
+) -> Trim:
+    """Find the free states and inputs for which x' and y are as wanted; all others stay as they are.
+
+    Args:
+        model: the system.
+        free: names of the states and inputs to be found.
+        x: where to start and what to keep: vector, record, or changes to the model's own point.
+        u: likewise, for the input.
+        derivatives: state -> wanted derivative; zero for all that are not named.
+        loose: states whose derivative may be anything.
+        outputs: output -> wanted value, further equations.
+        bounds: unknown -> (low, high).
+        scales: unknown -> size of a natural change; else the width between finite bounds, or the larger of 1 and
+            the start's magnitude.
+        starts: how many starts at most; the first is x and u, others only if it fails.
+        tolerance: an equation holds where it is off by less than this part of what the unknowns' scales do to it.
+
+    Returns: a Trim, found or not; `require()` turns a miss into an InputError.
+    Source: [1] section 3.6.
+    """
+    problem, z0 = _problem(model, list(free), x, u, derivatives, list(loose), outputs, bounds, scales)
+    draws, best, best_cost = np.random.default_rng(0), z0, np.inf
+    for i in range(max(starts, 1)):
+        z, cost = _search(problem, z0 if i == 0 else _restart(problem, z0, draws))
+        if cost < best_cost:
+            best, best_cost = z, cost
+        if best_cost <= tolerance:
+            break
+    return _report(problem, best, tolerance)
+
+
+def _problem(
+    model: Model, free: Any, x: Any, u: Any, derivatives: Any, loose: Any, outputs: Any, bounds: Any, scales: Any
+) -> tuple[_Problem, Any]:
+    x0, u0 = model.point(x, u)
+    both = (*model.states, *model.inputs)
+    if len(set(both)) != len(both):
+        twice = [n for n in model.states if n in model.inputs]
+        raise InputError("trim", f"{twice} are states and inputs", fix="give the entries of the model different names")
+    if not free:
+        raise InputError("trim.free", "nothing may move", choices=both, fix="name states or inputs to be found")
+    columns = np.array(indices("trim.free", free, both))
+    derivatives, outputs = dict(derivatives or {}), dict(outputs or {})
+    indices("trim.derivatives", derivatives, model.states)
+    away = indices("trim.loose", loose, model.states)
+    rows = np.array([i for i in range(len(x0)) if i not in away], int)
+    more = np.array(indices("trim.outputs", outputs, model.outputs), int)
+    conflict = set(loose) & set(derivatives)
+    if conflict:
+        raise InputError("trim.loose", f"{sorted(conflict)} have a wanted derivative too", fix="name each in one place")
+    wanted = np.array([*(derivatives.get(model.states[i], 0.0) for i in rows), *outputs.values()], float)
+    equations = (*(model.states[i] + "'" for i in rows), *outputs)
+    if not len(wanted) or not np.isfinite(wanted).all():
+        raise InputError("trim", f"wanted values {wanted}", fix="want at least one finite derivative or output")
+    fixed = jnp.concatenate([x0, u0])
+
+    def residual(point: Any) -> Any:
+        xs, us = point[: len(x0)], point[len(x0) :]
+        return jnp.concatenate([model.f(xs, us)[rows], model.h(xs, us)[more]]) - wanted
+
+    slopes = jax.jacfwd(residual)
+    value, slope = (jax.jit(lambda z, g=g: g(fixed.at[columns].set(z))) for g in (residual, slopes))
+    z0 = np.asarray(fixed)[columns]
+    low, high, scale = _ranges(list(free), z0, bounds or {}, scales or {})
+    start = np.clip(z0, low, high)
+    bad = [n for n, v in zip(equations, np.asarray(value(start)), strict=True) if not np.isfinite(v)]
+    if bad:
+        raise InputError("trim", f"{', '.join(bad)} not finite at the start", fix="start from a valid point x, u")
+    return _Problem(value, slope, low, high, scale, tuple(free), equations, x0, u0, columns), start
+
+
+def _ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple[Any, Any, Any]:
+    indices("trim.bounds", bounds, free)
+    indices("trim.scales", scales, free)
+    pairs = np.array([bounds.get(n, (-np.inf, np.inf)) for n in free], float)
+    low, high = pairs[:, 0], pairs[:, 1]
+    for name, a, b in zip(free, low, high, strict=True):
+        if not a < b:
+            raise InputError(
+                f"trim.bounds.{name}", f"({a}, {b})", fix="give the lower one first, and fix what is known"
+            )
+    width = high - low
+    usual = np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(z0)))
+    scale = np.array([scales.get(n, s) for n, s in zip(free, usual, strict=True)], float)
+    for name, s in zip(free, scale, strict=True):
+        if not 0 < s < np.inf:
+            raise InputError(f"trim.scales.{name}", f"{s}", fix="give a finite size above 0")
+    return low, high, scale
+
+
+def _restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
+    z = z0 + p.scale * draws.uniform(-1, 1, len(z0))
+    inside = draws.uniform(0.02, 0.98, len(z0))
+    bounded = np.isfinite(p.low) & np.isfinite(p.high)
+    within = np.where(bounded, p.low, 0.0) + inside * np.where(bounded, p.high - p.low, 0.0)
+    return np.clip(np.where(bounded, within, z), p.low, p.high)
+
+
+def _scaled(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
+    """Residual and Jacobian in parts of the equations' scales, per scale of the unknowns; and those scales."""
+    r, slopes = np.asarray(p.residual(z)), np.asarray(p.jacobian(z))
+    J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
+    size = np.linalg.norm(J, axis=1)
+    size = np.where(size > RANK_TOLERANCE * whole, size, whole)  # an equation that only rounding moves stays as it is
+    size = np.where(size > 0, size, 1.0)
+    return r / size, J / size[:, None], size
+
+
+def _search(p: _Problem, z: Any) -> tuple[Any, float]:
+    """Least squares and Newton from z: where it ends, and the largest relative residual there."""
+    if not (np.isfinite(p.residual(z)).all() and np.isfinite(p.jacobian(z)).all()):
+        return z, np.inf
+    size = _scaled(p, z)[2]
+    inner = np.clip(z, np.nextafter(p.low, np.inf), np.nextafter(p.high, -np.inf))
+    try:
+        found = least_squares(
+            lambda s: np.asarray(p.residual(s * p.scale)) / size,
+            inner / p.scale,
+            jac=lambda s: np.asarray(p.jacobian(s * p.scale))[:, p.columns] * p.scale / size[:, None],  # pyright: ignore[reportArgumentType]
+            bounds=(p.low / p.scale, p.high / p.scale),
+            x_scale="jac",
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+            max_nfev=500,
+        )
+    except (ValueError, np.linalg.LinAlgError):  # it ran to where the model is not finite
+        return z, np.inf
+    return _newton(p, np.clip(found.x * p.scale, p.low, p.high))
+
+
+def _newton(p: _Problem, z: Any) -> tuple[Any, float]:
+    r, J, _ = _scaled(p, z)
+    for _ in range(20):
+        step = np.linalg.lstsq(J, -r, rcond=RANK_TOLERANCE)[0] * p.scale
+        moved = np.clip(z + step, p.low, p.high)
+        r_moved, J_moved, _ = _scaled(p, moved)
+        if not np.abs(r_moved).max() < np.abs(r).max() or not np.isfinite(J_moved).all():
+            break
+        z, r, J = moved, r_moved, J_moved
+    return z, float(np.abs(r).max())
+
+
+def _report(p: _Problem, z: Any, tolerance: float) -> Trim:
+    r, J, size = _scaled(p, z)
+    left, singular, right = np.linalg.svd(J)
+    rank = int((singular > RANK_TOLERANCE * max(singular.max(initial=0.0), np.finfo(float).tiny)).sum())
+    active = {
+        n: side
+        for n, v, s, a, b in zip(p.names, z, p.scale, p.low, p.high, strict=True)
+        for side, edge in (("low", a), ("high", b))
+        if abs(v - edge) <= AT_BOUND * s
+    }
+    powerless = tuple(n for n, c in zip(p.names, np.abs(J).max(axis=0), strict=True) if c <= RANK_TOLERANCE)
+    undetermined = tuple(combination(v, p.names) for v in right[rank:])
+    missing = left[:, rank:].T
+    unmoved = tuple(combination(v, p.equations) for v in missing)
+    found = bool(np.abs(r).max() <= tolerance)
+    point = np.concatenate([p.x, p.u])
+    point[p.columns] = z
+    x, u = np.split(point, [len(p.x)])
+    residual = dict(zip(p.equations, (r * size).tolist(), strict=True))
+    relative = dict(zip(p.equations, r.tolist(), strict=True))
+    why = () if found else _why(p, residual, relative, active, powerless, missing, r, tolerance)
+    return Trim(found, x, u, residual, relative, active, powerless, undetermined, unmoved, rank, singular, why)
+
+
+def _why(
+    p: _Problem, residual: Any, relative: Any, active: Any, powerless: Any, missing: Any, r: Any, tolerance: float
+) -> tuple[str, ...]:
+    """The reasons, the most telling first."""
+    worst = sorted((n for n in relative if abs(relative[n]) > tolerance), key=lambda n: -abs(relative[n]))
+    reasons = ["off are " + ", ".join(f"{n} by {residual[n]:.6g}" for n in worst)]
+    edges = {"low": dict(zip(p.names, p.low, strict=True)), "high": dict(zip(p.names, p.high, strict=True))}
+    if active:
+        reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in active.items()))
+    stuck = [combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
+    reasons += [f"nothing that is free moves {c} to first order" for c in stuck]
+    if powerless:
+        reasons.append(f"no authority here: {', '.join(powerless)}")
+    if len(reasons) == 1:
+        reasons.append("the search ended where the least squares have a minimum that is not zero")
+    return tuple(reasons)

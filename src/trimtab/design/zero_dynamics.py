@@ -1,0 +1,226 @@
+"""Zeros and zero dynamics at an equilibrium, with a plain verdict: minimum phase, non-minimum phase, or marginal.
+
+Two ways that check each other: the invariant zeros of the linearisation (reduction of the Rosenbrock matrix, scaled),
+and the Jacobian of the internal dynamics of the normal form. Offline code: LAPACK.
+
+Source: [1] A. Emami-Naeini, P. Van Dooren, "Computation of zeros of linear multivariable systems", Automatica 18
+(1982); [2] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.3, 6.1.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import eig, svd
+
+from trimtab.core.errors import InputError
+from trimtab.design.linearise import Linear, linearise
+from trimtab.design.model import Model, indices
+from trimtab.design.normal_form import normal_form
+
+RANK_TOLERANCE = 1e-10
+"""Singular values below this part of the scaled matrices' size count as zero."""
+AGREE = 1e-3
+"""Zeros and poles of the zero dynamics further apart than this part of their size are said to differ."""
+
+
+class Zeros(NamedTuple):
+    """Invariant zeros.
+
+    zeros: (k,), by falling real part.  states, inputs: the directions: states (k, n) and inputs (k, m) that keep the
+    output at zero as exp(zero t), largest entry of the scaled ones 1.  dominant: in words, which states they are.
+    size: magnitude of the matrix whose eigenvalues they are, to judge rounding by.
+    """
+
+    zeros: Any
+    states: Any
+    inputs: Any
+    dominant: tuple[str, ...]
+    size: float
+
+
+class ZeroDynamics(NamedTuple):
+    """What was found.
+
+    verdict: "minimum phase", "non-minimum phase" or "marginal"; "undecided" where the linearisation has only good zeros
+    and there is no relative degree to say what the rest does.  offending: zeros with a real part above the tolerance,
+    or, where there are none, those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero
+    dynamics (k, k), None where the relative degree is not well defined.  poles: its eigenvalues.  internals: its
+    coordinates.  tolerance: real parts this small count as zero (1/s).  why: remarks in words: offending zeros and what
+    they are, and why there is no jacobian.
+    """
+
+    verdict: str
+    offending: Any
+    zeros: Zeros
+    jacobian: Any
+    poles: Any
+    internals: tuple[str, ...]
+    tolerance: float
+    why: tuple[str, ...]
+
+
+def transmission_zeros(linear: Linear) -> Zeros:
+    """Invariant zeros of (A, B, C, D): where the rank of [[A - s I, B], [C, D]] falls below its normal rank.
+
+    For a minimal realisation these are the transmission zeros; uncontrollable and unobservable modes are among them.
+    The matrices are scaled first, so that units do not decide the ranks. Where the transfer function is not square,
+    or not of full rank, only the finite zeros are returned.
+
+    Source: [1].
+    """
+    A, B, C, D, (a, b) = _scaled(linear)
+    Ar, Br, Cr, Dr = _reduced(A, B, C, D)
+    At, Ct, Bt, Dt = (M.T for M in _reduced(Ar.T, Cr.T, Br.T, Dr.T))
+    k = len(At)
+    if not k:
+        zeros, size = np.zeros(0, complex), 0.0
+    elif not Dt.size:
+        zeros, size = np.linalg.eigvals(At), np.linalg.norm(At)
+    else:
+        W = svd(np.hstack([Ct, Dt]))[2].T  # compress the columns: what is left after the outputs are zero
+        W = W[:, len(Dt) :]
+        M, N = np.hstack([At, Bt]) @ W, W[:k]
+        zeros: Any = eig(M, N, right=False)
+        size = np.linalg.norm(np.linalg.lstsq(N, M, rcond=None)[0])
+    zeros = _by_real_part(zeros)
+    directions = [_direction(A, B, C, D, s) for s in zeros]
+    states = np.array([d[: len(A)] * a for d in directions]).reshape(len(zeros), len(A))
+    inputs = np.array([d[len(A) :] * b for d in directions]).reshape(len(zeros), len(b))
+    dominant = tuple(_largest(d[: len(A)], linear.states) for d in directions)
+    return Zeros(zeros, states, inputs, dominant, float(size))
+
+
+def zero_dynamics(
+    model: Model,
+    x: Any = None,
+    u: Any = None,
+    *,
+    internal: Iterable[str] | None = None,
+    loose: Iterable[str] = (),
+    tolerance: float | None = None,
+    radius: Any = None,
+) -> ZeroDynamics:
+    """Whether the outputs can be held at their equilibrium values without an internal state running away.
+
+    Args:
+        model: the system, as many outputs as inputs.
+        x: an equilibrium: vector, record, or changes to the model's own point.
+        u: its input, likewise.
+        internal: states that make the internal coordinates, as in `normal_form`.
+        loose: states that may move at the equilibrium, because nothing depends on them.
+        tolerance: real parts below it (1/s) count as zero; from rounding where not given.
+        radius: as in `relative_degree`.
+    """
+    linear = linearise(model, x, u)
+    _check_rest(model, linear, list(loose))
+    found = transmission_zeros(linear)
+    limit = 1e-7 * max(found.size, np.finfo(float).tiny) if tolerance is None else tolerance
+    jacobian, poles, internals, why = None, None, (), ()
+    try:
+        form = normal_form(model, linear.x0, linear.u0, internal=internal, radius=radius)
+    except InputError as refused:
+        if internal is not None and refused.part == "normal_form.internal":
+            raise
+        why = (f"zeros of the linearisation only: {refused.problem}",)
+    else:
+        internals, jacobian = form.internals, form.jacobian
+        poles = _by_real_part(np.linalg.eigvals(jacobian))
+        if len(poles) != len(found.zeros) or np.abs(poles - found.zeros).max(initial=0.0) > AGREE * found.size:
+            why = (f"zeros {found.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
+    verdict, offending, words = _verdict(found, limit)
+    if jacobian is None and verdict == "minimum phase":
+        verdict = "undecided"
+    return ZeroDynamics(verdict, offending, found, jacobian, poles, internals, limit, (*words, *why))
+
+
+def _verdict(found: Zeros, limit: float) -> tuple[str, Any, tuple[str, ...]]:
+    right, on = found.zeros.real > limit, np.abs(found.zeros.real) <= limit
+    if right.any():
+        verdict, which = "non-minimum phase", right
+    elif on.any():
+        verdict, which = "marginal", on
+    else:
+        return "minimum phase", found.zeros[:0], ()
+    words = tuple(
+        f"zero {z.real:+.6g}{f' ± {z.imag:.6g}i' if z.imag else ''} 1/s, in {names}"
+        for z, names, bad in zip(found.zeros, found.dominant, which, strict=True)
+        if bad and z.imag >= 0
+    )
+    return verdict, found.zeros[which], words
+
+
+def _check_rest(model: Model, linear: Linear, loose: list[str]) -> None:
+    away = indices("zero_dynamics.loose", loose, model.states)
+    around = np.linalg.norm(linear.A * np.maximum(1.0, np.abs(linear.x0)), axis=1)
+    around = around + np.linalg.norm(linear.B * np.maximum(1.0, np.abs(linear.u0)), axis=1)
+    moving = np.abs(linear.drift) > 1e-6 * np.where(around > 0, around, 1.0)
+    moving[away] = False
+    if moving.any():
+        pairs = zip(model.states, linear.drift, moving, strict=True)
+        text = ", ".join(f"{n}' = {v:.6g}" for n, v, m in pairs if m)
+        raise InputError("zero_dynamics", f"no equilibrium: {text}", fix="trim first, or name what may move as loose")
+    depends = [model.states[i] for i in away if np.abs(np.delete(linear.A, away, axis=0)[:, i]).any()]
+    if depends:
+        raise InputError("zero_dynamics.loose", f"others depend on {', '.join(depends)}", fix="trim it instead")
+
+
+def _scaled(linear: Linear) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
+    """The system in units that make rows and columns of [[A, B], [C, D]] alike; sizes of states and inputs."""
+    n, m = linear.B.shape
+    whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])
+    a, b, c = np.ones(n), np.ones(m), np.ones(len(linear.C))
+    for _ in range(50):
+        now = np.abs(whole) / np.concatenate([a, c])[:, None] * np.concatenate([a, b])
+        off = now.copy()
+        off[np.arange(n), np.arange(n)] = 0.0  # a state's own entry does not change with its unit
+        rows, columns = off.max(axis=1), off.max(axis=0)
+        rows, columns = (np.where(v > 0, v, 1.0) for v in (rows, columns))
+        both = (off.max(axis=1)[:n] > 0) & (off.max(axis=0)[:n] > 0)
+        a = a * np.where(both, np.sqrt(rows[:n] / columns[:n]), 1.0)
+        b, c = b / np.sqrt(columns[n:]), c * np.sqrt(rows[n:])
+    a, b, c = (np.exp2(np.round(np.log2(v))) for v in (a, b, c))  # powers of two: nothing is rounded
+    made = linear.scaled(a, b, c)
+    return made.A, made.B, made.C, made.D, (a, b)
+
+
+def _reduced(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
+    """A system with the same finite zeros and D of full row rank. Source: [1] section 3, procedure REDUCE."""
+    size = max(np.linalg.norm(np.block([[A, B], [C, D]]), 2), np.finfo(float).tiny)
+    while len(C):
+        U, s, _ = svd(D) if D.size else (np.eye(len(C)), np.zeros(0), None)
+        sigma = int((s > RANK_TOLERANCE * size).sum())
+        C, D = U.T @ C, U.T @ D
+        C2 = C[sigma:]
+        C, D = C[:sigma], D[:sigma]
+        if not len(C2) or not len(A):
+            break
+        _, s, V = svd(C2)
+        rho = int((s > RANK_TOLERANCE * size).sum())
+        if not rho:
+            break
+        V = np.vstack([V[rho:], V[:rho]])  # states that the outputs do not see first
+        A, B, C, k = V @ A @ V.T, V @ B, C @ V.T, len(A) - rho
+        C, D = np.vstack([A[k:, :k], C[:, :k]]), np.vstack([B[k:], D])
+        A, B = A[:k, :k], B[:k]
+    return A, B, C, D
+
+
+def _direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
+    """State and input that keep the output at zero as exp(s t): the smallest singular vector, real where s is."""
+    whole: Any = np.block([[A - s * np.eye(len(A)), B], [C, D]])
+    v = np.linalg.svd(whole if s.imag else whole.real)[2][-1].conj()
+    return v / v[np.abs(v).argmax()]
+
+
+def _largest(direction: Any, names: tuple[str, ...]) -> str:
+    """The states that move most, in scaled units: those above a tenth of the largest."""
+    size = np.abs(direction)
+    return ", ".join(names[i] for i in np.argsort(-size, kind="stable") if size[i] > 0.1 * size.max(initial=0.0))
+
+
+def _by_real_part(values: Any) -> Any:
+    """By falling real part; parts that only rounding tells apart are taken as one."""
+    made: Any = np.asarray(values, complex)
+    parts: Any = made / (np.abs(made).max(initial=0.0) or 1.0)
+    return made[np.lexsort((-np.round(np.imag(parts), 9), -np.round(np.real(parts), 9)))]

@@ -1,0 +1,143 @@
+"""Relative degrees that are known: published systems, and by hand."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from design.published import BALL, G, ball_and_beam, hovercraft, vtol, with_centripetal
+
+from trimtab.core.errors import InputError
+from trimtab.design.lie import (
+    affine_fields,
+    curved_inputs,
+    equilibrated,
+    extend,
+    lie_derivative,
+    output_derivatives,
+    relative_degree,
+)
+from trimtab.design.model import system
+from trimtab.vehicles.hovercraft import Hovercraft
+
+X = np.array([0.7, -0.2, 0.4, 1.3])
+
+
+def test_lie_derivatives_of_the_ball_and_beam():
+    """Hauser, Sastry, Kokotovic 1992, eq. 3.1-3.3."""
+    f, (g,) = affine_fields(ball_and_beam())
+    r, rd, th, w = X
+    wanted = [r, rd, BALL * (r * w**2 - G * np.sin(th)), BALL * (rd * w**2 - G * w * np.cos(th))]
+    for order, value in enumerate(wanted):
+        np.testing.assert_allclose(lie_derivative(lambda x: x[0], f, order)(X), value, rtol=1e-14)
+    np.testing.assert_allclose(lie_derivative(lie_derivative(lambda x: x[0], f, 2), g)(X), 2 * BALL * r * w, rtol=1e-14)
+    assert float(lie_derivative(lie_derivative(lambda x: x[0], f), g)(X)) == 0.0
+
+
+@pytest.mark.parametrize("x", [(0.0, 0.1, 0.2, 0.5), (0.5, 0.1, 0.2, 0.0), (0.0, 0.0, 0.0, 0.0)])
+def test_the_ball_and_beam_has_no_relative_degree_where_r_w_is_zero(x):
+    """Hauser, Sastry, Kokotovic 1992, section 3: L_g L_f^2 h = 2 B r w."""
+    found = relative_degree(ball_and_beam(), x)
+    assert found.degrees == {"r": 3}
+    assert not found.defined
+    assert found.margin["r"] == 0.0
+    assert "around the point, but not at it" in found.why[0]
+
+
+def test_the_ball_and_beam_elsewhere_and_approximated():
+    found = relative_degree(ball_and_beam(), X)
+    assert (found.degrees, found.defined, found.total, found.why) == ({"r": 3}, True, 3, ())
+    np.testing.assert_allclose(found.matrix, [[2 * BALL * X[0] * X[3]]], rtol=1e-14)
+    rough = relative_degree(ball_and_beam(whole=False), np.zeros(4))
+    assert (rough.degrees, rough.defined) == ({"r": 4}, True)
+    np.testing.assert_allclose(rough.matrix, [[-BALL * G]], rtol=1e-14)
+
+
+def test_the_planar_vtol():
+    """Hauser, Sastry, Meyer 1992, section 2: determinant -eps; without the coupling, singular, and (4, 4) extended."""
+    x = {"theta": 0.3}
+    found = relative_degree(vtol(0.01), x)
+    assert (found.degrees, found.defined, found.total) == ({"x": 2, "y": 2}, True, 4)
+    np.testing.assert_allclose(found.determinant, -0.01, rtol=1e-12)
+    s, c = np.sin(0.3), np.cos(0.3)
+    np.testing.assert_allclose(found.matrix, [[-s, 0.01 * c], [c, 0.01 * s]], rtol=1e-12)
+    assert found.condition < 3  # small only in its units
+    flat = relative_degree(vtol(0.0), x)
+    assert not flat.defined
+    assert "singular all around" in flat.why[0]
+    assert flat.why[0].endswith("extension of u1")
+    upright = relative_degree(vtol(0.0)).why
+    assert "but not at it" in upright[0]
+    assert "singular all around" in upright[1]
+    longer = relative_degree(extend(vtol(0.0), ("u1",), 2), x)
+    assert (longer.degrees, longer.defined, longer.total) == ({"x": 4, "y": 4}, True, 8)
+    np.testing.assert_allclose(longer.determinant, G, rtol=1e-12)
+
+
+def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
+    """There the sideways force cancels, two terms of opposite sign: no input, but for rounding."""
+    craft = Hovercraft()
+    centre = craft.inertia / (craft.mass * craft.arm)
+    plain = relative_degree(hovercraft(heading=0.5))
+    assert (plain.degrees, plain.defined, plain.total) == ({"north": 2, "east": 2}, True, 4)
+    np.testing.assert_allclose(plain.determinant, 1 / craft.mass**2, rtol=1e-12)
+    at_centre = relative_degree(hovercraft(centre, heading=0.5))
+    assert not at_centre.defined
+    assert (at_centre.matrix[:, 1] == 0).all()
+    # with FX + m away r^2 the point moves with FX alone, and twice extended nothing is left over
+    model = extend(with_centripetal(hovercraft(centre, heading=0.5), "FX", "yaw_rate", craft.mass * centre), ("FX",), 2)
+    flat = relative_degree(model, {"FX": 0.3})
+    assert (flat.total, flat.defined) == (8, True)
+    coasting = relative_degree(model)
+    assert "at the point only" in coasting.why[0]  # without thrust the rudder turns nothing that moves
+
+
+def test_systems_that_are_not_affine():
+    model = system(lambda x, u: jnp.stack([x[1], x[0] + u[0] + u[0] ** 2]), ("a", "b"), ("u",), h=lambda x, u: x[:1])
+    found = relative_degree(model, u=[0.7])
+    assert found.degrees == {"y0": 2}
+    np.testing.assert_allclose(found.matrix, [[1 + 2 * 0.7]], rtol=1e-14)
+    assert not relative_degree(model, u=[-0.5]).defined
+    assert curved_inputs(model) == {"u": ("b",)}
+    longer = extend(model, ("u",))
+    assert (curved_inputs(longer), longer.inputs, longer.states) == ({}, ("u'",), ("a", "b", "u"))
+    assert relative_degree(longer, {"u": 0.7}).degrees == {"y0": 3}
+    np.testing.assert_allclose(output_derivatives(model, 0, 2)(np.array([1.0, 2]), np.array([0.7])), 1 + 0.7 + 0.49)
+
+
+def test_fields_about_another_input():
+    model = system(lambda x, u: x * u[0] ** 2, ("a",), ("u",))
+    f, (g,) = affine_fields(model, [2.0])
+    np.testing.assert_allclose([f(jnp.ones(1))[0] + 2 * g(jnp.ones(1))[0], g(jnp.ones(1))[0]], [4.0, 4.0])
+
+
+def test_outputs_out_of_reach_direct_feedthrough_and_too_many():
+    A = jnp.array([[0, 1.0, 0], [0, 0, 0], [0, 0, -1]])
+    model = system(
+        lambda x, u: A @ x + jnp.array([0.0, 1, 0]) * u,
+        ("a", "b", "c"),
+        ("u",),
+        h=lambda x, u: jnp.append(x, x[0] + u[0]),
+    )
+    found = relative_degree(model)
+    assert list(found.degrees.values()) == [2, 1, None, 0]
+    assert any("no input reaches y2" in w for w in found.why)
+    assert any("4 outputs and only 1 inputs" in w for w in found.why)
+
+
+def test_units_do_not_change_the_condition():
+    A = np.array([[1.0, 2], [3, -4]])
+    scaled = np.diag([1e6, 1e-3]) @ A @ np.diag([1e-5, 7.0])
+    np.testing.assert_allclose(np.abs(equilibrated(scaled)), np.abs(equilibrated(A)), rtol=1e-9)
+
+
+def test_wrong_input_is_refused():
+    with pytest.raises(InputError, match=r"radius: "):
+        relative_degree(ball_and_beam(), radius=-1.0)
+    with pytest.raises(InputError, match="no 'phi'"):
+        relative_degree(ball_and_beam(), radius={"phi": 1.0})
+    with pytest.raises(InputError, match=r"extend\.order"):
+        extend(ball_and_beam(), ("u",), 0)
+    with pytest.raises(InputError, match="no 'FZ'"):
+        extend(hovercraft(), ("FZ",))
+    root = system(lambda x, u: jnp.sqrt(x) * u, ("a",), ("u",))
+    with pytest.raises(InputError, match="not finite at the point"):
+        relative_degree(root, [-1.0])
