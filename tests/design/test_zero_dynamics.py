@@ -34,7 +34,7 @@ def test_the_cart_under_an_upright_pole():
     np.testing.assert_allclose(found.poles, [want, -want], rtol=1e-12)
     np.testing.assert_allclose(found.offending, [want], rtol=1e-12)
     assert found.internals == ("a", "w")
-    assert "in w, a" in found.why[0]
+    assert found.why[0].endswith((", in a, w", ", in w, a"))
     swing = zero_dynamics(cart_pole("a"))  # the cart may coast
     assert swing.verdict == "marginal"
     np.testing.assert_allclose(swing.poles, [0, 0], atol=1e-9)

@@ -59,11 +59,11 @@ class Linear(NamedTuple):
 
     def poles(self) -> Any:
         """Eigenvalues of A (n,), by falling real part."""
-        return _by_real_part(np.linalg.eigvals(_balanced(self.A)))
+        return _by_real_part(np.linalg.eigvals(balanced(self.A)))
 
     def modes(self, *, least: float = 0.02) -> tuple[Mode, ...]:
         """Poles with their states, by falling real part; states with a participation below `least` are left out."""
-        scaled = _balanced(self.A)
+        scaled = balanced(self.A)
         size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
         poles = _by_real_part(np.linalg.eigvals(scaled))
         made: list[Mode] = []
@@ -71,7 +71,7 @@ class Linear(NamedTuple):
             pole = complex(_cut(found.real, size), _cut(found.imag, size))
             if pole.imag < 0:
                 continue
-            share = _participation(scaled, found, TOGETHER * size)
+            share = participation(scaled, found, TOGETHER * size)
             pairs = sorted(zip(self.states, share.tolist(), strict=True), key=lambda pair: -pair[1])
             states = tuple((n, s) for n, s in pairs if s >= least)
             frequency = abs(pole)
@@ -160,7 +160,7 @@ def _cut(value: float, size: float) -> float:
     return 0.0 if abs(value) <= ROUNDING * size else float(value)
 
 
-def _balanced(A: Any) -> Any:
+def balanced(A: Any) -> Any:
     """A similar to A by a diagonal of powers of two, rows and columns of like size."""
     made: Any = matrix_balance(A, permute=False)
     return made[0]
@@ -170,7 +170,7 @@ def _by_real_part(poles: Any) -> Any:
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 
-def _participation(A: Any, pole: complex, distance: float) -> Any:
+def participation(A: Any, pole: complex, distance: float) -> Any:
     """Diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
 
     For a single pole these are the products of its left and right eigenvector; poles that coincide, where eigenvectors

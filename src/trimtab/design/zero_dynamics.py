@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import eig, svd
 
 from trimtab.core.errors import InputError
-from trimtab.design.linearise import Linear, linearise
+from trimtab.design.linearise import Linear, balanced, linearise, participation
 from trimtab.design.model import Model, indices
 from trimtab.design.normal_form import normal_form
 
@@ -128,13 +128,14 @@ def zero_dynamics(
         poles = _by_real_part(np.linalg.eigvals(jacobian))
         if len(poles) != len(found.zeros) or np.abs(poles - found.zeros).max(initial=0.0) > AGREE * found.size:
             why = (f"zeros {found.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
-    verdict, offending, words = _verdict(found, limit)
+    names = found.dominant if jacobian is None or why else _sharing(jacobian, internals, found)
+    verdict, offending, words = _verdict(found, limit, names)
     if jacobian is None and verdict == "minimum phase":
         verdict = "undecided"
     return ZeroDynamics(verdict, offending, found, jacobian, poles, internals, limit, (*words, *why))
 
 
-def _verdict(found: Zeros, limit: float) -> tuple[str, Any, tuple[str, ...]]:
+def _verdict(found: Zeros, limit: float, living: tuple[str, ...]) -> tuple[str, Any, tuple[str, ...]]:
     right, on = found.zeros.real > limit, np.abs(found.zeros.real) <= limit
     if right.any():
         verdict, which = "non-minimum phase", right
@@ -144,7 +145,7 @@ def _verdict(found: Zeros, limit: float) -> tuple[str, Any, tuple[str, ...]]:
         return "minimum phase", found.zeros[:0], ()
     words = tuple(
         f"zero {z.real:+.6g}{f' ± {z.imag:.6g}i' if z.imag else ''} 1/s, in {names}"
-        for z, names, bad in zip(found.zeros, found.dominant, which, strict=True)
+        for z, names, bad in zip(found.zeros, living, which, strict=True)
         if bad and z.imag >= 0
     )
     return verdict, found.zeros[which], words
@@ -213,8 +214,14 @@ def _direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
     return v / v[np.abs(v).argmax()]
 
 
+def _sharing(jacobian: Any, internals: tuple[str, ...], found: Zeros) -> tuple[str, ...]:
+    """The internal coordinates that each zero lives in, by participation, which no unit changes."""
+    made = balanced(jacobian)
+    return tuple(_largest(participation(made, s, 1e-6 * found.size), internals) for s in found.zeros)
+
+
 def _largest(direction: Any, names: tuple[str, ...]) -> str:
-    """The states that move most, in scaled units: those above a tenth of the largest."""
+    """The states with the largest entries: those above a tenth of the largest."""
     size = np.abs(direction)
     return ", ".join(names[i] for i in np.argsort(-size, kind="stable") if size[i] > 0.1 * size.max(initial=0.0))
 
