@@ -10,7 +10,13 @@ from trimtab.studies import catalogue
 from trimtab.studies.erratum import KINDS, sections
 from trimtab.studies.hovercraft2006.errata import ERRATA
 
-RIG = ("heading-filter", "velocity-position-filter", "gyro-square-wave", "navigation-summary")
+RIG = (
+    "heading-filter",
+    "mended-covariances",
+    "velocity-position-filter",
+    "gyro-square-wave",
+    "navigation-summary",
+)
 DEAR = ("simulated-autopilot", "simulated-heading", *RIG)
 """Groups that fly many runs of several scenarios, each compiled first."""
 GROUPS = catalogue.groups("hovercraft2006")

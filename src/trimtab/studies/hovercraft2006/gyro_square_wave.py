@@ -78,6 +78,6 @@ def _mended(found: dict[str, Errors]) -> Iterator[Row]:
                 PLACE,
                 tolerance=tolerance,
                 unit=unit,
-                must_hold=False,
-                note="The source flew the covariances as printed; these have their units mended.",
+                must_hold=(what, c) != ("heading", "no"),
+                note="The source flew the covariances as printed. A filter that trusts its gyro needs it compensated.",
             )
