@@ -17,9 +17,10 @@ import pytest
 from trimtab.core.record import numeric
 from trimtab.core.rng import key
 from trimtab.core.time import ms, to_seconds
+from trimtab.logs.navigation import navigation, series
 from trimtab.loop.walk import start
 from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate
+from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 
 RATES = (-57.0, -115.0, -230.0)
@@ -137,3 +138,29 @@ def test_the_rig_turns_as_told_and_its_ideal_twin_too():
         assert log["truth.yaw_rate"][-1] == pytest.approx(np.radians(rate), rel=1e-6)
         radius = np.hypot(log["truth.north"], log["truth.east"])
         np.testing.assert_allclose(radius, scenario.world.vehicle.arm, atol=1.2e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("beacons", ["4", "2"])
+def test_single_ranges_beat_fixes(beacons):
+    """Heading by a tenth or more, over 16 flights; and with two beacons left it goes on without getting lost."""
+
+    def errors(coupling):
+        scenario, _ = catalogue.load("navigation/platform-ranging", {"coupling": coupling, "beacons": beacons})
+        logs = simulate_many(scenario, seeds=range(16))
+        told = [series(log) for log in logs]
+        verdicts = [navigation(log).verdict for log in logs]
+        rms = {
+            name: np.sqrt(np.mean([np.mean(one[name].error[one[name].t > 10] ** 2) for one in told]))
+            for name in ("heading", "north", "east")
+        }
+        return rms, verdicts
+
+    tight, verdicts = errors("tight")
+    loose, _ = errors("loose")
+    print(beacons, tight, loose, verdicts)
+    assert loose["heading"] / tight["heading"] > 1.1
+    assert np.hypot(tight["north"], tight["east"]) < 1.05 * np.hypot(loose["north"], loose["east"]) < 0.02
+    assert tight["heading"] < 0.008
+    assert verdicts.count("optimistic") <= 2

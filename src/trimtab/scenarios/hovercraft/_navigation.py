@@ -17,9 +17,7 @@ from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
 from trimtab.estimators.dual_filter import InertialNoise
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.estimators.range_errors import RangeErrorModel
 from trimtab.estimators.ranging_position import RangingPosition
-from trimtab.estimators.tightly_coupled import TightlyCoupled
 from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.magnetometer import Magnetometer
@@ -27,10 +25,9 @@ from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.sensors.time_of_flight import Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
-Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled", "ins-tight"]
+Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled"]
 """errors: the source's error model. ins: IMU, ultrasonic network and dual filters, heading from two units.
-ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, so that positions teach headings.
-ins-tight: that, on single ranges in place of fixes."""
+ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, so that positions teach headings."""
 
 CEILING, SPACING = 4.0, 3.4
 """Height of the beacons and distance between them (m): three or more are heard all over the floor, mostly four."""
@@ -78,16 +75,6 @@ def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Fl
     }
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
-    if navigation == "ins-tight":
-        errors_of_ranges = RangeErrorModel(noise=0.005)
-        tight = TightlyCoupled(
-            noise=replace(NOISE, position_constant=0.0, heading_constant=0.0),
-            errors=errors_of_ranges,
-            start=START,
-            beacons=beacons.map,
-            units=PAIR,
-        )
-        return sensors, tight
     inertial: Any = AidedInertialFeedback(noise=NOISE, start=START)
     if navigation == "ins-magnetometer":
         inertial = replace(inertial, noise=replace(NOISE, heading_constant=0.0))

@@ -1,0 +1,57 @@
+"""The arm's end found from raw ultrasonic ranges: one filter for all, or fixes first and then navigation."""
+
+from typing import Any, Literal
+
+import numpy as np
+
+from trimtab.core.record import replace
+from trimtab.core.time import seconds
+from trimtab.environment.acoustics import Air
+from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
+from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.planar_inertial import InertialStart
+from trimtab.estimators.ranging_position import RangingPosition
+from trimtab.estimators.tightly_coupled import TightlyCoupled
+from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.laws.turntable import Turntable
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.navigation._platform import DEG, rig
+from trimtab.sensors.imu import Imu
+from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, Medium
+from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
+
+Coupling = Literal["tight", "loose"]
+Heard = Literal["4", "3", "2"]
+NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8e-3, force_walk=3e-4)
+"""The unit's white noise; walks for scale factor, misalignment and bandwidth."""
+START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
+BELIEVED = replace(NOISE, position_constant=0.008, heading_constant=0.012)
+"""For fixes: constant errors of survey and air are counted; the tight filter considers them itself."""
+
+
+def scenario(coupling: Coupling = "tight", beacons: Heard = "4") -> Scenario:
+    """The rig of [1] section 6.2.1 upright, with what its chapter 7 names as future work.
+
+    Four beacons hang; so many of them as `beacons` says still reply from 5 s on.
+    """
+    silent = np.arange(4) >= int(beacons)
+    air = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
+    hung = Beacons(survey_error=0.005, dead=silent, fault_time=seconds(5))
+    sensors = {
+        "imu": Imu.microstrain_3dm_gx1(),
+        "ranging": UltrasonicRanging(beacons=hung, units=PAIR, clients=2, medium=air),
+    }
+
+    def estimator(_: Any) -> Any:
+        if coupling == "tight":
+            return TightlyCoupled(noise=NOISE, start=START, beacons=CEILING_SQUARE, units=PAIR)
+        return UltrasonicInertial(
+            positioning=RangingPosition(beacons=CEILING_SQUARE, units=PAIR),
+            inertial=AidedInertialFeedback(noise=BELIEVED, start=START),
+        )
+
+    name, law = "navigation/platform-ranging", Turntable(rate=-115.0 * DEG)
+    made = rig(name, sensors, law, intake=Intake(), estimator=estimator)
+    level = replace(made.world.vehicle, tilt=0.0)
+    return replace(made, world=replace(made.world, vehicle=level))
