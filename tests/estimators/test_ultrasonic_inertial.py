@@ -150,6 +150,10 @@ def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fau
         assert used[-1] > used[log.t < 4][-1] + 20  # it goes on
         assert sigma[-1] < 0.03
     assert positioning.frozen_after == 3
+    watch = {n: log[f"estimate.state.position_sensor.{n}"] for n in ("frozen", "invalid", "disordered")}
+    assert watch["frozen"][late].all() == (fault == "frozen")
+    assert (watch["invalid"][-1] > 0) == (fault == "nan")
+    assert (watch["disordered"][-1] > 0) == (fault in ("ahead", "back", "twice"))
 
 
 @pytest.mark.slow

@@ -51,6 +51,7 @@ class RangingFix:
     out_of_time: Scalar = quantity(
         "1", "Pings with a time of the future, or not after the one before: not used.", kind="count"
     )
+    invalid: Scalar = quantity("1", "Pings with a range that is no number: that range is not used.", kind="count")
 
 
 @record
@@ -139,7 +140,7 @@ class RangingPosition:
         """No fix."""
         m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
         no, none = np.bool_(False), np.int32(0)
-        fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none)
+        fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none, none)
         return RangingPositionState(
             fix=fix,
             places=jnp.zeros((m, 2)),
@@ -283,7 +284,9 @@ class RangingPosition:
         new = arrived & (sample.t > state.seen) & (sample.t <= t)
         refused = jnp.where(arrived & ~new, state.fix.out_of_time + 1, state.fix.out_of_time).astype(np.int32)
         after = jax.lax.cond(new, lambda: self._update(state, sample.t, sample.value), lambda: state)
-        after = replace(after, fix=replace(after.fix, out_of_time=refused))
+        wrong = arrived & jnp.any(sample.value.arrived & ~jnp.isfinite(sample.value.range))
+        invalid = jnp.where(wrong, state.fix.invalid + 1, state.fix.invalid).astype(np.int32)
+        after = replace(after, fix=replace(after.fix, out_of_time=refused, invalid=invalid))
         age = to_seconds(t - after.measured)
         fresh = new & (after.measured == sample.t)
         return after, Estimate(t=t, age=age, fresh=fresh, valid=after.any, state=after.fix)

@@ -77,6 +77,8 @@ class UltrasonicInertial:
     between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
     alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
 
+    `state.position_sensor` also tells of the pings: frozen ranges, ranges that are no numbers, pings out of time.
+
     Frames:  beacons in W, levers in B.
     Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.
     Source:  [1] sections 5.4 and 5.5.
@@ -124,16 +126,24 @@ class UltrasonicInertial:
         position, heading = lax.cond(fix.fresh, lambda: self._located(ranging, fix, state.inertial), _nothing)
         intake = self.inertial.intake
 
-        def found(value: Any, fresh: Any) -> Sample:
+        def located(value: Any, fresh: Any) -> Sample:
             return Sample(value=value, t=ranging.measured, age=fix.age, fresh=fresh, valid=fix.valid)
 
-        samples = {intake.imu: frame.samples[intake.imu], intake.position: found(position, fix.fresh)}
+        samples = {intake.imu: frame.samples[intake.imu], intake.position: located(position, fix.fresh)}
         if intake.heading and self.magnetometer:
             samples[intake.heading] = self._compass(frame.samples[self.magnetometer])
         elif intake.heading:
-            samples[intake.heading] = found(heading, fix.fresh & fix.state.heading_valid)
+            samples[intake.heading] = located(heading, fix.fresh & fix.state.heading_valid)
         inertial, estimate = self.inertial.step(t, state.inertial, Frame(t, samples))
-        return UltrasonicInertialState(ranging, inertial), estimate
+        watch, found = estimate.state.position_sensor, fix.state
+        watch = replace(
+            watch,
+            frozen=watch.frozen | found.frozen,
+            invalid=watch.invalid + found.invalid,
+            disordered=watch.disordered + found.out_of_time,
+        )
+        told = replace(estimate, state=replace(estimate.state, position_sensor=watch))
+        return UltrasonicInertialState(ranging, inertial), told
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
         """Where the INS believes to have been at integer time t: from the event before, with constant velocity."""
