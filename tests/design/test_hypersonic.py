@@ -20,6 +20,8 @@ from trimtab.design.zero_dynamics import zero_dynamics
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 from trimtab.vehicles.hypersonic_modes import FlexibleModes
 
+pytestmark = pytest.mark.slow
+
 H, V, DEG = 85000.0, 7702.0808, math.pi / 180
 FREE = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
 BOUNDS = {"Phi": (0.02, 1.5), "delta_e": (-20 * DEG, 25.8 * DEG), "alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}

@@ -11,6 +11,8 @@ from trimtab.design.linearise import linearise
 from trimtab.design.model import QUICKLY, system
 from trimtab.design.normal_form import normal_form, solve
 
+pytestmark = pytest.mark.slow
+
 EPS = 0.3
 
 

@@ -235,7 +235,7 @@ def test_outliers_do_not_throw_it_off(usual):
     assert worst < 0.06
 
 
-@pytest.mark.parametrize("probability", [0.0, 0.1])
+@pytest.mark.parametrize("probability", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_five_seconds_without_ranges_leave_nothing_behind(probability):
     out = flown(sensor=rf.strays(probability), spoilt=GAP)
     sigma = np.sqrt(out.node.P[:, :, 3, 3])
@@ -258,6 +258,7 @@ def test_a_moved_beacon_is_found_and_the_rest_carries_on():
     assert rf.nees_of(out)[:, 60:].mean() < 9.5
 
 
+@pytest.mark.slow
 def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
     out = flown(spoilt=HIDDEN)
     fix = out.node.position_fix
@@ -267,6 +268,7 @@ def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
     assert rms(out)[2] < 0.05
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_lost_starts_again():
     """Three beacons of four contradict it for 1.5 s; what they say can't be, so it waits until it can."""
     out = flown(spoilt=LIES)
