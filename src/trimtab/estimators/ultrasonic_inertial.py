@@ -86,7 +86,10 @@ class UltrasonicInertial:
 
     positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
     inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
-    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.005, above=0)
+    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
+    survey_change: Scalar = quantity(
+        "m", "How far survey errors move a place when other beacons reply; counts in headings.", default=0.0035, low=0
+    )
     unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)
     field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
     magnetometer: str = option("Name of the magnetometer; empty: heading from two units, if there are two.", default="")
@@ -180,7 +183,8 @@ class UltrasonicInertial:
         swing = jnp.sqrt(jnp.sum(lever * lever)) * jnp.abs(now.rate)
         gap = to_seconds(s.times[new] - s.times[old])
         wandered = jnp.where(known, 0.0, (gap * (self.unknown_speed + swing)) ** 2)
-        return position, HeadingFound(heading, (2 * variance + wandered) / jnp.sum(base * base))
+        places_variance = 2 * (variance + self.survey_change**2)
+        return position, HeadingFound(heading, (places_variance + wandered) / jnp.sum(base * base))
 
     def _compass(self, seen: Sample) -> Sample:
         """The magnetometer's sample as a heading."""
