@@ -121,7 +121,9 @@ def test_table_6_6_compensation_helps():
 
 
 @pytest.mark.parametrize("name", ["magnetometer", "encoder", "cricket", "square-wave"])
-@pytest.mark.parametrize("form", ["feedforward", "feedback", "direct", "coupled"])
+@pytest.mark.parametrize(
+    "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.slow) for f in ("feedback", "direct", "coupled"))]
+)
 def test_every_form_fits_every_experiment(name, form):
     scenario, rest = catalogue.load(f"navigation/platform-{name}", {"form": form})
     scenario.check()
