@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from trimtab.core.record import replace
+from trimtab.core.time import ms
 from trimtab.environment.acoustics import Air
 from trimtab.estimators.aided_inertial import Intake
 from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
@@ -42,6 +43,8 @@ NOISE = InertialNoise(
 )
 """IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
+INTAKE = Intake(gap=ms(150))
+"""A radio that jitters is silent for longer than the usual 40 ms."""
 Floor = tuple[float, float, float, float]
 
 
@@ -75,11 +78,11 @@ def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Fl
     }
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
-    inertial: Any = AidedInertialFeedback(noise=NOISE, start=START)
+    inertial: Any = AidedInertialFeedback(noise=NOISE, start=START, intake=INTAKE)
     if navigation == "ins-magnetometer":
         inertial = replace(inertial, noise=replace(NOISE, heading_constant=0.0))
     if navigation == "ins-coupled":
-        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=Intake())
+        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=INTAKE)
     estimator = UltrasonicInertial(
         positioning=RangingPosition(beacons=beacons.map, units=PAIR),
         inertial=inertial,
