@@ -41,6 +41,7 @@ def plot_error_budget(found: Budget, path: str | os.PathLike[str] | None = None,
         unit = found.units[measure]
         axes.set(title=measure.replace("_", " "), xlabel=f"rms ({unit})" if unit != "1" else "rms", xlim=(0, None))
         axes.grid(axis="y", color="#DDDDDD", linewidth=0.6)
+        axes.locator_params(axis="x", nbins=4)
     panels[0][0].set_yticks(y, [cost.name for cost in found.costs])
     panels[0][0].invert_yaxis()
     marks = [("line", "black", "with all"), ("o", WITHOUT, "without it"), ("o", ALONE, "with it alone")]
