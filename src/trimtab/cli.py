@@ -173,6 +173,7 @@ def budget(navigation: str | None, as_json: bool, **asked: Any) -> None:
 
     The same flights with all imperfections, without each, with each alone, and with none: how far the vehicle is from
     its targets in the second half, and how far its navigation from the truth.
+    With --navigation ins there are two dozen imperfections: some minutes the first time; --only takes a few of them.
 
     \b
     trimtab budget hovercraft/forward

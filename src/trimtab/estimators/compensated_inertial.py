@@ -34,7 +34,7 @@ class CompensatedInertial:
     A sample that is not the next after the one before (a gap, or the first) begins anew, as if its rate had been there
     for all time. Samples that are older, repeated or not finite pass as they are: the navigation refuses them itself.
 
-    Valid:   samples at the compensator's own rate.
+    Valid:   samples at the compensator's own rate; with a slower unit, each beyond `gap`, nothing is compensated.
     Source:  [1] section 6.2.1, table 6.6.
     """
 

@@ -17,6 +17,7 @@ from trimtab.estimators.flexible_modes_model import (
     FlexibleFlight,
     RigidFlight,
     acting_input,
+    check_variances,
     dynamics_of,
     forcing,
     rigid_flight,
@@ -108,11 +109,7 @@ class FlexibleModeFilter:
 
     def check(self) -> None:
         """Variances that are variances, and a period for which the discrete model is exact."""
-        for name in ("Q", "P0"):
-            values = np.asarray(getattr(self, name), float)
-            if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"{values.tolist()} are not four variances"
-                raise InputError(f"FlexibleModeFilter.{name}", problem, fix="give four finite numbers, none below 0")
+        check_variances("FlexibleModeFilter", Q=self.Q, P0=self.P0)
         if not math.isfinite(self.R):
             raise InputError(
                 "FlexibleModeFilter.R", f"{self.R} is not finite", fix="corrects=False uses no measurement"

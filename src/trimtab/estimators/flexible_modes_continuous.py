@@ -13,7 +13,14 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.flexible_modes import PRINTED_ETA0, PRINTED_Q, estimated
-from trimtab.estimators.flexible_modes_model import RigidFlight, acting_input, dynamics_of, forcing, rigid_flight
+from trimtab.estimators.flexible_modes_model import (
+    RigidFlight,
+    acting_input,
+    check_variances,
+    dynamics_of,
+    forcing,
+    rigid_flight,
+)
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5
@@ -72,11 +79,7 @@ class ContinuousModeFilter:
 
     def check(self) -> None:
         """Variances that are variances, and a step that is stable for the gain with which the filter begins."""
-        for name in ("Q", "P0"):
-            values = np.asarray(getattr(self, name), float)
-            if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"{values.tolist()} are not four variances"
-                raise InputError(f"ContinuousModeFilter.{name}", problem, fix="give four finite numbers, none below 0")
+        check_variances("ContinuousModeFilter", Q=self.Q, P0=self.P0)
         A, C = (np.asarray(m) for m in dynamics_of(self.craft))
         fastest = float(np.abs(np.linalg.eigvals(A)).max() + 2 * (C * C) @ np.asarray(self.P0, float) / self.R)
         step = to_seconds(self.period) / self.substeps

@@ -12,6 +12,9 @@ vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing 
 
 from typing import Any
 
+import numpy as np
+
+from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.signals import Sample
@@ -87,3 +90,12 @@ def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInp
 
 def _finite(r: Any) -> Any:
     return jnp.all(jnp.isfinite(jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(r)])))
+
+
+def check_variances(part: str, **given: Any) -> None:
+    """Refuse what is not four variances; given: by the name of the field."""
+    for name, value in given.items():
+        values = np.asarray(value, float)
+        if not (np.isfinite(values).all() and (values >= 0).all()):
+            problem = f"{values.tolist()} are not four variances"
+            raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, none below 0")

@@ -19,11 +19,12 @@ class TurntableOutput:
 
 @record
 class Turntable:
-    """A rate of turn by time: constant, a square wave or a sine, from the first valid estimate of the run on.
+    """A rate of turn by time: constant, a square wave or a sine.
 
         constant:  rate min(1, t/ramp)      square:  rate sign(sin(2 pi t/T))      sine:  rate sin(2 pi t/T)
 
-    t is the time of the run. The estimate is not read.
+    t is the time of the run, not that since the first valid estimate, before which nothing is commanded: a ramp over by
+    then is left out. The estimate is not read.
 
     Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
              section 6.2.1: constant rates, and a square wave.
