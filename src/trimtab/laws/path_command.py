@@ -1,0 +1,82 @@
+"""What altitude and speed should do: steps through filters that are smooth enough for the inversion."""
+
+import math
+from typing import Any
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+
+
+@record
+class PathPoint:
+    """Wanted altitude and speed at one instant, with the derivatives that an inversion asks for. Source: [1] eq. 5."""
+
+    h: Scalar = quantity("ft", "Altitude.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W")
+    h_acceleration: Scalar = quantity("ft/s^2", "Its second derivative.", frame="W")
+    h_jerk: Scalar = quantity("ft/s^3", "Its third derivative.", frame="W")
+    V: Scalar = quantity("ft/s", "Speed along the path.")
+    V_rate: Scalar = quantity("ft/s^2", "Its rate.")
+    V_acceleration: Scalar = quantity("ft/s^3", "Its second derivative.")
+
+
+@record
+class FilteredClimb:
+    """A step of altitude and one of speed, each through a critically damped filter of equal poles.
+
+        h_d = h0 + dh / (s/wh + 1)^4          V_d = V0 + dV / (s/wV + 1)^3          both steps at `start`
+
+    In closed form, so that any instant can be asked for, later ones too: with a = w (t - start),
+
+        1 - e^-a (1 + a + … + a^(n-1)/(n-1)!)
+
+    The orders make h'' and V' continuous: what the inversion gets has no jump.
+
+    Source: the filters of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
+            hypersonic flight vehicle", Aerospace 2022, 9(4), 206, are not printed there: chosen here, see docs page.
+    """
+
+    h0: Scalar = quantity("ft", "Altitude before.", default=85000.0)
+    V0: Scalar = quantity("ft/s", "Speed before.", default=7702.0808, above=0)
+    dh: Scalar = quantity("ft", "Step of altitude.", default=0.0)
+    dV: Scalar = quantity("ft/s", "Step of speed.", default=0.0)
+    wh: Scalar = quantity("rad/s", "Bandwidth of the altitude's filter.", default=0.06, above=0, source="chosen")
+    wV: Scalar = quantity("rad/s", "Bandwidth of the speed's filter.", default=0.06, above=0, source="chosen")
+    start: Scalar = quantity("s", "When both steps come.", default=5.0, low=0, source="chosen")
+
+    def check(self) -> None:
+        """Refuse a speed that ends at zero or below."""
+        end = float(self.V0) + float(self.dV)
+        if end <= 0:
+            problem = f"the speed would end at {end:g} ft/s"
+            raise InputError("FilteredClimb.dV", problem, fix=f"give more than {-float(self.V0):g} ft/s")
+
+    def at(self, t: Any) -> PathPoint:
+        """What is wanted at time t (s)."""
+        since = jnp.maximum(t - self.start, 0.0)
+        h = filtered_step(since * self.wh, 4)
+        V = filtered_step(since * self.wV, 3)
+        return PathPoint(
+            h=self.h0 + self.dh * h[0],
+            h_rate=self.dh * self.wh * h[1],
+            h_acceleration=self.dh * self.wh**2 * h[2],
+            h_jerk=self.dh * self.wh**3 * h[3],
+            V=self.V0 + self.dV * V[0],
+            V_rate=self.dV * self.wV * V[1],
+            V_acceleration=self.dV * self.wV**2 * V[2],
+        )
+
+
+def filtered_step(a: Any, order: int) -> list[Any]:
+    """The unit step through (s + 1)^-order at a time a >= 0, and its derivatives up to the order less one.
+
+    The k-th derivative is e^-a times a polynomial: each differentiation of a^j/j! e^-a gives a^(j-1)/(j-1)! - a^j/j!.
+    """
+    powers = [a**j / math.factorial(j) for j in range(order)]
+    fading = jnp.exp(-a)
+    values, weights = [1.0 - fading * sum(powers)], [0.0] * (order - 1) + [1.0]
+    for _ in range(1, order):
+        values.append(fading * sum(w * p for w, p in zip(weights, powers, strict=True) if w))
+        weights = [(weights[j + 1] if j + 1 < order else 0.0) - weights[j] for j in range(order)]
+    return values

@@ -1,0 +1,107 @@
+"""Fuel ratio and elevator that give wanted accelerations of altitude and speed, exactly; and what that does inside."""
+
+from typing import Any, NamedTuple
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
+
+STEEPEST = 0.99
+"""Largest sine of the path angle that is inverted: beyond it the elevator no longer turns the path."""
+
+
+class PathInversion(NamedTuple):
+    """Phi and delta_e (rad) that give (h'', V') = v.
+
+    solvable: whether any elevator does; where not, the one that comes nearest.  slope: d(normal force)/d(delta_e)
+    (lbf/ft), zero where elevator and lift part.
+    """
+
+    u: HypersonicInput
+    solvable: Any
+    slope: Any
+
+
+@record
+class InputLimits:
+    """What engine and elevator can do. Source: chosen, for [1] prints none; docs page."""
+
+    Phi_low: Scalar = quantity("1", "Least fuel ratio.", default=0.02, low=0)
+    Phi_high: Scalar = quantity("1", "Most fuel ratio.", default=1.5, above=0)
+    delta_low: Scalar = quantity("rad", "Least elevator: -20 deg.", default=-0.3490658503988659, kind="angle")
+    delta_high: Scalar = quantity("rad", "Most elevator: 25.8 deg.", default=0.450294947014537, kind="angle")
+
+    def clip(self, u: HypersonicInput) -> tuple[HypersonicInput, Any]:
+        """The input within the limits, and whether it had to be moved."""
+        Phi = jnp.clip(u.Phi, self.Phi_low, self.Phi_high)
+        delta_e = jnp.clip(u.delta_e, self.delta_low, self.delta_high)
+        return HypersonicInput(Phi, delta_e), (Phi != u.Phi) | (delta_e != u.delta_e)
+
+
+def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> tuple[Any, Any, Any]:
+    """delta_e (rad), whether there is one, and the slope of the equation in it.
+
+    Thrust eliminated between the two accelerations, what is left is quadratic in the elevator, for drag is:
+
+        (m (v2 + g sin gamma) + D(delta)) tan alpha + L(delta) - m (a_n + g cos gamma) = 0
+
+    with a_n = (v1 - v2 sin gamma)/cos gamma. Of its roots the one that stays finite as alpha goes to zero is taken, in
+    the form that cancels no digits. [1] freezes the elevator inside the drag instead: its slope is half the true one.
+    """
+    air, sine = craft.forces.aerodynamics, jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
+    cosine, tangent = jnp.sqrt(1 - sine * sine), jnp.tan(alpha)
+    pressed = craft.forces.dynamic_pressure(h, V) * air.S
+    normal = (v1 - v2 * sine) / cosine + craft.g * cosine
+    qbar = pressed / air.S
+    still = (craft.m * (v2 + craft.g * sine) + air.drag(qbar, alpha, 0.0)) * tangent + air.lift(qbar, alpha, 0.0)
+    c = still - craft.m * normal
+    b = pressed * (air.CD_d * tangent + air.CL_d)
+    a = pressed * air.CD_d2 * tangent
+    inside = b * b - 4 * a * c
+    root = jnp.sqrt(jnp.maximum(inside, 0.0))
+    return -2 * c / (b + root), inside >= 0, root
+
+
+def fuel_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
+    """Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
+    air, engine = craft.forces.aerodynamics, craft.forces.propulsion
+    drag = air.drag(craft.forces.dynamic_pressure(h, V), alpha, delta_e)
+    sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
+    T = (craft.m * (v2 + craft.g * sine) + drag) / jnp.cos(alpha)
+    return (T - engine.without_fuel(alpha)) / engine.per_fuel_ratio(alpha)
+
+
+def invert(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
+    """The input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
+
+    Args:
+        craft: the vehicle believed in.
+        h: altitude (ft).
+        h_rate: its rate (ft/s).
+        V: speed (ft/s).
+        alpha: angle of attack (rad).
+        v1: wanted h'' (ft/s^2).
+        v2: wanted V' (ft/s^2).
+    """
+    delta_e, solvable, slope = elevator_for(craft, h, h_rate, V, alpha, v1, v2)
+    Phi = fuel_for(craft, h, h_rate, V, alpha, v2, delta_e)
+    return PathInversion(HypersonicInput(Phi, delta_e), solvable, slope)
+
+
+def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: Any, zeta: Any) -> list[Any]:
+    """Psi: the rates of zeta = (alpha, Q, eta1, eta1', eta2, eta2') while h'' = v1 and V' = v2 exactly.
+
+    Every argument but the craft may be an array of instants; zeta and the rates are six of them. alpha' = Q - gamma'
+    with V gamma' = (v1 - v2 sin gamma)/cos gamma: no force is in it.
+
+    Source: [1] eq. 7, with the input of `invert`.
+    """
+    alpha, q, eta1, eta1_rate, eta2, eta2_rate = zeta
+    u = invert(craft, h, h_rate, V, alpha, v1, v2).u
+    sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
+    turn = (v1 - v2 * sine) / (V * jnp.sqrt(1 - sine * sine))
+    moment = craft.forces.at(h, V, alpha, u.Phi, u.delta_e).M
+    N1, N2 = craft.modes.forcing(alpha, u.delta_e)
+    back1, back2 = craft.modes.restoring(eta1, eta1_rate, eta2, eta2_rate)
+    q_rate, first, second = craft.modes.coupled(craft.Iyy, moment, N1 + back1, N2 + back2)
+    return [q - turn, q_rate, eta1_rate, first, eta2_rate, second]
