@@ -195,17 +195,27 @@ def everything(t: Any) -> Everything:
     return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest)
 
 
+def felt(one: Any) -> Any:
+    """A function of time that gives what a sensor feels: a motion, or what its FEELS names."""
+    feels = getattr(one, "FEELS", "motion")
+    if feels == "motion":
+        return motion
+    if feels == "input":
+        return planar_force
+    return _of(typing.get_type_hints(type(one).measure)["x"])
+
+
 def sensed() -> list[Any]:
     """Functions of time, one for each kind of measurement that some sensor gives."""
     sensors = [made(cls) for cls in blocks("sensors")]
-    return [planar_state, *(lambda t, one=one: one.measure(motion(t)) for one in sensors), everything]
+    return [planar_state, *(lambda t, one=one: one.measure(felt(one)(t)) for one in sensors), everything]
 
 
 def example(folder: str, one: Any) -> Any:
     """A function of time that gives inputs for a block."""
     now = np.int64(0)
     if folder == "sensors":
-        return motion
+        return felt(one)
     if folder == "links":
         return lambda t: measured(t, planar_state(t))
     if folder == "laws":

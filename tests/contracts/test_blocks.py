@@ -105,7 +105,7 @@ def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
     assert (np.asarray(samples.age) == 0).all()
     assert np.asarray(samples.fresh).all()
     assert np.asarray(samples.valid).all()
-    measured_there = jax.eval_shape(one.measure, parts.motion(np.int64(0)))
+    measured_there = jax.eval_shape(one.measure, parts.felt(one)(np.int64(0)))
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 
 
@@ -122,7 +122,7 @@ def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, 
     assert (np.diff(t[valid]) >= 0).all()
     assert not (np.diff(t)[~fresh[1:]]).any(), "another time, yet not fresh"
     np.testing.assert_allclose(np.asarray(samples.age)[valid], (now - t)[valid] * 1e-7, atol=1e-12)
-    measured_there = jax.eval_shape(one.measure, parts.motion(np.int64(0)))
+    measured_there = jax.eval_shape(one.measure, parts.felt(one)(np.int64(0)))
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 
 

@@ -28,7 +28,11 @@ class Vehicle(Protocol[X, U]):
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Motion in, sample out, each `period`."""
+    """Motion in, sample out, each `period`.
+
+    A sensor with a class variable `FEELS` gets something else than the motion: "input", what acts on the vehicle since
+    the last command, or "state", the vehicle's own, which no real sensor has but an ideal twin may.
+    """
 
     @property
     def period(self) -> int:

@@ -1,6 +1,6 @@
 """The World: truth, sensors, downlink, uplink and actuators. It takes a Command and gives a Frame."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from trimtab.core.errors import InputError
@@ -59,7 +59,8 @@ class World:
         for name, sensor in self.sensors.items():
             states[name] = sensor.init(key.at(f"sensors.{name}"))
             where = f"world.sensors.{name}"
-            _, samples[name] = zeros_of(where, "world.vehicle", sensor.step, 0, states[name], motion)
+            felt = _felt(where, sensor, lambda: motion, x, neutral.u)
+            _, samples[name] = zeros_of(where, "world.vehicle", sensor.step, 0, states[name], felt)
             links[name] = self.downlink.init(key.at(f"downlink.{name}"), samples[name])
             _, received[name] = zeros_of("world.downlink", where, self.downlink.step, 0, links[name], samples[name])
         return WorldState(
@@ -89,10 +90,15 @@ class World:
         """Truth, sensors, downlink: the frame that the autopilot holds at this instant."""
         t = clock.t
         states, samples, links, received = {}, {}, {}, {}
+
+        def sampled(name: str, sensor: Any) -> Any:
+            felt = _felt(name, sensor, lambda: self.vehicle.motion(t, s.x, s.u), s.x, s.u)
+            return sensor.step(t, s.sensors[name], felt)
+
         for name, sensor in self.sensors.items():
             states[name], samples[name] = step_if(
                 clock.due(sensor.period),
-                lambda sensor=sensor, name=name: sensor.step(t, s.sensors[name], self.vehicle.motion(t, s.x, s.u)),
+                lambda sensor=sensor, name=name: sampled(name, sensor),
                 lambda name=name: (s.sensors[name], held(t, s.sampled[name])),
             )
             links[name], received[name] = step_if(
@@ -136,6 +142,16 @@ class World:
             return self.vehicle.dynamics(time, x, s.u)
 
         return replace(s, x=rk4(derivative, to_seconds(t), s.x, to_seconds(h)))
+
+
+def _felt(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
+    """What this sensor gets: the motion, or what its class variable FEELS names."""
+    given = {"motion": motion, "state": lambda: x, "input": lambda: u}
+    feels = getattr(sensor, "FEELS", "motion")
+    if feels not in given:
+        problem = f"{type(sensor).__name__} feels {feels!r}, which is nothing that a world has"
+        raise InputError(where, problem, choices=given, fix='write FEELS = "motion", or leave it out')
+    return given[feels]()
 
 
 def as_sample(command: Command, fresh: Any) -> Sample:

@@ -1,0 +1,96 @@
+"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e: as published, and as they hold."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, quantity, record
+
+SIGNS = ("minus", "published", "off")
+FORMS = ("smooth", "sign", "off")
+SIZES = (100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
+"""What counts as much: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') in ft, s, rad and (slug ft)^1/2."""
+
+
+@record
+class AdaptationState:
+    """The estimated bounds. Source: [1] eq. 18."""
+
+    rho0: Scalar = quantity("ft/s^2", "Bound of the uncertainty that does not grow with the error.")
+    rho1: Scalar = quantity("ft/s^2", "Bound per error, sized.")
+
+
+class RobustTerms(NamedTuple):
+    """u_h and u_s (ft/s^2, each (2,)), and s = B'P e (2,) that both are made of."""
+
+    u_h: Any
+    u_s: Any
+    s: Any
+
+
+@record
+class AdaptiveRobust:
+    """Damping u_h and smoothed switching u_s with adapted bounds, with s = B'P e.
+
+        u_h = -+ R^-1 s / (2 (1 + kappa))                        minus; published: plus
+        u_s = -(rho0 + rho1 |e|) / (1 + kappa) s/(|s| + eps)      published: sgn(s), element by element
+        rho0' = q0 (|s| - sigma rho0)                             published: sigma = 0
+        rho1' = q1 (|e| |s| - sigma rho1)
+
+    |e| is of the error in parts of `sizes`: else it is the altitude's alone. With the gain K = -R^-1 B'P of a linear
+    quadratic regulator the published u_h halves K, for its sign is the wrong one; minus makes it 1.5 K. The published
+    bounds only grow, and sgn chatters; here they are smoothed, may leak, and stop at `cap`.
+
+    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+             flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, mended as docs page, Adaptive robust terms, says;
+             it prints none of the constants.
+    """
+
+    BP: Any = quantity("1", "B'P of the Lyapunov function e'Pe.", shape=(2, 9))
+    R: Any = quantity("1", "Diagonal of the weight R of v.", default=(0.01, 0.04), shape=(2,), above=0)
+    sizes: Any = quantity("1", "Errors that count as much.", default=SIZES, shape=(9,), above=0)
+    damping: str = option("Sign of u_h.", default="off", choices=SIGNS)
+    switching: str = option("Form of u_s.", default="off", choices=FORMS)
+    kappa: Scalar = quantity("1", "Bound of the uncertainty of the input's gain.", default=0.0, low=0)
+    q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
+    q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
+    eps: Scalar = quantity("1", "Width of the smoothing, in s.", default=0.01, above=0)
+    sigma: Scalar = quantity("1/s", "Leak of both bounds.", default=0.0, low=0)
+    cap: Scalar = quantity("ft/s^2", "Most that either bound may become.", default=20.0, above=0)
+
+    def check(self) -> None:
+        """Refuse a gain that may be uncertain by all of itself: then no sign of v is known."""
+        if float(np.max(self.kappa)) >= 1:
+            raise InputError("AdaptiveRobust.kappa", f"{self.kappa} is not below 1", fix="give a bound below 1")
+
+    def init(self) -> AdaptationState:
+        """Nothing learnt."""
+        return AdaptationState(jnp.asarray(0.0), jnp.asarray(0.0))
+
+    def terms(self, state: AdaptationState, e: Any) -> RobustTerms:
+        """u_h and u_s for the error e (9,)."""
+        s = jnp.asarray(self.BP) @ e
+        u_h = {"minus": -0.5, "published": 0.5, "off": 0.0}[self.damping] * s / jnp.asarray(self.R) / (1 + self.kappa)
+        bound = (state.rho0 + state.rho1 * self._size(e)) / (1 + self.kappa)
+        if self.switching == "sign":
+            u_s = -bound * jnp.sign(s)
+        elif self.switching == "smooth":
+            u_s = -bound * s / (jnp.sqrt(jnp.sum(s * s)) + self.eps)
+        else:
+            u_s = jnp.zeros(2)
+        return RobustTerms(u_h, u_s, s)
+
+    def adapt(self, dt: Any, state: AdaptationState, e: Any, s: Any) -> AdaptationState:
+        """The bounds a time dt (s) later; nothing is learnt where u_s is off."""
+        if self.switching == "off":
+            return state
+        size = jnp.sqrt(jnp.sum(s * s))
+        rho0 = state.rho0 + dt * self.q0 * (size - self.sigma * state.rho0)
+        rho1 = state.rho1 + dt * self.q1 * (self._size(e) * size - self.sigma * state.rho1)
+        return AdaptationState(jnp.clip(rho0, 0.0, self.cap), jnp.clip(rho1, 0.0, self.cap))
+
+    def _size(self, e: Any) -> Any:
+        sized = e / jnp.asarray(self.sizes)
+        return jnp.sqrt(jnp.sum(sized * sized))

@@ -1,0 +1,179 @@
+"""Tracking of altitude and speed by exact inversion around the bounded internal motion that the command asks for."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate
+from trimtab.core.time import to_seconds
+from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
+from trimtab.laws.path_command import FilteredClimb, PathPoint
+from trimtab.laws.path_inversion import InputLimits, invert
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
+
+K_FLOWN = (
+    (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
+    (-0.0184104, -0.132192, -0.465382, -168.6866, -51.9745, 0.0504659, 0.0135084, 0.129350, 0.0334523),
+)
+"""Linear quadratic regulator at 85 000 ft, 7 702 ft/s; `trimtab design hypersonic` computes it."""
+R_FLOWN = (0.01, 0.04)
+NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
+
+
+@record
+class StableInversionState:
+    """What the law remembers. Source: [1] eqs. 13, 18; integrals are an addition."""
+
+    internal: Any = part("State of the wanted internal motion.")
+    adaptation: AdaptationState = part("Adapted bounds.")
+    integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
+    t: Scalar = quantity("100 ns", "Last instant.", kind="time")
+    started: Scalar = quantity("1", "Whether there has been one.", kind="flag")
+
+
+@record
+class StableInversionOutput:
+    """What the law asks for, and why. Frames: as the vehicle's. Source: [1] eqs. 13, 16-18."""
+
+    demand: HypersonicInput = part("Fuel ratio and elevator, within the limits.")
+    h_wanted: Scalar = quantity("ft", "Altitude wanted.", frame="W")
+    V_wanted: Scalar = quantity("ft/s", "Speed wanted.")
+    h_error: Scalar = quantity("ft", "Altitude minus wanted.")
+    V_error: Scalar = quantity("ft/s", "Speed minus wanted.")
+    alpha_wanted: Scalar = quantity("rad", "Angle of attack that the command needs.", kind="angle")
+    q_wanted: Scalar = quantity("rad/s", "Pitch rate that it needs.")
+    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1 that it needs.")
+    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 that it needs.")
+    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    v: Any = quantity("ft/s^2", "Accelerations of altitude and speed asked of the inversion.", shape=(2,))
+    s: Any = quantity("1", "B'P e.", shape=(2,))
+    u_h: Any = quantity("ft/s^2", "Damping term.", shape=(2,))
+    u_s: Any = quantity("ft/s^2", "Switching term.", shape=(2,))
+    rho0: Scalar = quantity("ft/s^2", "Adapted bound.")
+    rho1: Scalar = quantity("ft/s^2", "Adapted bound per error.")
+    integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
+    saturated: Scalar = quantity("1", "Whether a limit holds the input.", kind="flag")
+    unsolvable: Scalar = quantity("1", "Whether no elevator gives what is asked for.", kind="flag")
+    outside: Scalar = quantity("1", "Whether flight is outside the range in which the model was fitted.", kind="flag")
+
+
+@record
+class FitRange:
+    """Where the vehicle's curves were fitted. Source: docs page, Hypersonic vehicle: valid range."""
+
+    h: Any = quantity("ft", "Altitude, from and to.", default=(80000.0, 95000.0), shape=(2,))
+    V: Any = quantity("ft/s", "Speed, from and to.", default=(7000.0, 9000.0), shape=(2,))
+    alpha: Any = quantity("rad", "Angle of attack, from and to.", default=(0.0, 0.0698131700797732), shape=(2,))
+
+    def outside(self, h: Any, V: Any, alpha: Any) -> Any:
+        """Whether one of the three is out of its range."""
+        pairs = ((h, self.h), (V, self.V), (alpha, self.alpha))
+        return jnp.stack([(value < low) | (value > high) for value, (low, high) in pairs]).any()
+
+
+@record
+class StableInversion:
+    """Inversion of altitude and speed, with state feedback around the ideal internal dynamics of the command.
+
+        v = yd^(r) + K e + Ki integral(e_h, e_V) + u_h + u_s            u = inversion(v)
+        e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') - wanted
+
+    Altitude and speed are a non-minimum-phase output: inverted alone, the internal motion runs away with a time
+    constant of 0.3 s. `internal` gives the bounded motion that the command needs, which begins before the command does.
+
+    Frames:  as the vehicle's, in its units.
+    Stable:  locally, with `design.certificate`; void while the input saturates.
+    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+             flight vehicle", Aerospace 2022, 9(4), 206, eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
+    """
+
+    internal: Any = part("Wanted internal motion: a record of laws.internal_*.")
+    craft: Hypersonic = part("The vehicle believed in.", default=Hypersonic())
+    command: Any = part("What altitude and speed should do.", default=FilteredClimb())
+    K: Any = quantity("1", "Feedback gain, v = +K e.", default=K_FLOWN, shape=(2, 9))
+    Ki: Any = quantity("1", "Gain of the integrals of e_h and e_V.", default=NO_INTEGRAL, shape=(2, 2))
+    robust: AdaptiveRobust = part(
+        "Adaptive robust terms.",
+        default=AdaptiveRobust(BP=tuple(tuple(-r * k for k in row) for r, row in zip(R_FLOWN, K_FLOWN, strict=True))),
+    )
+    limits: InputLimits = part("What the inputs can do.", default=InputLimits())
+    fit: FitRange = part("Where the model holds.", default=FitRange())
+
+    reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
+
+    def check(self) -> None:
+        """Refuse limits that leave no room."""
+        low, high = self.limits.Phi_low, self.limits.Phi_high
+        if not (low < high and self.limits.delta_low < self.limits.delta_high):
+            raise InputError("StableInversion.limits", f"{self.limits} leave no room", fix="give low below high")
+
+    def init(self, key: Key) -> StableInversionState:
+        """Nothing remembered."""
+        return StableInversionState(
+            internal=self.internal.init(key),
+            adaptation=self.robust.init(),
+            integral=jnp.zeros(2),
+            t=np.int64(0),
+            started=jnp.asarray(False),
+        )
+
+    def step(
+        self, t: Any, state: StableInversionState, estimate: Estimate
+    ) -> tuple[StableInversionState, StableInversionOutput]:
+        """Fuel ratio and elevator at integer time t."""
+        x, now = estimate.state, to_seconds(t)
+        dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
+        want: PathPoint = self.command.at(now)
+        internal, zeta = self.internal.step(now, state.internal, self.command)
+        e = self._error(x, want, zeta)
+        terms = self.robust.terms(state.adaptation, e)
+        feedback = jnp.asarray(self.K) @ e + jnp.asarray(self.Ki) @ state.integral
+        v = jnp.stack([want.h_acceleration, want.V_rate]) + feedback + terms.u_h + terms.u_s
+        found = invert(self.craft, x.h, x.h_rate, x.V, x.alpha, v[0], v[1])
+        u, clipped = self.limits.clip(found.u)
+        usable = jnp.isfinite(u.Phi) & jnp.isfinite(u.delta_e)
+        u = HypersonicInput(
+            jnp.where(usable, u.Phi, self.limits.Phi_low), jnp.where(usable, u.delta_e, jnp.asarray(0.0))
+        )
+        saturated = clipped | ~usable
+        new = StableInversionState(
+            internal=internal,
+            adaptation=_kept(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
+            integral=jnp.where(saturated, state.integral, state.integral + dt * jnp.stack([e[0], e[2]])),
+            t=t,
+            started=jnp.asarray(True),
+        )
+        output = StableInversionOutput(
+            u,
+            want.h,
+            want.V,
+            e[0],
+            e[2],
+            *(zeta[i] for i in range(6)),
+            v=v,
+            s=terms.s,
+            u_h=terms.u_h,
+            u_s=terms.u_s,
+            rho0=state.adaptation.rho0,
+            rho1=state.adaptation.rho1,
+            integral=state.integral,
+            saturated=saturated,
+            unsolvable=~found.solvable,
+            outside=self.fit.outside(x.h, x.V, x.alpha),
+        )
+        return new, output
+
+    def _error(self, x: Any, want: PathPoint, zeta: Any) -> Any:
+        """e (9,), in the order of [1]."""
+        have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
+        wanted = (want.h, want.h_rate, want.V, *(zeta[i] for i in range(6)))
+        return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
+
+
+def _kept(condition: Any, a: Any, b: Any) -> Any:
+    return jax.tree.map(lambda p, q: jnp.where(condition, p, q), a, b)

@@ -1,0 +1,66 @@
+"""ActingInput and FlexibleTruth: what they give, and that a world hands each what it feels."""
+
+import numpy as np
+import pytest
+
+from trimtab.actuators.direct import DirectActuation
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.rng import key
+from trimtab.core.signals import Command
+from trimtab.core.time import Clock, ms
+from trimtab.links.wire import Wire
+from trimtab.loop.world import World
+from trimtab.sensors.acting_input import ActingInput
+from trimtab.sensors.angular_accelerometer import AngularAccelerometer
+from trimtab.sensors.flexible_truth import FlexibleTruth
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
+
+X = HypersonicState(85000.0, 7702.0, 0.028, 0.030, 0.001, 0.9, 0.1, 0.75, -0.2)
+NEUTRAL, TICK = HypersonicInput(0.26, 0.217), ms(5)
+SENSORS = {"actuators": ActingInput(), "truth": FlexibleTruth(), "felt": AngularAccelerometer(noise=0.0)}
+
+
+def world(sensors=SENSORS):
+    actuators = DirectActuation(neutral_input=NEUTRAL, period=TICK)
+    links = {"downlink": Wire(period=TICK), "uplink": Wire(period=TICK)}
+    return World(vehicle=Hypersonic(), sensors=sensors, actuators=actuators, max_step=TICK, **links)
+
+
+def test_truth_is_the_state_with_the_climb_for_the_pitch_angle():
+    seen = FlexibleTruth().measure(X)
+    np.testing.assert_allclose(seen.h_rate, 7702.0 * np.sin(0.002), rtol=1e-12)
+    names = ("h", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
+    assert [float(getattr(seen, n)) for n in names] == [float(getattr(X, n)) for n in names]
+
+
+def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():
+    """[H] 5.2: the acceleration is sampled while u(k-1) acts, and the filter needs that u."""
+    made = world()
+    clock = [Clock(k * TICK, frozenset((TICK,))) for k in range(2)]
+    s = made.init(key(0), X)
+    s, frame = made.sense(clock[0], s)
+    asked = Command(t=0, valid=np.asarray(True), value=HypersonicInput(0.5, 0.1))
+    s = made.connect(key(0), s, asked)
+    assert float(frame.samples["actuators"].value.Phi) == 0.26
+    s = made.act(clock[0], s, asked, np.asarray(True))
+    s = made.advance(0, s, TICK)
+    _, frame = made.sense(clock[1], s)
+    assert float(frame.samples["actuators"].value.Phi) == 0.5
+    q_rate = made.vehicle.coupled_accelerations(0.0, s.x, HypersonicInput(0.5, 0.1))[0]
+    np.testing.assert_allclose(frame.samples["felt"].value.pitch_acceleration, q_rate, rtol=1e-12)
+
+
+def test_a_sensor_that_feels_what_no_world_has_is_refused():
+    class Sixth(ActingInput):
+        FEELS = "mood"
+
+    with pytest.raises(InputError, match=r"feels 'mood'"):
+        world({"odd": Sixth()}).init(key(0), X)
+
+
+def test_motion_sensors_are_fed_as_before():
+    made = world({"felt": AngularAccelerometer(noise=0.0)})
+    _, frame = made.sense(Clock(0, frozenset((TICK,))), made.init(key(0), replace(X, q=0.0)))
+    wanted = made.vehicle.coupled_accelerations(0.0, replace(X, q=0.0), NEUTRAL)[0]
+    np.testing.assert_allclose(frame.samples["felt"].value.pitch_acceleration, wanted, rtol=1e-12)
