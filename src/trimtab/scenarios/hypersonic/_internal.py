@@ -173,9 +173,7 @@ def _static(craft: Hypersonic, wanted: PathPoint) -> tuple[Any, Any, Any]:
     return np.asarray(zeta), np.asarray(u), np.asarray(found)
 
 
-def _trim(
-    craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, found: bool, limits: InputLimits
-) -> LevelTrim:
+def _trim(craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, found: bool, limits: InputLimits) -> LevelTrim:
     """What the quick search found if it is within all limits, else what the thorough one finds, or its reasons."""
     bounds = {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
