@@ -51,8 +51,9 @@ def records(folder: str) -> list[type]:
 
 
 def blocks(folder: str) -> list[type]:
-    """The records that the loop steps: with a step(), and an init() that takes a key."""
-    return [cls for cls in records(folder) if hasattr(cls, "step") and "key" in _parameters(getattr(cls, "init", None))]
+    """The records that the loop steps: with a step(), and an init() that takes a key; a law says what it reads."""
+    found = [cls for cls in records(folder) if folder != "laws" or hasattr(cls, "reads")]
+    return [cls for cls in found if hasattr(cls, "step") and "key" in _parameters(getattr(cls, "init", None))]
 
 
 def _parameters(function: Any) -> list[str]:

@@ -1,0 +1,165 @@
+"""The bounded solution of zeta' = Psi(t, zeta) where the linearisation has poles on both sides: noncausal.
+
+Forward integration follows an unstable mode to infinity. The solution that stays bounded takes what is stable from the
+past and what is unstable from the future, and so moves before what drives it. Picard's iteration: with A = dPsi/dzeta
+at one point, solve
+
+    zeta' = A zeta + w(t)        w = Psi(t, zeta of before) - A zeta of before
+
+exactly for w piecewise linear, the stable part forward from the left boundary, the unstable part backward from the
+right one; again until nothing changes. Offline code: LAPACK.
+
+Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
+Control 41(7), 1996, section III.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import expm, schur, solve_sylvester
+
+from trimtab.core.errors import InputError
+
+ON_AXIS = 1e-9
+"""Poles whose real part is below this part of the largest magnitude lie on the imaginary axis."""
+FADED = 1e-40
+"""Powers of a transition matrix with entries below this no longer matter."""
+GROWN = 1e3
+"""An iteration that changes this many times more than the first one did is given up."""
+
+
+class BoundedSolution(NamedTuple):
+    """What the iteration ended with.
+
+    zeta: (n, k) on the grid.  rates: Psi there (n, k).  iterations: how many.  changes: the largest change of each, in
+    parts of the scales.  poles: of A (k,), those with positive real part last.  unstable: how many these are.
+    """
+
+    zeta: Any
+    rates: Any
+    iterations: int
+    changes: tuple[float, ...]
+    poles: Any
+    unstable: int
+
+
+class _Split(NamedTuple):
+    """basis: (k, k); its columns span the stable and the unstable subspace; A there is stable (+) unstable."""
+
+    basis: Any
+    stable: Any
+    unstable: Any
+
+
+def bounded_solution(
+    psi: Callable[[Any], Any],
+    A: Any,
+    start: Any,
+    dt: float,
+    *,
+    left: Any,
+    right: Any,
+    scales: Any,
+    tolerance: float = 1e-10,
+    most: int = 30,
+) -> BoundedSolution:
+    """The bounded solution on a uniform grid of n instants.
+
+    Args:
+        psi: zeta (n, k) on the whole grid -> its rates (n, k) there; what depends on time is inside.
+        A: dPsi/dzeta somewhere on the way (k, k), no pole on the imaginary axis; where makes convergence faster or
+            slower and does not change the solution.
+        start: first guess (n, k), such as the quasi-static one.
+        dt: of the grid (s).
+        left: zeta (k,) at the first instant; its stable part is used.
+        right: zeta (k,) at the last instant; its unstable part is used.
+        scales: (k,), a natural size of each coordinate.
+        tolerance: the iteration ends when no coordinate changes by more than this part of its scale.
+        most: iterations at most.
+
+    Source: [1] section III; the exponential integration is exact for w piecewise linear.
+    """
+    A, guess, scales = np.asarray(A, float), np.asarray(start, float), np.asarray(scales, float)
+    _check(A, guess, dt, scales, left, right)
+    scaled = A * scales / scales[:, None]
+    split = _split(scaled)
+    ends = [np.linalg.solve(split.basis, np.asarray(end, float) / scales) for end in (left, right)]
+    zeta, changes = guess / scales, []
+    for _ in range(most):
+        w = np.asarray(psi(zeta * scales)) / scales - zeta @ scaled.T
+        new = _linear(split, w, dt, *ends)
+        changes.append(float(np.abs(new - zeta).max()))
+        zeta = new
+        if not np.isfinite(changes[-1]) or changes[-1] > GROWN * max(changes[0], 1.0):
+            break
+        if changes[-1] < tolerance:
+            poles = np.concatenate([np.linalg.eigvals(split.stable), np.linalg.eigvals(split.unstable)])
+            rates = np.asarray(psi(zeta * scales))
+            return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, len(split.unstable))
+    text = ", ".join(f"{c:.2g}" for c in changes)
+    problem = f"the iteration does not settle below {tolerance:g}; successive changes, in scales: {text}"
+    fix = "make the command slower or smaller, take A where the motion is, or start nearer"
+    raise InputError("bounded_solution", problem, fix=fix)
+
+
+def residual(found: BoundedSolution, dt: float) -> Any:
+    """What central differences of zeta and Psi differ by, (n - 2, k): an independent look at a solution."""
+    return (found.zeta[2:] - found.zeta[:-2]) / (2 * dt) - found.rates[1:-1]
+
+
+def _check(A: Any, guess: Any, dt: float, scales: Any, left: Any, right: Any) -> None:
+    k = len(scales)
+    shapes = {"A": (A, (k, k)), "left": (left, (k,)), "right": (right, (k,)), "start": (guess, (*guess.shape[:1], k))}
+    for name, (value, wanted) in shapes.items():
+        part = f"bounded_solution.{name}"
+        if np.shape(value) != wanted:
+            problem = f"shape {np.shape(value)}, wanted is {wanted}"
+            raise InputError(part, problem, fix=f"give one for each of the {k} scales")
+        if not np.isfinite(value).all():
+            raise InputError(part, "not finite", fix="give finite values")
+    if len(guess) < 2 or not dt > 0:
+        problem = f"{len(guess)} instants, {dt:g} s apart"
+        raise InputError("bounded_solution.dt", problem, fix="give at least two instants and a step above zero")
+    if not (scales > 0).all():
+        raise InputError("bounded_solution.scales", f"{scales}", fix="give sizes above zero")
+
+
+def _split(A: Any) -> _Split:
+    """A by its stable and its unstable subspace; InputError where it has poles on the imaginary axis."""
+    poles = np.linalg.eigvals(A)
+    on = poles[np.abs(poles.real) <= ON_AXIS * np.abs(poles).max(initial=0.0)]
+    if len(on):
+        problem = f"A has poles on the imaginary axis: {', '.join(f'{p:.4g}' for p in on)}"
+        raise InputError("bounded_solution.A", problem, fix="no bounded solution is singled out there; change outputs")
+    T, Z, k = schur(A, output="real", sort="lhp")
+    mixed = solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:]) if 0 < k < len(A) else T[:k, k:]
+    shear = np.eye(len(A))
+    shear[:k, k:] = mixed
+    return _Split(Z @ shear, T[:k, :k], T[k:, k:])
+
+
+def _linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
+    """The bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear; left, right in the basis."""
+    k = len(split.stable)
+    driven = np.linalg.solve(split.basis, w.T)
+    stable = _driven(split.stable, driven[:k], dt, left[:k])
+    unstable = _driven(-split.unstable, -driven[k:, ::-1], dt, right[k:])[:, ::-1]
+    return (split.basis @ np.concatenate([stable, unstable])).T
+
+
+def _driven(A: Any, w: Any, dt: float, z0: Any) -> Any:
+    """z' = A z + w (k, n) from z0, A stable: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1), exact."""
+    k = len(A)
+    if not k:
+        return w
+    whole = np.zeros((3 * k, 3 * k))
+    whole[:k, :k], whole[:k, k : 2 * k], whole[k : 2 * k, 2 * k :] = A * dt, np.eye(k) * dt, np.eye(k)
+    made = expm(whole)
+    E, p0, p1 = made[:k, :k], made[:k, k : 2 * k], made[:k, 2 * k :]
+    z = np.concatenate([np.asarray(z0)[:, None], (p0 - p1) @ w[:, :-1] + p1 @ w[:, 1:]], axis=1)
+    reach = 1
+    while reach < z.shape[1] and np.abs(E).max() > FADED:  # sums over twice as many instants each time
+        z[:, reach:] += E @ z[:, :-reach]
+        E, reach = E @ E, 2 * reach
+    return z
