@@ -16,6 +16,10 @@ from trimtab.scenarios import catalogue
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = range(100)
 NAMES = list(catalogue.names())
+SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
+SAME += ("navigation/platform-ranging", *(n for n in NAMES if n.startswith("hypersonic/") and n != "hypersonic/noise"))
+"""Of the same parts as others, or a minute and more of compiling: with the slow tests."""
+QUICK = [pytest.param(n, marks=pytest.mark.slow) if n in SAME else n for n in NAMES]
 
 
 def agree(name, duration, ideal):
@@ -40,7 +44,7 @@ def agree(name, duration, ideal):
     return switches
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name):
     agree(name, seconds(1), ideal=False)
 

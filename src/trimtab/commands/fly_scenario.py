@@ -17,7 +17,7 @@ from trimtab.commands.warm import Ready, key_of, recall, remember
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target, metrics, mode_switches
+from trimtab.logs.metrics import Target, full_path, metrics, mode_switches
 from trimtab.run.program import check_seed
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def fly(request: Request) -> None:
         return
     from trimtab.commands.tables import print_navigation, print_result
 
-    print_result(result, {signal: real.unit(f"truth.{signal}") for signal in result["real"]["metrics"]})
+    print_result(result, _units(real, result["real"]["metrics"]))
     if navigated is not None:
         print_navigation(navigated, {name: real.unit(f"{navigated.where}.{name}") for name in navigated.learned})
     for file in written:
@@ -162,13 +162,21 @@ def _refuse_navigation(name: str) -> None:
 
 
 def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
-    """Metrics, last state and mode switches of one run."""
+    """Metrics, last state and mode switches of one run; signals that have a target come with their path."""
+    targets = tuple(targets)
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.")]
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
-    shown = [s for s in preferred if s in signals] or signals
+    wanted = [full_path(t.path) for t in targets if not full_path(t.path).startswith("truth.")]
+    shown = [f"truth.{s}" for s in preferred if s in signals] or [f"truth.{s}" for s in signals]
     final = {path.removeprefix("truth."): float(value) for path, value in log.final.items()}
-    found = metrics(log, targets, shown)
-    return {"metrics": found, "final": final, "mode_switches": mode_switches(log)}
+    final |= {path: float(log[path][-1]) for path in wanted if len(log)}
+    found = metrics(log, targets, [*wanted, *shown])
+    named = {path.removeprefix("truth."): numbers for path, numbers in found.items()}
+    return {"metrics": named, "final": final, "mode_switches": mode_switches(log)}
+
+
+def _units(log: Log, names: Iterable[str]) -> dict[str, str]:
+    return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 
 
 def _navigation(log: Log) -> "Navigation | None":
@@ -239,10 +247,15 @@ def _draw(flown: Flown, file: Path | None) -> list[Path]:
 
     file.parent.mkdir(parents=True, exist_ok=True)
     plot_run(flown.real, flown.ideal, file, title=flown.name, targets=flown.targets)
-    if _navigation(flown.real) is None:
-        return [file]
-    from trimtab.plots.navigation import plot_navigation
+    drawn = [file]
+    if any(p.startswith("law.") and p.endswith("_wanted") for p in flown.real.paths):
+        from trimtab.plots.tracking import plot_tracking
 
-    second = file.with_stem(f"{file.stem}-navigation")
-    plot_navigation(flown.real, second, title=f"{flown.name}: navigation")
-    return [file, second]
+        drawn.append(file.with_stem(f"{file.stem}-tracking"))
+        plot_tracking(flown.real, drawn[-1], title=f"{flown.name}: tracking")
+    if _navigation(flown.real) is not None:
+        from trimtab.plots.navigation import plot_navigation
+
+        drawn.append(file.with_stem(f"{file.stem}-navigation"))
+        plot_navigation(flown.real, drawn[-1], title=f"{flown.name}: navigation")
+    return drawn

@@ -93,8 +93,9 @@ def plot_run(
 def panels_of(log: Log) -> list[Panel]:
     """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags."""
     drawn = [p for p in log.paths if _kind(log, p) not in ("time", "flag")]
-    found = [Panel(_words(p), (p,), ideal=True) for p in drawn if p.startswith("truth.")]
-    taken: set[str] = set()
+    goals = {p: f"law.{p.removeprefix('truth.')}_wanted" for p in drawn if p.startswith("truth.")}
+    found = [Panel(_words(p), (p,), demanded=goal if goal in drawn else "", ideal=True) for p, goal in goals.items()]
+    taken = set(goals.values())
     for path in [p for p in drawn if p.startswith("actuators.")]:
         name = path.rsplit(".", 1)[-1]
         pair = f"law.demand.{name}" if path.startswith("actuators.u.") else f"command.value.{name}"
@@ -102,7 +103,7 @@ def panels_of(log: Log) -> list[Panel]:
         kind = "mode" if _kind(log, path) == "mode" else "line"
         found.append(Panel(_words(path), (path,), kind, demanded=pair if pair in drawn else ""))
     rest = [p for p in drawn if p not in taken]
-    for path in [p for p in rest if p.startswith(("law.", "command.value."))]:
+    for path in [p for p in rest if p.startswith(("law.", "command.value.")) and not _idle(log, p)]:
         kind = "mode" if _kind(log, path) == "mode" else "log" if "lyapunov" in path else "line"
         found.append(Panel(_words(path), (path,), kind, ideal=path.startswith("law.")))
     ages = [p for p in drawn if p.endswith(".age") and p.startswith(("downlink.", "uplink."))]
@@ -136,6 +137,11 @@ def _kind(log: Log, path: str) -> str:
     if path in log.declared:
         return log.declared[path].kind
     return "flag" if log[path].dtype.kind == "b" else "real"
+
+
+def _idle(log: Log, path: str) -> bool:
+    """Whether it is a term of a law, of several numbers, that is switched off: zero all the time."""
+    return path.startswith("law.") and log[path].ndim > 1 and not log[path].any()
 
 
 def _words(path: str) -> str:

@@ -1,0 +1,145 @@
+"""A picture of how well a run tracks: wanted and flown, inputs, then each state nobody measures with its estimate.
+
+Which rows there are follows from the log's paths: a signal `law.X_wanted` beside `truth.X` makes one.
+Colours: Okabe and Ito, "Color universal design", 2008.
+"""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.logs.log import Log
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, decimate, save
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
+WITHOUT = "estimate.state.without_measurement"
+"""What the estimator's model gives without any measurement: an error that vanishes there too proves nothing."""
+
+
+class Row(NamedTuple):
+    """One signal: its name, and whether the estimator has to find it (an estimate that differs from the truth)."""
+
+    name: str
+    estimated: bool
+
+
+def rows_of(log: Log) -> list[Row]:
+    """Tracked signals first, in the order of the log, then those that are estimated."""
+    wanted = [p.removeprefix("law.").removesuffix("_wanted") for p in log.paths if _is_wanted(log, p)]
+    rows = [Row(name, _differs(log, name)) for name in wanted]
+    return sorted(rows, key=lambda row: row.estimated)
+
+
+def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: str = "Tracking") -> "Figure":
+    """Draw each wanted signal with its error; inputs between tracked and estimated ones.
+
+    Args:
+        log: of a run whose law logs `X_wanted` for signals X of the truth.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+    """
+    from matplotlib.figure import Figure
+
+    rows = rows_of(log)
+    if not rows:
+        problem = "its law logs no signal X_wanted beside truth.X"
+        raise InputError("plot_tracking", problem, fix="draw it with plot_run instead")
+    inputs = [p for p in log.paths if p.startswith("actuators.u.")]
+    tracked = [r for r in rows if not r.estimated]
+    count = len(rows) + -(-len(inputs) // 2)
+    figure = Figure(figsize=(WIDTH, TOP + count * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
+    every: Any = figure.subplots(count, 2, sharex=True, squeeze=False)
+    for axes, row in zip(every, tracked, strict=False):
+        _draw_row(axes, log, row)
+    below = every[len(tracked) :]
+    for axes, name in zip(below.flat, inputs, strict=False):
+        _draw_input(axes, log, name)
+    for axes in list(below.flat)[len(inputs) : len(inputs) + len(inputs) % 2]:
+        axes.set_axis_off()
+    for axes, row in zip(below[-(-len(inputs) // 2) :], rows[len(tracked) :], strict=True):
+        _draw_row(axes, log, row)
+    for axes in every[-1]:
+        axes.set_xlabel("time (s)", fontsize=9)
+    if len(log) > 1:
+        every[0, 0].set_xlim(log.t[0], log.t[-1])
+    figure.suptitle(title, fontsize=14, weight="bold", x=0.01, ha="left")
+    note = "blue: flown; green: wanted; red: estimated"
+    figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
+    if path is not None:
+        save(figure, Path(path))
+    return figure
+
+
+def _is_wanted(log: Log, path: str) -> bool:
+    name = path.removeprefix("law.").removesuffix("_wanted")
+    return path == f"law.{name}_wanted" and f"truth.{name}" in log and log[path].ndim == 1
+
+
+def _differs(log: Log, name: str) -> bool:
+    """Whether there is an estimate of it that is not simply the truth, to rounding."""
+    path = f"estimate.state.{name}"
+    if path not in log:
+        return False
+    error, size = np.abs(log[path] - log[f"truth.{name}"]), np.abs(log[f"truth.{name}"])
+    return bool(np.nanmax(error[1:], initial=0.0) > 1e-9 * max(np.nanmax(size, initial=0.0), 1e-9))
+
+
+def _draw_row(pair: Any, log: Log, row: Row) -> None:
+    value, error = pair
+    path, unit = f"truth.{row.name}", log.unit(f"truth.{row.name}")
+    if row.estimated:
+        value.plot(*decimate(log.t, log[f"estimate.state.{row.name}"]), color=VERMILION, lw=0.9)
+    value.plot(*decimate(log.t, log[path]), color=BLUE, lw=1.0)
+    value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
+    _dress(value, _words(row.name), "", unit)
+    if not row.estimated:
+        off = log[path] - log[f"law.{row.name}_wanted"]
+        error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
+        _dress(error, f"{_words(row.name)} minus wanted", _rms(log, off), unit)
+        return
+    off = log[f"estimate.state.{row.name}"] - log[path]
+    note = _rms(log, off)
+    bare = _without_measurement(log, row.name)
+    if bare is not None:
+        error.plot(*decimate(log.t, bare - log[path]), color=GREY, lw=0.8)
+        note += "; grey: without measurement"
+    error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
+    _dress(error, f"{_words(row.name)}: estimate minus truth", note, unit)
+
+
+def _without_measurement(log: Log, name: str) -> np.ndarray | None:
+    path = f"{WITHOUT}.{name}"
+    return log[path] if path in log else None  # noqa: SIM401  a Log is no mapping
+
+
+def _draw_input(axes: Any, log: Log, path: str) -> None:
+    name = path.removeprefix("actuators.u.")
+    axes.plot(*decimate(log.t, log[path]), color=BLUE, lw=0.9)
+    late = log[path][len(log) // 10 :]
+    _dress(axes, _words(name), f"{late.min():.4g} to {late.max():.4g}" if len(late) else "", log.unit(path))
+
+
+def _rms(log: Log, error: np.ndarray) -> str:
+    """What is left after the first tenth of the run."""
+    late = error[len(log) // 10 :]
+    return f"rms {np.sqrt(np.mean(late**2)):.3g} after {log.t[len(log) // 10]:.0f} s" if len(late) else ""
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+    axes.set_title(title, loc="left", fontsize=10, weight="bold")
+    axes.set_title(note, loc="right", fontsize=8, color=GREY)
+    axes.set_ylabel(unit if unit != "1" else "", fontsize=8)
+    axes.grid(color="#d8d8d8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, length=2)
+    axes.spines[["top", "right"]].set_visible(False)
