@@ -1,0 +1,1 @@
+"""Flights of the hypersonic vehicle, and the design of its gains."""
