@@ -123,6 +123,17 @@ def test_numbers_that_are_recorded_are_held_to_their_limits(certificate):
     assert "recorded" in failing(bad)["poles of A + B K, as recorded"].why
 
 
+def test_extreme_numbers_fail_and_do_not_raise(certificate):
+    o = certificate.observer
+    assert not check(certificate._replace(observer=o._replace(Q=-o.Q))).holds
+    for big in (1e49, 1e-49, 1e160, 1e308, 1e-308):
+        changed = certificate.K.copy()
+        changed[0, 0] = big
+        assert not check(certificate._replace(K=changed)).holds
+        assert not check(certificate._replace(Qe=big * np.eye(4))).holds
+        assert not check(certificate._replace(observer=o._replace(R=np.array([[big]])))).holds
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import eigh
 
+from trimtab.core.errors import InputError
 from trimtab.design import composite, exact
 from trimtab.design.certificate import Certificate, ObserverPart, digest
 from trimtab.design.lqr import in_words, poles_of
@@ -24,6 +25,8 @@ CLOSE = 1e-9
 scaled."""
 SAME = 1e-6
 """How far a number that is computed again may be from the recorded one, relative."""
+HUGE = 1e50
+"""Products of entries up to this, and down to its inverse on the diagonals that are inverted, are floats."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 RECORDED = "recorded only"
@@ -72,8 +75,17 @@ def _file(c: Certificate, written: str | None) -> Iterator[Condition]:
 
 
 def _sound(c: Certificate) -> Iterator[Condition]:
-    """Symmetry, and weights that are positive."""
+    """Entries of a size that can be shown, symmetry, and weights that are positive."""
     o = c.observer
+    matrices = {n: getattr(c, n) for n in ("A", "B", "K", "P", "Qe", "Re", "Q", "scale") if getattr(c, n) is not None}
+    matrices |= {} if o is None else {f"observer.{n}": getattr(o, n) for n in ("A", "C", "Q", "R", "P", "L")}
+    for name, M in matrices.items():
+        most = float(np.abs(M).max())
+        least = float(np.abs(np.diag(M)).min()) if name in ("Re", "observer.R", "Qe") else 1.0
+        if most > HUGE or 0 < least < 1 / HUGE:
+            number = most if most > HUGE else least
+            yield Condition(f"{name} within floats", False, number, "largest or smallest entry", FLOATS)
+            return
     pairs = [("P", c.P), ("Q_e", c.Qe), ("R_e", c.Re), *([] if c.Q is None else [("Q", c.Q)])]
     pairs += [] if o is None else [("P_eta", o.P), ("Q_eta", o.Q), ("R", o.R)]
     for name, M in pairs:
@@ -121,10 +133,7 @@ def _observer(c: Certificate) -> Iterator[Condition]:
     apart = np.array(composite.observer_lyapunov(r) - composite.dissipation(r), float) / np.outer(size, size)
     term = np.array(r.A @ r.P, float) / np.outer(size, size)
     yield _close("Riccati equation of P_eta", apart, term, (o.estimated, o.estimated))
-    least = composite.least_weight(c.feedback(), _in_floats(c, o))
-    off = abs(least - o.least_weight) / abs(least)
-    why = "" if off <= SAME else f"now {least!r}, recorded {o.least_weight!r}"
-    yield Condition("least weight lambda*, as recorded", bool(off <= SAME), off, "relative deviation", FLOATS, why)
+    yield _same_weight(c, o)
     weight, names = Fraction(o.weight), (*c.states, *(f"w.{n}" for n in o.estimated))
     yield definite(f"(15) z({o.weight:.6g}) > 0", composite.weighted(f, r, weight), names)
     for gain, robust in ROBUST.items():
@@ -137,6 +146,17 @@ def _recorded(c: Certificate) -> Iterator[Condition]:
         inside = number.low <= number.value < number.high
         limits = f"at least {number.low:g}, below {number.high:g}; {number.how}"
         yield Condition(name, inside, number.value, "value", RECORDED, limits)
+
+
+def _same_weight(c: Certificate, o: ObserverPart) -> Condition:
+    name, meaning = "least weight lambda*, as recorded", "relative deviation"
+    try:
+        least = composite.least_weight(c.feedback(), _in_floats(c, o))
+    except InputError as error:
+        return Condition(name, False, float("inf"), meaning, FLOATS, error.problem)
+    off = abs(least - o.least_weight) / max(abs(least), np.finfo(float).tiny)
+    why = "" if off <= SAME else f"now {least!r}, recorded {o.least_weight!r}"
+    return Condition(name, bool(off <= SAME), off, meaning, FLOATS, why)
 
 
 def _seen(o: ObserverPart, r: composite.Observer) -> Condition:
@@ -194,7 +214,10 @@ def _smallest(M: Any, unit: Any) -> float:
     b = np.diag(np.abs(np.diag(a))) if unit is None else np.array(unit, float)
     size = np.sqrt(np.where(np.diag(b) > 0, np.diag(b), 1.0))
     b = b / np.outer(size, size) if np.diag(b).all() else np.eye(len(a))
-    values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
+    try:
+        values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
+    except np.linalg.LinAlgError:  # positive, but not for floats
+        return float("nan")
     return float(values[0])
 
 

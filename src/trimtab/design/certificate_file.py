@@ -42,7 +42,7 @@ def parsed(text: str, name: str) -> tuple[Certificate, str]:
         raise InputError(f"file '{name}'", f"is no certificate: format {found!r}", choices=(FORMAT,), fix=FIX)
     try:
         return _certificate(content, name), str(content["digest"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         what = f"lacks {error}" if isinstance(error, KeyError) else f"holds what is no certificate: {error}"

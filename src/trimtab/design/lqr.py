@@ -10,7 +10,7 @@ Proc. IEEE 72 (1984), for the solver and the need to scale.
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, matrix_balance, solve_continuous_are, solve_triangular
+from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
 
 from trimtab.core.errors import InputError
 
@@ -104,9 +104,8 @@ def with_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
 
 
 def poles_of(A: Any) -> Any:
-    """Eigenvalues of A (n, n), balanced, by falling real part."""
-    balanced: Any = matrix_balance(A, permute=False)
-    poles = np.linalg.eigvals(balanced[0])
+    """Eigenvalues of A (n, n), by falling real part."""
+    poles = np.linalg.eigvals(A)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 

@@ -66,7 +66,8 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
     if A.shape != (n, n) or C.shape[1] != n or not (np.isfinite(A).all() and np.isfinite(C).all()):
         problem = f"A {A.shape} and C {C.shape} don't fit each other, or are not finite"
         raise InputError("constant_rank", problem, fix="give (n, n) and (p, n)")
-    balance: Any = matrix_balance(A, permute=False, separate=True)
+    with np.errstate(invalid="ignore"):  # it casts scalings to integers on its way
+        balance: Any = matrix_balance(A, permute=False, separate=True)
     d = np.asarray(balance[1][0] if scale is None else scale, float)
     if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
         raise InputError("constant_rank.scale", f"{d}", fix=f"give {n} finite sizes above 0")
