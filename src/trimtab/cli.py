@@ -51,6 +51,7 @@ def main() -> None:
     trimtab budget hovercraft/forward                what each imperfection costs
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
+    trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
     """
 
 
@@ -245,6 +246,35 @@ def reproduce(study: str | None, only: tuple[str, ...], out: Path | None, as_jso
     from trimtab.commands.reproduce import reproduce as carry_out
 
     if not carry_out(Request(study, only, out, as_json)):
+        sys.exit(1)
+
+
+@main.command()
+@click.argument("system", metavar="[SYSTEM]", required=False)
+@click.option("--method", type=click.Choice(("lqr", "lmi")), help="Riccati equation, or a solver.  [default: lqr]")
+@click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
+@click.option("--integral", is_flag=True, help="With integral action.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write the certificate (JSON).")
+@click.option("--check", type=click.Path(path_type=Path), metavar="FILE", help="Prove a certificate again.")
+@JSON
+def design(as_json: bool, **asked: Any) -> None:
+    """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
+
+    A certificate holds the linear model, gain, Lyapunov matrices and filter. --check proves it from these alone, in
+    exact arithmetic and without the solver that found them; exit code 1 where a condition fails, with the number that
+    broke it. With SYSTEM beside --check, the model in it is also compared with that of the system as it is now.
+
+    \b
+    trimtab design hypersonic                        gain, poles and every condition
+    trimtab design hypersonic --out gain.json
+    trimtab design --check gain.json
+    trimtab design hypersonic --check gain.json
+    trimtab design hypersonic --method lmi --filter printed --json
+    """
+    from trimtab.commands.design import Request
+    from trimtab.commands.design import design as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
         sys.exit(1)
 
 

@@ -5,7 +5,7 @@ import pytest
 from estimators.flights import DT, rest, ticks, weave
 
 from trimtab.core.errors import InputError
-from trimtab.design.observability import gramian, observability
+from trimtab.design.observability import constant_rank, gramian, observability
 from trimtab.estimators.aided_inertial_coupled import coupled_transition
 
 SIGMAS = np.array([0.1, 0.5, 0.5, 1.0, 1.0, 0.02, 0.2, 0.2])
@@ -57,3 +57,28 @@ def test_what_does_not_fit_is_refused():
         gramian([np.eye(2)], [np.ones((1, 2))], [np.eye(1)])
     with pytest.raises(InputError, match="prior sigmas"):
         observability([np.eye(2)], [np.ones((1, 2))] * 2, [np.eye(1)] * 2, [1.0, 0.0])
+
+
+def test_constant_pair_in_units_in_which_its_rows_compare():
+    A = np.array([[0, 1.0, 0, 0], [-3e12, -10, 0, 0], [0, 0, 0, 1], [0, 0, -4e12, -20]])
+    C = np.array([[1.0, 0, 1e-3, 0]])
+    plain = np.vstack([C @ np.linalg.matrix_power(A, k) for k in range(4)])
+    assert np.linalg.matrix_rank(plain) < 4  # so it is no idle scaling
+    found = constant_rank(A, C)
+    assert found.rank == 4
+    assert found.hidden.shape == (0, 4)
+    other = constant_rank(A * 1e-6, C)  # another unit of time
+    np.testing.assert_allclose(other.singular, found.singular, rtol=1e-2)
+
+
+def test_constant_pair_with_a_direction_that_nothing_shows():
+    A, C = np.array([[0, 1.0, 0], [0, -2.0, 0], [1.0, 0, 0]]), np.array([[0, 1.0, 0], [0, 2.0, 0]])
+    found = constant_rank(A, C, scale=[10.0, 1.0, 3.0])
+    assert found.rank == 1
+    np.testing.assert_allclose(np.abs(found.hidden @ [0, 1.0, 0]), 0, atol=1e-12)
+    nilpotent = np.array([[0, 1.0], [0, 0]])
+    assert constant_rank(nilpotent, [[1.0, 0]]).rank == 2
+    with pytest.raises(InputError, match="don't fit"):
+        constant_rank(A, [[1.0, 0]])
+    with pytest.raises(InputError, match="3 finite sizes"):
+        constant_rank(A, C, scale=[1.0, 0.0, 1.0])

@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.table import Table
 
     from trimtab.commands.calibrate import Axis
+    from trimtab.design.certificate_check import Checked
     from trimtab.identify.allan import Coefficient
     from trimtab.logs.navigation import Navigation
     from trimtab.run.error_budget import Budget
@@ -222,6 +223,21 @@ def print_rows(title: str, rows: Iterable["Row"]) -> None:
     for row in rows:
         if row.verdict != "holds":
             screen.print(f"  {row.verdict}: {row.what}. {row.note}".rstrip().replace("[", r"\["))
+
+
+def print_conditions(title: str, found: "Checked") -> None:
+    """Each condition of a certificate with its number and verdict."""
+    table = _table(title=title, title_justify="left")
+    for heading in ("condition", "verdict", "number", "of", "by"):
+        table.add_column(heading, justify="right" if heading == "number" else "left")
+    for c in found.conditions:
+        number = f"{c.number:.4g}" if c.number == c.number else "-"
+        cells = (c.name, "holds" if c.holds else "FAILS", number, c.meaning, c.how)
+        table.add_row(*(cell.replace("[", r"\[") for cell in cells), style="" if c.holds else "bold red")
+    console().print(table)
+    for c in found.conditions:
+        if c.why:
+            click.echo(f"{'' if c.holds else 'FAILS  '}{c.name}: {c.why}")
 
 
 def _number(value: float | None) -> str:

@@ -1,4 +1,5 @@
-"""What a trajectory lets a filter see: the observability Gramian along it, in units of what is known beforehand.
+"""What a filter can see: the observability Gramian along a trajectory, in units of what is known beforehand, and the
+rank of a pair that does not change.
 
 Offline code: LAPACK.
 
@@ -9,6 +10,7 @@ Brown, "Observability, eigenvalues, and Kalman filtering", IEEE Trans. AES 19 (1
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from trimtab.core.errors import InputError
 
@@ -28,6 +30,59 @@ class Observability(NamedTuple):
     rank: int
     hidden: Any
     remaining: Any
+
+
+class ConstantRank(NamedTuple):
+    """What was found of a pair that does not change.
+
+    rank: of the scaled observability matrix.  singular: its singular values, falling.  ratio: last of them over first.
+    hidden: (n - rank, n), directions that no measurement shows, in units of the scale.  time: the unit of time (s) in
+    which derivatives are counted.
+    """
+
+    rank: int
+    singular: Any
+    ratio: float
+    hidden: Any
+    time: float
+
+
+def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9) -> ConstantRank:
+    """Rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units in which its rows compare.
+
+    Without scaling powers of fast poles bury the rows: time is counted in 1/|A|, states in their scale, and
+    rows of C by their length.
+
+    Args:
+        A: (n, n).
+        C: (p, n).
+        scale: sizes of the states (n,); those that balance A where not given.
+        tolerance: singular values below this part of the largest count as zero.
+
+    Source: Kalman's rank condition.
+    """
+    A, C = np.atleast_2d(np.asarray(A, float)), np.atleast_2d(np.asarray(C, float))
+    n = len(A)
+    if A.shape != (n, n) or C.shape[1] != n or not (np.isfinite(A).all() and np.isfinite(C).all()):
+        problem = f"A {A.shape} and C {C.shape} don't fit each other, or are not finite"
+        raise InputError("constant_rank", problem, fix="give (n, n) and (p, n)")
+    with np.errstate(invalid="ignore"):  # it casts scalings to integers on its way
+        balance: Any = matrix_balance(A, permute=False, separate=True)
+    d = np.asarray(balance[1][0] if scale is None else scale, float)
+    if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
+        raise InputError("constant_rank.scale", f"{d}", fix=f"give {n} finite sizes above 0")
+    As, rows = A * d / d[:, None], C * d
+    fastest = np.linalg.norm(As, 2)
+    time = 1 / fastest if fastest > 0 else 1.0
+    As = As * time
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    blocks = [rows / np.where(length > 0, length, 1.0)]
+    for _ in range(n - 1):
+        blocks.append(blocks[-1] @ As)
+    _, singular, right = np.linalg.svd(np.vstack(blocks))
+    rank = int((singular > tolerance * max(singular[0], np.finfo(float).tiny)).sum())
+    ratio = float(singular[-1] / max(singular[0], np.finfo(float).tiny))
+    return ConstantRank(rank, singular, ratio, right[rank:], float(time))
 
 
 def gramian(transitions: Any, rows: Any, noises: Any) -> Any:

@@ -1,1 +1,1 @@
-"""Hypersonic vehicle: altitude and speed follow commands that its inside must follow too."""
+"""Scenarios of the air-breathing hypersonic vehicle."""

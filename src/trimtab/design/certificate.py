@@ -1,0 +1,224 @@
+"""A gain with all that is needed to prove it again: matrices, weights, what is claimed, and how it was found.
+
+`certify` makes one, `as_json` and `certificate_file.read` keep it in a file of text in which no digit is lost, and
+`certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear model that is
+in it: near the point, in continuous time, and not while an input saturates.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab import __version__
+from trimtab.design import composite
+from trimtab.design.lqr import KalmanBucy, poles_of
+
+FORMAT = "trimtab certificate 1"
+ABOVE = 1.01
+"""The weight of the Lyapunov function is this many times the least one."""
+SCOPE = (
+    "local: the linear model in it, at its point",
+    "continuous time: not the sampled loop",
+    "void while an input saturates",
+)
+
+
+class Recorded(NamedTuple):
+    """A number that was computed when the certificate was made, and is not computed again.
+
+    value: must be at least low, and below high.  how: over which grid, by what.
+    """
+
+    value: float
+    low: float
+    high: float
+    how: str
+
+
+class ObserverPart(NamedTuple):
+    """The filter of some of the states.
+
+    estimated: names of these states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P: P_eta (k, k).
+    L: (k, p).  weight: of the observer's part of the Lyapunov function.  least_weight: lambda*, above which (15) holds.
+    poles: of A - L C (k,).
+    """
+
+    estimated: tuple[str, ...]
+    A: Any
+    C: Any
+    Q: Any
+    R: Any
+    P: Any
+    L: Any
+    weight: float
+    least_weight: float
+    poles: Any
+
+
+class Certificate(NamedTuple):
+    """v = +K e, and its proof.
+
+    system: what it is for, as `trimtab design SYSTEM` names it.  about: settings and point, name -> number or text.
+    method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and
+    Re: (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for other methods.  scale: sizes of the
+    states (n,).  poles: of A + B K (n,).  observer: None where the whole state is measured.  recorded: name ->
+    Recorded.  version: of this package.
+    """
+
+    system: str
+    about: dict[str, float | str]
+    method: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    A: Any
+    B: Any
+    K: Any
+    P: Any
+    Qe: Any
+    Re: Any
+    Q: Any
+    scale: Any
+    poles: Any
+    observer: ObserverPart | None
+    recorded: dict[str, Recorded]
+    version: str = __version__
+
+    def feedback(self) -> composite.Feedback:
+        """What the conditions are made of, in floats."""
+        return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
+
+    def places(self) -> Any:
+        """Where the estimated states are in e (k,)."""
+        return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
+
+
+def observer_part(
+    estimated: Sequence[str], A: Any, C: Any, Q: Any, R: Any, found: KalmanBucy, feedback: composite.Feedback, at: Any
+) -> ObserverPart:
+    """The observer's part of a certificate, with the weights that suit a feedback.
+
+    Args:
+        estimated: names of the k states.
+        A: A_eta (k, k).
+        C: (p, k).
+        Q: Q_eta (k, k).
+        R: (p, p).
+        found: gain and covariance of the filter.
+        feedback: what the filter serves.
+        at: places of these states in e (k,).
+    """
+    made = composite.Observer(A, C, Q, found.P, found.L, np.linalg.inv(R), np.asarray(at))
+    least = composite.least_weight(feedback, made)
+    falls = [composite.least_decrease_weight(feedback, made, r) for r in (0.0, 0.5, -0.5)]
+    finite = [w for w in (least, *falls) if np.isfinite(w)]
+    weight = ABOVE * max(finite) if finite else 1.0
+    return ObserverPart(tuple(estimated), A, C, Q, R, found.P, found.L, weight, least, found.poles)
+
+
+def certify(
+    system: str,
+    matrices: tuple[Any, Any],
+    gain: tuple[Any, Any],
+    weights: tuple[Any, Any],
+    *,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    method: str,
+    Q: Any = None,
+    scale: Any = None,
+    observer: tuple[Sequence[str], Any, Any, Any, Any, KalmanBucy] | None = None,
+    recorded: Mapping[str, Recorded] | None = None,
+    about: Mapping[str, float | str] | None = None,
+) -> Certificate:
+    """Put a certificate together; nothing is proved yet, see `certificate_check.check`.
+
+    Args:
+        system: what it is for.
+        matrices: A (n, n), B (n, m).
+        gain: K (m, n) and P (n, n), of `lqr` or `lmi_gain`.
+        weights: Q_e (n, n), R_e (m, m), of (14).
+        states: n names.
+        inputs: m names.
+        method: "lqr" or "lmi".
+        Q: the regulator's weight (n, n), for "lqr".
+        scale: sizes of the states (n,), 1 where not given.
+        observer: names of the estimated states, A_eta, C, Q_eta, R, and the filter.
+        recorded: further numbers, each with limits.
+        about: settings and point.
+    """
+    A, B, K, P, Qe, Re = (np.atleast_2d(np.asarray(M, float)) for M in (*matrices, *gain, *weights))
+    d = np.ones(len(A)) if scale is None else np.asarray(scale, float)
+    made = Certificate(
+        system=system,
+        about=dict(about or {}),
+        method=method,
+        states=tuple(states),
+        inputs=tuple(inputs),
+        A=A,
+        B=B,
+        K=K,
+        P=(P + P.T) / 2,
+        Qe=Qe,
+        Re=Re,
+        Q=None if Q is None else np.atleast_2d(np.asarray(Q, float)),
+        scale=d,
+        poles=poles_of((A + B @ K) * d / d[:, None]),
+        observer=None,
+        recorded=dict(recorded or {}),
+    )
+    if observer is not None:
+        names, *four, found = observer
+        at = [made.states.index(n) for n in names]
+        four = [np.atleast_2d(np.asarray(M, float)) for M in four]
+        made = made._replace(observer=observer_part(names, *four, found, made.feedback(), at))
+    return made
+
+
+def as_json(certificate: Certificate) -> str:
+    """The certificate as text; floats by their shortest digits that give the same float again."""
+    content = {"format": FORMAT, "scope": SCOPE} | _plain(certificate)
+    lines = json.dumps(content | {"digest": digest(certificate)}, indent=1, allow_nan=False, ensure_ascii=False)
+    return _rows_on_lines(lines) + "\n"
+
+
+def digest(certificate: Certificate) -> str:
+    """SHA-256 of all that the certificate says, against changes by accident; the proof does not rest on it."""
+    text = json.dumps(_plain(certificate), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "_asdict"):
+        return {n: _plain(v) for n, v in value._asdict().items()}
+    if isinstance(value, dict):
+        return {n: _plain(v) for n, v in value.items()}
+    if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return [[float(v.real), float(v.imag)] for v in value]
+        return value.tolist()
+    return value
+
+
+def _rows_on_lines(text: str) -> str:
+    """Rows of numbers on one line each, for reading."""
+    lines, row = [], ""
+    for line in text.split("\n"):
+        inner = line.strip()
+        if inner == "[" or inner.endswith(": ["):
+            if row:
+                lines.append(row)
+            row = line
+        elif row and inner in ("]", "],"):
+            lines.append(row + inner)
+            row = ""
+        elif row:
+            row += inner + (" " if inner.endswith(",") else "")
+        else:
+            lines.append(line)
+    return "\n".join(lines)

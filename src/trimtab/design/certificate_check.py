@@ -1,0 +1,237 @@
+"""The proof of a certificate, from its matrices alone: no solver, and no rounding where a matrix must be definite.
+
+Every entry counts as the fraction that its float is. From P = P' > 0 and P (A + B K) + (A + B K)'P < 0 follows that
+A + B K is Hurwitz (Lyapunov): no eigenvalue is trusted. What is only compared with what the file records says so.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`; proofs as in `exact`.
+"""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh
+
+from trimtab.core.errors import InputError
+from trimtab.design import composite, exact
+from trimtab.design.certificate import Certificate, ObserverPart, digest
+from trimtab.design.lqr import in_words, poles_of
+from trimtab.design.observability import constant_rank
+
+CLOSE = 1e-9
+"""How far identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1) may be off, in parts of their largest term,
+scaled."""
+SAME = 1e-6
+"""How far a number that is computed again may be from the recorded one, relative."""
+HUGE = 1e50
+"""Products of entries up to this, and down to its inverse on the diagonals that are inverted, are floats."""
+ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
+FLOATS = "floats"
+RECORDED = "recorded only"
+
+
+class Condition(NamedTuple):
+    """One line of the proof.
+
+    name: the condition.  holds: whether it is proved.  number: margin, deviation or value.  meaning: of the number.
+    how: by what.  why: what broke it, or what else is worth knowing.
+    """
+
+    name: str
+    holds: bool
+    number: float
+    meaning: str
+    how: str
+    why: str = ""
+
+
+class Checked(NamedTuple):
+    """All conditions; holds: whether every one does."""
+
+    conditions: tuple[Condition, ...]
+    holds: bool
+
+
+def check(certificate: Certificate, written: str | None = None) -> Checked:
+    """Prove a certificate again.
+
+    Args:
+        certificate: of `certify` or of a file.
+        written: the digest in the file, where there is one.
+    """
+    made = [*_sound(certificate)]
+    if all(c.holds for c in made):  # else what follows has no meaning
+        made += [*_feedback(certificate), *_observer(certificate), *_recorded(certificate)]
+    made += _file(certificate, written)
+    return Checked(tuple(made), all(c.holds for c in made))
+
+
+def _file(c: Certificate, written: str | None) -> Iterator[Condition]:
+    if written is not None and written != digest(c):
+        why = "the file was changed after it was written; the other lines say what that did"
+        yield Condition("the file is as it was written", False, float("nan"), "digest", "SHA-256", why)
+
+
+def _sound(c: Certificate) -> Iterator[Condition]:
+    """Entries of a size that can be shown, symmetry, and weights that are positive."""
+    o = c.observer
+    matrices = {n: getattr(c, n) for n in ("A", "B", "K", "P", "Qe", "Re", "Q", "scale") if getattr(c, n) is not None}
+    matrices |= {} if o is None else {f"observer.{n}": getattr(o, n) for n in ("A", "C", "Q", "R", "P", "L")}
+    for name, M in matrices.items():
+        most = float(np.abs(M).max())
+        least = float(np.abs(np.diag(M)).min()) if name in ("Re", "observer.R", "Qe") else 1.0
+        if most > HUGE or 0 < least < 1 / HUGE:
+            number = most if most > HUGE else least
+            yield Condition(f"{name} within floats", False, number, "largest or smallest entry", FLOATS)
+            return
+    pairs = [("P", c.P), ("Q_e", c.Qe), ("R_e", c.Re), *([] if c.Q is None else [("Q", c.Q)])]
+    pairs += [] if o is None else [("P_eta", o.P), ("Q_eta", o.Q), ("R", o.R)]
+    for name, M in pairs:
+        apart = float(np.abs(M - M.T).max())
+        if apart:
+            i, j = np.unravel_index(int(np.abs(M - M.T).argmax()), M.shape)
+            why = f"[{i}, {j}] is {M[i, j]!r}, [{j}, {i}] is {M[j, i]!r}"
+            yield Condition(f"{name} = {name}'", False, apart, "largest difference", "exact", why)
+    if not all(np.array_equal(M, M.T) for _, M in pairs):
+        return
+    for name, M in (("Q_e > 0", c.Qe), ("R_e > 0", c.Re), *([] if o is None else [("R > 0", o.R)])):
+        yield definite(name, exact.fractions(M), [str(i) for i in range(len(M))])
+
+
+def _feedback(c: Certificate) -> Iterator[Condition]:
+    f = rational_feedback(c)
+    yield definite("P > 0", f.P, c.states)
+    yield definite("(14)", composite.inequality(f), c.states, f.Qe, "Q_e")
+    poles = poles_of((c.A + c.B @ c.K) * c.scale / c.scale[:, None])
+    stable = definite("A + B K Hurwitz", composite.lyapunov(f), c.states, f.Qe, "Q_e")
+    yield stable._replace(why=stable.why or f"rightmost pole {in_words(poles[0])}")
+    yield _same_poles("poles of A + B K", poles, c.poles)
+    if c.Q is None:
+        return
+    d, weight = c.scale, np.sqrt(np.diag(c.Re))
+    K, wanted = (np.array(M, float) * d * weight[:, None] for M in (f.K, -(f.Re_inverse @ f.B.T @ f.P)))
+    yield _close("K = -R_e^-1 B'P", K - wanted, wanted, (c.inputs, c.states))
+    residual = np.array(composite.inequality(f) + f.Qe - exact.fractions(c.Q), float) * np.outer(d, d)
+    yield _close("left side of (14) = Q_e - Q", residual, c.Q * np.outer(d, d), (c.states, c.states))
+
+
+def _observer(c: Certificate) -> Iterator[Condition]:
+    if c.observer is None:
+        return
+    o, f, r = c.observer, rational_feedback(c), rational_observer(c, c.observer)
+    yield definite("P_eta > 0", r.P, o.estimated)
+    poles = poles_of(o.A - o.L @ o.C)
+    stable = definite("A_eta - L C Hurwitz", composite.observer_lyapunov(r), o.estimated)
+    yield stable._replace(why=stable.why or f"rightmost pole {in_words(poles[0])}")
+    yield _same_poles("poles of A_eta - L C", poles, o.poles)
+    yield _seen(o, r)
+    size = np.sqrt(np.diag(o.P))
+    L, wanted = (np.array(M, float) / size[:, None] for M in (r.L, r.P @ r.C.T @ r.R_inverse))
+    yield _close("L = P_eta C'R^-1", L - wanted, wanted, (o.estimated, [str(i) for i in range(len(o.R))]))
+    apart = np.array(composite.observer_lyapunov(r) - composite.dissipation(r), float) / np.outer(size, size)
+    term = np.array(r.A @ r.P, float) / np.outer(size, size)
+    yield _close("Riccati equation of P_eta", apart, term, (o.estimated, o.estimated))
+    yield _same_weight(c, o)
+    weight, names = Fraction(o.weight), (*c.states, *(f"w.{n}" for n in o.estimated))
+    yield definite(f"(15) z({o.weight:.6g}) > 0", composite.weighted(f, r, weight), names)
+    for gain, robust in ROBUST.items():
+        M = composite.decrease(f, r, weight, Fraction(robust))
+        yield definite(f"V falls, gain {gain}", M, names)
+
+
+def _recorded(c: Certificate) -> Iterator[Condition]:
+    for name, number in c.recorded.items():
+        inside = number.low <= number.value < number.high
+        limits = f"at least {number.low:g}, below {number.high:g}; {number.how}"
+        yield Condition(name, inside, number.value, "value", RECORDED, limits)
+
+
+def _same_weight(c: Certificate, o: ObserverPart) -> Condition:
+    name, meaning = "least weight lambda*, as recorded", "relative deviation"
+    try:
+        least = composite.least_weight(c.feedback(), _in_floats(c, o))
+    except InputError as error:
+        return Condition(name, False, float("inf"), meaning, FLOATS, error.problem)
+    off = abs(least - o.least_weight) / max(abs(least), np.finfo(float).tiny)
+    why = "" if off <= SAME else f"now {least!r}, recorded {o.least_weight!r}"
+    return Condition(name, bool(off <= SAME), off, meaning, FLOATS, why)
+
+
+def _seen(o: ObserverPart, r: composite.Observer) -> Condition:
+    blocks = [r.C]
+    for _ in range(len(o.A) - 1):
+        blocks.append(blocks[-1] @ r.A)
+    found, k = exact.rank(np.vstack(blocks)), len(o.A)
+    ratio = constant_rank(o.A, o.C).ratio
+    return Condition(
+        f"(A_eta, C) observable, rank {found} of {k}", found == k, ratio, "singular ratio, scaled", "exact rank"
+    )
+
+
+def definite(name: str, M: Any, names: Any, unit: Any = None, label: str = "its diagonal") -> Condition:
+    """The line of one matrix that must be positive definite, with a margin that is proved too.
+
+    Args:
+        name: of the condition.
+        M: symmetric matrix of Fractions.
+        names: of its rows.
+        unit: what the margin is measured in, positive definite; its own diagonal where not given.
+        label: name of that.
+    """
+    proof = exact.positive(M)
+    meaning = f"margin in {label}"
+    if not proof.holds:
+        row = "" if proof.pivot is None else f" at {list(names)[proof.pivot]}"
+        return Condition(name, False, _smallest(M, unit), meaning, proof.how, f"pivot{row} is {proof.value:.6g}")
+    unit = np.diag(np.diag(M)) if unit is None else unit
+    margin = float(f"{0.99 * _smallest(M, unit):.2e}")  # so that what is shown is what is proved
+    if not (margin > 0 and exact.positive(M - Fraction(margin) * unit).holds):
+        return Condition(name, True, 0.0, meaning, proof.how, "positive, by less than floats can tell")
+    return Condition(name, True, margin, meaning, proof.how)
+
+
+def rational_feedback(c: Certificate) -> composite.Feedback:
+    """The feedback's matrices as fractions; R_e is inverted exactly."""
+    A, B, K, P, Qe, Re = (exact.fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
+    return composite.Feedback(A, B, K, P, Qe, exact.inverse(Re))
+
+
+def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
+    """The observer's matrices as fractions."""
+    A, C, Q, P, L, R = (exact.fractions(M) for M in (o.A, o.C, o.Q, o.P, o.L, o.R))
+    return composite.Observer(A, C, Q, P, L, exact.inverse(R), c.places())
+
+
+def _in_floats(c: Certificate, o: ObserverPart) -> composite.Observer:
+    return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), c.places())
+
+
+def _smallest(M: Any, unit: Any) -> float:
+    """Smallest eigenvalue of M in units of `unit`, in floats."""
+    a = np.array(M, float)
+    b = np.diag(np.abs(np.diag(a))) if unit is None else np.array(unit, float)
+    size = np.sqrt(np.where(np.diag(b) > 0, np.diag(b), 1.0))
+    b = b / np.outer(size, size) if np.diag(b).all() else np.eye(len(a))
+    try:
+        values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
+    except np.linalg.LinAlgError:  # positive, but not for floats
+        return float("nan")
+    return float(values[0])
+
+
+def _same_poles(name: str, now: Any, then: Any) -> Condition:
+    """Each pole beside the nearest recorded one."""
+    apart = np.abs(now[:, None] - then[None, :])
+    worst = max(apart.min(axis=1).argmax(), 0)
+    off = float(max(apart.min(axis=1).max(), apart.min(axis=0).max()) / np.abs(now).max())
+    why = "" if off <= SAME else f"now {in_words(now[worst])}, recorded {in_words(then[apart[worst].argmin()])}"
+    return Condition(f"{name}, as recorded", bool(off <= SAME), off, "relative deviation", FLOATS, why)
+
+
+def _close(name: str, apart: Any, term: Any, names: tuple[Any, Any]) -> Condition:
+    off = float(np.abs(apart).max() / np.abs(term).max())
+    i, j = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
+    why = "" if off <= CLOSE else f"worst at {names[0][i]}, {names[1][j]}"
+    return Condition(name, bool(off <= CLOSE), off, "relative deviation, scaled", "exact, compared in floats", why)

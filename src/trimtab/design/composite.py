@@ -1,0 +1,142 @@
+"""Lyapunov conditions for a state feedback that lives on an observer of some of its states, weighted.
+
+    e' = (A + B K) e - B K E e_eta        e_eta' = (A_eta - L C) e_eta        V = e'P e/2 + weight e_eta'P_eta^-1 e_eta
+
+E picks the estimated states. Two conditions:
+
+    z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
+
+is [1]'s (15), corrected and with a weight; `decrease` is -dV/dt itself, for any gain. Both are taken in coordinates w
+with e_eta = P_eta w, which change no sign and need no inverse of P_eta. All functions take numbers as they
+come: float arrays, or arrays of fractions for exact results.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15; corrections: docs page.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh, sqrtm
+
+from trimtab.core.errors import InputError
+
+
+class Feedback(NamedTuple):
+    """v = +K e.
+
+    A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n).  Re_inverse: R_e^-1 (m, m).
+    """
+
+    A: Any
+    B: Any
+    K: Any
+    P: Any
+    Qe: Any
+    Re_inverse: Any
+
+
+class Observer(NamedTuple):
+    """The filter of k of the states.
+
+    A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  P: P_eta (k, k).  L: (k, p).  R_inverse: R^-1 (p, p).
+    at: places of these states in e (k,).
+    """
+
+    A: Any
+    C: Any
+    Q: Any
+    P: Any
+    L: Any
+    R_inverse: Any
+    at: Any
+
+
+def lyapunov(f: Feedback) -> Any:
+    """-(P (A + B K) + (A + B K)'P) (n, n): positive where V = e'P e falls, and then A + B K is Hurwitz."""
+    rate = f.P @ (f.A + f.B @ f.K)
+    return -(rate + rate.T)
+
+
+def coupling(f: Feedback) -> Any:
+    """W = P B R_e^-1 B'P (n, n)."""
+    reach = f.P @ f.B
+    return reach @ f.Re_inverse @ reach.T
+
+
+def inequality(f: Feedback) -> Any:
+    """Minus the left side of (14) (n, n): positive where it holds."""
+    return lyapunov(f) - coupling(f) - f.Qe
+
+
+def dissipation(o: Observer) -> Any:
+    """P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
+    seen = o.P @ o.C.T
+    return o.Q + seen @ o.R_inverse @ seen.T
+
+
+def observer_lyapunov(o: Observer) -> Any:
+    """-((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation`, where P_eta and L are the steady ones."""
+    rate = (o.A - o.L @ o.C) @ o.P
+    return -(rate + rate.T)
+
+
+def weighted(f: Feedback, o: Observer, weight: Any) -> Any:
+    """z(weight) (n + k, n + k), (15) corrected."""
+    return _blocks(f.Qe, coupling(f)[:, o.at] @ o.P / 2, weight * dissipation(o))
+
+
+def decrease(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
+    """-dV/dt as a matrix of (e, w) (n + k, n + k), for the gain K + robust R_e^-1 B'P.
+
+    Args:
+        f: the feedback.
+        o: the observer.
+        weight: of the observer's part of V.
+        robust: 0: no robust term; +1/2: the published u_h; -1/2: u_h with the sign turned.
+    """
+    whole = f._replace(K=f.K + robust * (f.Re_inverse @ f.B.T @ f.P))
+    across = (f.P @ f.B @ whole.K)[:, o.at] @ o.P / 2
+    return _blocks(lyapunov(whole) / 2, across, weight * observer_lyapunov(o))
+
+
+def least_weight(f: Feedback, o: Observer) -> float:
+    """lambda*, above which z(lambda) > 0: largest eigenvalue of E'W Q_e^-1 W E/4 against Pi."""
+    return _least(weighted(f, o, 1.0), len(f.A))
+
+
+def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
+    """The weight above which V falls: of `decrease`, infinite where A + B K itself does not make it fall."""
+    return _least(decrease(f, o, 1.0, robust), len(f.A))
+
+
+def printed(f: Feedback, o: Observer) -> Any:
+    """(15) as it is printed, in the only way its sizes fit, (k + m, k + m); negative definite where it holds.
+
+    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. It is there for the record: the
+    root of a product that is not symmetric is taken, and its symmetric part, and the weight is missing.
+    """
+    inner = np.linalg.inv(o.P)
+    Pi = inner @ dissipation(o) @ inner
+    root = np.real(sqrtm(f.Qe[np.ix_(o.at, o.at)] @ Pi))
+    reach = (f.P @ f.B)[o.at]
+    return np.block([[-(root + root.T), reach], [reach.T, -np.linalg.inv(f.Re_inverse)]])
+
+
+def _least(M: Any, n: int) -> float:
+    """The least weight of the lower block: largest eigenvalue of S'a^-1 S against b, of [a, S; S', b]."""
+    size = np.sqrt(np.abs(np.diag(M)))
+    scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
+    a, S, b = scaled[:n, :n], scaled[:n, n:], scaled[n:, n:]
+    if np.linalg.eigvalsh(a)[0] <= 0:
+        return float("inf")
+    lowest = float(np.linalg.eigvalsh(b)[0])
+    if lowest <= 0:
+        problem = f"the observer's part has an eigenvalue {lowest:.3g}, scaled, which no weight makes positive"
+        raise InputError("composite.weight", problem, fix="give every state process noise, and P_eta of that filter")
+    values: Any = eigh(S.T @ np.linalg.solve(a, S), b, eigvals_only=True)
+    return float(values[-1])
+
+
+def _blocks(a: Any, across: Any, b: Any) -> Any:
+    return np.vstack([np.hstack([a, across]), np.hstack([across.T, b])])

@@ -1,0 +1,139 @@
+"""State feedback from a linear matrix inequality, with a bound on the closed loop's covariance made least.
+
+Wanted are P > 0 and K with
+
+    P (A + B K) + (A + B K)'P + P B R_e^-1 B'P + Q_e + 2 decay P < 0                                       [1, eq. 14]
+
+which X = P^-1, Y = K X make linear:
+
+    [A X + X A' + B Y + Y'B' + B R_e^-1 B' + 2 decay X, X; X, -Q_e^-1] < 0         X > 0
+
+Of all solutions the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is taken, else the gain would be arbitrary. All is
+solved in scaled states and in inputs for which R_e = I. Offline code: LAPACK, Clarabel.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
+in system and control theory", SIAM 1994, sections 7.2, 7.4.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from trimtab.core.errors import InputError
+from trimtab.design.lqr import checked, in_words, poles_of, sizes, unmoved
+from trimtab.design.semidefinite import Block, Solved, minimise, symmetric, violation
+
+STRICT = 1e-7
+"""How far inside the inequality the solution must lie, in the scaled variables X, Y."""
+
+
+class LmiGain(NamedTuple):
+    """v = +K e.
+
+    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: how far the
+    inequality holds in the scaled X, Y: smallest eigenvalue of minus its left side.  least: smallest eigenvalue of the
+    scaled X.  objective: what was made least.  status: the solver's word.  X, Y: in scaled states and inputs.
+    """
+
+    K: Any
+    P: Any
+    poles: Any
+    margin: float
+    least: float
+    objective: float
+    status: str
+    X: Any
+    Y: Any
+
+
+def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: float = 0.0) -> LmiGain:
+    """The gain K of v = +K e and the P that proves it; InputError where there is none, with what stands against it.
+
+    Args:
+        A: (n, n).
+        B: (n, m).
+        Qe: weight in the inequality (n, n), positive definite.
+        Re: weight of the inputs (m, m), positive definite.
+        scale: sizes of the states (n,); 1/sqrt of Qe's diagonal where not given.
+        decay: errors die out faster than exp(-decay t) (1/s).
+
+    Source: [1] eq. 14, as scaled semidefinite program.
+    """
+    A, B, Qe, Re = checked("lmi_gain", A, B, Qe, Re)
+    d = sizes("lmi_gain.scale", scale, Qe)
+    if not (np.isfinite(decay) and decay >= 0):
+        raise InputError("lmi_gain.decay", f"{decay}", fix="give 0 or more (1/s)")
+    Qs = Qe * np.outer(d, d)
+    lowest = float(np.linalg.eigvalsh(Qs)[0])
+    if lowest <= 0:
+        problem = f"smallest eigenvalue {lowest:.6g}, scaled"
+        raise InputError("lmi_gain.Qe", problem, fix="give every state a weight")
+    root = cholesky(Re, lower=True)
+    As, Bs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T
+    n, m = Bs.shape
+    inequality, positive, cost = program(As, Bs, Qs, decay)
+    k = n * (n + 1) // 2 + m * n + m * (m + 1) // 2
+    strict: list[Block] = [lambda z, f=f: f(z) - STRICT * np.eye(len(f(z))) for f in (inequality, positive)]
+    found = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
+    X, Y, _ = unpack(found.x, n, m)
+    if not found.good or not min(found.margins[:2]) > -STRICT:
+        raise InputError("lmi_gain", _why(found, strict, As, Bs, decay), fix=_fix(decay))
+    inner = np.linalg.inv(X)
+    inner = (inner + inner.T) / 2
+    K = solve_triangular(root.T, Y @ inner) / d
+    margin, least = (float(np.linalg.eigvalsh(f(found.x))[0]) for f in (inequality, positive))
+    poles = poles_of(As + (B / d[:, None]) @ (K * d))
+    return LmiGain(K, inner / np.outer(d, d), poles, margin, least, found.objective, found.status, X, Y)
+
+
+def program(A: Any, B: Any, Q: Any, decay: float) -> tuple[Block, Block, Block]:
+    """The three matrices that must be positive: minus the inequality, X, and the one that bounds R Y X^-1 Y'.
+
+    Args:
+        A: scaled (n, n).
+        B: scaled (n, m), for inputs of weight 1.
+        Q: scaled weight (n, n).
+        decay: as in `lmi_gain`.
+    """
+    n, m = B.shape
+    inner = np.linalg.inv(Q)
+
+    def inequality(z: Any) -> Any:
+        X, Y, _ = unpack(z, n, m)
+        moved = A @ X + B @ Y + decay * X
+        return -np.block([[moved + moved.T + B @ B.T, X], [X, -(inner + inner.T) / 2]])
+
+    def cost(z: Any) -> Any:
+        X, Y, Z = unpack(z, n, m)
+        return np.block([[Z, Y], [Y.T, X]])
+
+    return inequality, lambda z: unpack(z, n, m)[0], cost
+
+
+def unpack(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
+    """X (n, n), Y (m, n) and Z (m, m) of the variables."""
+    a, b = n * (n + 1) // 2, m * n
+    return symmetric(z[:a], n), z[a : a + b].reshape(m, n), symmetric(z[a + b :], m)
+
+
+def _objective(z: Any, Q: Any, m: int) -> float:
+    X, _, Z = unpack(z, len(Q), m)
+    return float(np.sum(Q * X) + np.trace(Z))
+
+
+def _why(found: Solved, blocks: list[Block], A: Any, B: Any, decay: float) -> str:
+    """What stands against a solution: poles that nothing moves, else by how much the inequalities contradict."""
+    reasons = [f"the solver ends with {found.status}"]
+    stuck = [p for p in unmoved(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
+    if stuck:
+        reasons.append("the inputs don't move " + ", ".join(in_words(p) for p in stuck if p.imag >= 0))
+    missing = violation(blocks, len(found.x))
+    if missing > 0:
+        reasons.append(f"(14) with X > 0, both strict by {STRICT:g}, is violated by {missing:.3g} at least, scaled")
+    return "no gain satisfies the inequality: " + "; ".join(reasons)
+
+
+def _fix(decay: float) -> str:
+    return "ask for a smaller decay, or add an input" if decay else "add an input, or choose the scale of the states"

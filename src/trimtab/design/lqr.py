@@ -1,0 +1,166 @@
+"""State feedback by the linear quadratic regulator, and its dual, the steady Kalman-Bucy filter; both scaled.
+
+Offline code: LAPACK and scipy.
+
+Source: [1] B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters 2,
+3; [2] W. F. Arnold, A. J. Laub, "Generalized eigenproblem algorithms and software for algebraic Riccati equations",
+Proc. IEEE 72 (1984), for the solver and the need to scale.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
+
+from trimtab.core.errors import InputError
+
+UNMOVED = 1e-9
+"""[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
+AXIS = 1e-9
+"""A real part this small a part of the scaled A counts as zero."""
+
+
+class Lqr(NamedTuple):
+    """v = +K e makes the integral of e'Q e + v'R v least.
+
+    K: (m, n), -R^-1 B'P, with the sign in it.  P: (n, n), e'P e is the cost from e.  poles: of A + B K (n,), by falling
+    real part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q in parts of the largest term, scaled.
+    """
+
+    K: Any
+    P: Any
+    poles: Any
+    residual: float
+
+
+class KalmanBucy(NamedTuple):
+    """x^' = A x^ + L (y - C x^) with the least steady covariance.
+
+    L: (n, p), P C'R^-1.  P: (n, n) steady covariance.  poles: of A - L C (n,).  residual: as in `Lqr`.
+    """
+
+    L: Any
+    P: Any
+    poles: Any
+    residual: float
+
+
+def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
+    """The gain K of v = +K e, from the algebraic Riccati equation.
+
+    Args:
+        A: (n, n).
+        B: (n, m).
+        Q: weight of the states (n, n), at least positive semidefinite.
+        R: weight of the inputs (m, m), positive definite.
+        scale: sizes of the states (n,), in which the equation is solved; 1/sqrt of Q's diagonal where not given, and 1
+            where that is zero.
+
+    Source: [1] chapters 2, 3.
+    """
+    A, B, Q, R = checked("lqr", A, B, Q, R)
+    d = sizes("lqr.scale", scale, Q)
+    root = cholesky(R, lower=True)
+    As, Bs, Qs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T, Q * np.outer(d, d)
+    _refuse("lqr", "the inputs don't move", As, Bs, "add an input, or leave the state out that has this pole")
+    _refuse("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
+    try:
+        X = solve_continuous_are(As, Bs, Qs, np.eye(len(R)))
+    except np.linalg.LinAlgError as error:
+        raise InputError("lqr", f"no stabilising solution: {error}", fix="scale the states, or change Q") from error
+    X = (X + X.T) / 2
+    P = X / np.outer(d, d)
+    K = -np.linalg.solve(R, B.T @ P)
+    terms = (As.T @ X, X @ As, -(X @ Bs) @ (Bs.T @ X), Qs)
+    residual = np.abs(sum(terms)).max() / max(np.abs(t).max() for t in terms)
+    return Lqr(K, P, poles_of(As + (B / d[:, None]) @ (K * d)), float(residual))
+
+
+def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanBucy:
+    """The steady filter of x' = A x + w, y = C x + n, as the dual of the regulator.
+
+    Args:
+        A: (n, n).
+        C: (p, n).
+        Q: density of w (n, n).
+        R: density of n (p, p).
+        scale: sizes of the states (n,); 1 where not given.
+
+    Source: [1] chapter 7, duality.
+    """
+    d = np.ones(len(np.atleast_2d(Q))) if scale is None else np.asarray(scale, float)
+    found = lqr(np.asarray(A, float).T, np.atleast_2d(np.asarray(C, float)).T, Q, R, scale=1 / d)
+    return KalmanBucy(-found.K.T, found.P, found.poles, found.residual)
+
+
+def with_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
+    """A (n + k, n + k) and B (n + k, m) of the states and, after them, the integrals of the k states at `rows`."""
+    A, B, rows = np.asarray(A, float), np.asarray(B, float), np.asarray(rows, int)
+    n, k = len(A), len(rows)
+    longer, wider = np.zeros((n + k, n + k)), np.zeros((n + k, B.shape[1]))
+    longer[:n, :n], wider[:n] = A, B
+    longer[n + np.arange(k), rows] = 1.0
+    return longer, wider
+
+
+def poles_of(A: Any) -> Any:
+    """Eigenvalues of A (n, n), by falling real part."""
+    poles = np.linalg.eigvals(A)
+    return poles[np.lexsort((-poles.imag, -poles.real))]
+
+
+def unmoved(A: Any, B: Any) -> tuple[complex, ...]:
+    """Eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
+    n = len(A)
+    found = []
+    for s in np.linalg.eigvals(A):
+        # rows of unit length: a state that moves slowly is no state that nothing moves
+        rows = np.hstack([s * np.eye(n) - A, B])
+        length = np.linalg.norm(rows, axis=1)
+        singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0)[:, None], compute_uv=False)
+        if singular[-1] <= UNMOVED * max(singular[0], np.finfo(float).tiny):
+            found.append(complex(s))
+    return tuple(found)
+
+
+def in_words(pole: complex) -> str:
+    """A pole as text (1/s)."""
+    return f"{pole.real:+.6g}{f' ± {abs(pole.imag):.6g}i' if pole.imag else ''} 1/s"
+
+
+def checked(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
+    """The four as finite float matrices that fit each other, Q and R symmetric, R positive definite."""
+    made = [np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R)]
+    n, m = len(made[0]), made[1].shape[1]
+    for name, M, shape in zip("ABQR", made, ((n, n), (n, m), (n, n), (m, m)), strict=True):
+        if M.shape != shape:
+            raise InputError(f"{part}.{name}", f"shape {M.shape}", fix=f"give {shape}")
+        bad = np.argwhere(~np.isfinite(M))
+        if len(bad):
+            i, j = bad[0].tolist()
+            raise InputError(f"{part}.{name}", f"entry [{i}, {j}] is {M[i, j]}", fix="give finite numbers")
+    for name, M, least in (("Q", made[2], -1e-12), ("R", made[3], 0.0)):
+        if not np.allclose(M, M.T, rtol=1e-12, atol=0):
+            raise InputError(f"{part}.{name}", f"not symmetric, by {np.abs(M - M.T).max():.3g}", fix="give (M + M')/2")
+        lowest = float(np.linalg.eigvalsh(M)[0])
+        if lowest < least * np.abs(M).max() or (name == "R" and lowest <= 0):
+            raise InputError(f"{part}.{name}", f"smallest eigenvalue {lowest:.6g}", fix="give a positive weight")
+    return made[0], made[1], made[2], made[3]
+
+
+def sizes(part: str, scale: Any, Q: Any) -> Any:
+    """Sizes of the states (n,) as given, or as Q's diagonal makes them."""
+    if scale is None:
+        weight = np.diag(Q)
+        return 1 / np.sqrt(np.where(weight > 0, weight, 1.0))
+    d = np.asarray(scale, float)
+    if d.shape != (len(Q),) or not (np.isfinite(d) & (d > 0)).all():
+        raise InputError(part, f"{d}", fix=f"give {len(Q)} finite sizes above 0")
+    return d
+
+
+def _refuse(part: str, what: str, A: Any, B: Any, fix: str) -> None:
+    edge = -AXIS * max(np.abs(A).max(initial=0.0), np.finfo(float).tiny)
+    for pole in unmoved(A, B):
+        if pole.real >= edge:
+            raise InputError(part, f"{what} the pole {in_words(pole)}", fix=fix)

@@ -1,0 +1,160 @@
+"""Gain, filter and certificate of the hypersonic vehicle, from its own trim.
+
+Errors e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') less the desired ones; v = (h'', V').
+
+[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206. Its weights are not printed; those here are chosen.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.design.certificate import Certificate, certify
+from trimtab.design.linear_normal_form import linear_normal_form
+from trimtab.design.linearise import Linear
+from trimtab.design.lmi import LmiGain, lmi_gain
+from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr, with_integrals
+from trimtab.design.model import Model, of_vehicle
+from trimtab.design.trim import Trim, trim
+from trimtab.scenarios.hypersonic._envelope import recorded_numbers
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
+
+H, V = 85000.0, 7702.0808
+"""Altitude (ft) and speed (ft/s) of the linearisation, [1] table 1."""
+FREE = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
+BOUNDS = {"Phi": (0.02, 1.5), "delta_e": (math.radians(-20), math.radians(25.8)), "alpha": (-0.1, 0.1)}
+INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
+MODES = INTERNAL[2:]
+INTEGRALS = ("integral of h", "integral of V")
+SCALE = np.array([100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0])
+"""Sizes of the errors in which equations are solved."""
+ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
+"""Errors that weigh 1: Q_e = diag(1/ALLOWED^2)."""
+ALLOWED_INPUT = np.array([10.0, 5.0])
+"""Accelerations (ft/s^2) that weigh 1: R_e = diag(1/ALLOWED_INPUT^2)."""
+ALLOWED_INTEGRALS = np.array([1000.0, 100.0])
+"""Integrals of the errors of h (ft s) and V (ft) that weigh 1."""
+STRICT = 1.01
+"""The regulator's weight Q in parts of Q_e, which makes (14) strict."""
+FILTERS = {
+    "tuned": ((1e-5, 100.0, 1e-5, 100.0), 5e-7),
+    "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
+    "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
+}
+"""Name -> diagonal of Q_eta, and R_eta (rad^2/s^3): as flown; for an exact model; as printed in [1]."""
+METHODS = ("lqr", "lmi")
+
+
+def model(craft: Hypersonic, h: float = H, V: float = V) -> Model:
+    """The vehicle with outputs h (ft) and V (ft/s), made near its trim."""
+    x = HypersonicState(h, V, 0.03, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
+
+
+@lru_cache(maxsize=8)
+def error_model(craft: Hypersonic = Hypersonic(), h: float = H, V: float = V) -> tuple[Linear, Trim]:  # noqa: B008
+    """e' = A e + B v, exactly linearised at level flight, and that flight's trim.
+
+    Args:
+        craft: the vehicle the law believes in.
+        h: altitude (ft).
+        V: speed (ft/s).
+    """
+    plant = model(craft, h, V)
+    level = trim(plant, free=FREE, bounds=BOUNDS).require("hypersonic trim")
+    return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
+
+
+def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
+    """Q_e, R_e and the sizes of the errors; with the integrals of the errors of h and V after them, if wanted."""
+    allowed = np.append(ALLOWED, ALLOWED_INTEGRALS) if integral else ALLOWED
+    scale = np.append(SCALE, ALLOWED_INTEGRALS) if integral else SCALE
+    return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
+
+
+def feedback_gain(
+    linear: Linear, *, method: str = "lqr", integral: bool = False, strict: float = STRICT
+) -> Lqr | LmiGain:
+    """K (2, 9), or (2, 11) with integrals, of v = +K e; with `strict` 1 the reference gain.
+
+    Args:
+        linear: of `error_model`.
+        method: "lqr" or "lmi".
+        integral: append the integrals of the errors of h and V.
+        strict: the regulator's Q in parts of Q_e.
+    """
+    if method not in METHODS:
+        raise InputError("method", f"{method!r}", choices=METHODS, fix="--method lqr")
+    A, B = matrices(linear, integral=integral)
+    Qe, Re, scale = weights(integral=integral)
+    return lqr(A, B, strict * Qe, Re, scale=scale) if method == "lqr" else lmi_gain(A, B, Qe, Re, scale=scale)
+
+
+def matrices(linear: Linear, *, integral: bool = False) -> tuple[Any, Any]:
+    """A and B, with the integrals of the errors of h and V after the errors, if wanted."""
+    return with_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
+
+
+def mode_filter(linear: Linear, filter: str = "tuned") -> tuple[Any, Any, Any, Any, KalmanBucy]:
+    """A_eta (4, 4), C (1, 4), Q_eta, R and the steady filter of the modes; what v does to them is known to it.
+
+    A_eta and C are blocks of A: neither v nor its inversion depends on the modes.
+    """
+    if filter not in FILTERS:
+        raise InputError("filter", f"{filter!r}", choices=FILTERS, fix="--filter tuned")
+    diagonal, density = FILTERS[filter]
+    A, C = linear.A[5:, 5:], linear.A[4:5, 5:]
+    Q, R = np.diag(diagonal), np.array([[density]])
+    return A, C, Q, R, kalman_bucy(A, C, Q, R)
+
+
+def certificate(
+    craft: Hypersonic = Hypersonic(),  # noqa: B008
+    *,
+    method: str = "lqr",
+    integral: bool = False,
+    filter: str = "tuned",
+    plant: Hypersonic | None = None,
+    h: float = H,
+    V: float = V,
+) -> Certificate:
+    """Gain, filter and all that proves them; prove it with `certificate_check.check`.
+
+    Args:
+        craft: the vehicle the law believes in.
+        method: "lqr" or "lmi".
+        integral: with integral action.
+        filter: "tuned", "accurate" or "printed".
+        plant: the vehicle that flies, for kappa_G; the same where not given.
+        h: altitude (ft).
+        V: speed (ft/s).
+    """
+    linear, level = error_model(craft, h, V)
+    found = feedback_gain(linear, method=method, integral=integral)
+    Qe, Re, scale = weights(integral=integral)
+    about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
+    trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
+    return certify(
+        "hypersonic",
+        matrices(linear, integral=integral),
+        (found.K, found.P),
+        (Qe, Re),
+        states=(*linear.states, *INTEGRALS) if integral else linear.states,
+        inputs=linear.inputs,
+        method=method,
+        Q=STRICT * Qe if method == "lqr" else None,
+        scale=scale,
+        observer=(MODES, *mode_filter(linear, filter)),
+        recorded=recorded_numbers(craft, craft if plant is None else plant),
+        about=about | {"h_ft": h, "V_ft_per_s": V} | {n: float(v) for n, v in trimmed.items()},
+    )
+
+
+def again(made: Certificate) -> tuple[Any, Any]:
+    """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
+    linear, _ = error_model(h=float(made.about["h_ft"]), V=float(made.about["V_ft_per_s"]))
+    return matrices(linear, integral=made.about.get("integral") == "true")

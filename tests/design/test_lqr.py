@@ -1,0 +1,72 @@
+"""Regulator and steady filter against closed forms and the Hamiltonian's stable subspace."""
+
+import numpy as np
+import pytest
+from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR
+
+from trimtab.core.errors import InputError
+from trimtab.design.lqr import kalman_bucy, lqr, with_integrals
+
+
+def by_hamiltonian(A, B, Q, R):
+    """P from the eigenvectors of the Hamiltonian matrix: another way than the solver's."""
+    n = len(A)
+    H = np.block([[A, -B @ np.linalg.inv(R) @ B.T], [-Q, -A.T]])
+    values, vectors = np.linalg.eig(H)
+    stable = vectors[:, values.real < 0]
+    return np.real(stable[n:] @ np.linalg.inv(stable[:n]))
+
+
+def test_double_integrator_has_the_gain_of_the_textbook():
+    found = lqr(*DOUBLE_INTEGRATOR, np.eye(2), 1.0)
+    np.testing.assert_allclose(found.K, [[-1, -np.sqrt(3)]], rtol=1e-12)
+    np.testing.assert_allclose(found.P, [[np.sqrt(3), 1], [1, np.sqrt(3)]], rtol=1e-12)
+    np.testing.assert_allclose(found.poles, np.array([-np.sqrt(3) + 1j, -np.sqrt(3) - 1j]) / 2, rtol=1e-12)
+    assert found.residual < 1e-14
+
+
+def test_scale_does_not_change_the_gain_and_integral_action_is_another_system():
+    A, B = with_integrals(*BALL_AND_BEAM, [0])
+    np.testing.assert_array_equal(A[4], [1, 0, 0, 0, 0])
+    assert B.shape == (5, 1)
+    Q, R = np.diag([1.0, 0.1, 3.0, 0.1, 0.5]), np.array([[0.04]])
+    found = lqr(A, B, Q, R)
+    np.testing.assert_allclose(found.P, by_hamiltonian(A, B, Q, R), rtol=1e-7)
+    other = lqr(A, B, Q, R, scale=[100.0, 1e-3, 5.0, 1.0, 1e4])
+    np.testing.assert_allclose(other.K, found.K, rtol=1e-8)
+    closed = np.linalg.eigvals(A + B @ found.K)
+    np.testing.assert_allclose(np.sort(found.poles.real), np.sort(closed.real), rtol=1e-8)
+
+
+def test_filter_is_the_dual():
+    """x' = a x + w, y = x + n: P = R (a + sqrt(a^2 + Q/R))."""
+    found = kalman_bucy(0.3, 1.0, 2.0, 0.5)
+    P = 0.5 * (0.3 + np.sqrt(0.09 + 4.0))
+    np.testing.assert_allclose([found.P[0, 0], found.L[0, 0]], [P, P / 0.5], rtol=1e-12)
+    np.testing.assert_allclose(found.poles, [0.3 - P / 0.5], rtol=1e-12)
+
+
+def test_what_cannot_be_is_refused_with_the_number():
+    with pytest.raises(InputError, match=r"the inputs don't move the pole \+1 1/s"):
+        lqr([[1, 0], [0, -2]], [[0], [1]], np.eye(2), 1.0)
+    with pytest.raises(InputError, match=r"Q does not see the pole \+0 ± 3i 1/s"):
+        lqr([[0, 3, 0], [-3, 0, 0], [0, 0, -1]], [[0], [1], [1]], np.diag([0, 0, 1]), 1.0)
+    with pytest.raises(InputError, match=r"entry \[0, 1\] is nan"):
+        lqr([[0, np.nan], [0, 0]], [[0], [1]], np.eye(2), 1.0)
+    with pytest.raises(InputError, match="smallest eigenvalue -1"):
+        lqr(*DOUBLE_INTEGRATOR, np.eye(2), -1.0)
+    with pytest.raises(InputError, match="not symmetric"):
+        lqr(*DOUBLE_INTEGRATOR, [[1, 0.5], [0, 1]], 1.0)
+    with pytest.raises(InputError, match="shape"):
+        lqr(*DOUBLE_INTEGRATOR, np.eye(3), 1.0)
+
+
+def test_a_stable_pole_that_nothing_moves_is_allowed():
+    found = lqr([[1, 0], [0, -2]], [[1], [0]], np.eye(2), 1.0)
+    assert found.poles.real.max() < 0
+
+
+def test_a_slow_input_is_no_missing_one():
+    """In bad units the input is 1e-12 of the rest: scaling decides, not the numbers."""
+    found = lqr([[1.0]], [[1e-12]], 1.0, 1e-24)
+    np.testing.assert_allclose(found.poles, [-np.sqrt(2)], rtol=1e-9)
