@@ -10,15 +10,19 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.design.model import QUICKLY, of_vehicle
 from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, residual
+from trimtab.design.sylvester import filter_matrix, following
 from trimtab.design.trim import trim
+from trimtab.laws.internal_preview import FadingModes, PreviewInternal
 from trimtab.laws.internal_quasi_static import quasi_static
+from trimtab.laws.internal_sylvester import SylvesterInternal
 from trimtab.laws.internal_table import InternalTable
-from trimtab.laws.path_command import PathPoint
+from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
@@ -135,6 +139,44 @@ def linear_table(
         scales=SCALES,
     )
     return _kept(solution, t, dt, keep, seconds, zeta0, rest)
+
+
+def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
+    """The causal linear form about the trim at the start of a filtered step."""
+    linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
+    S = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
+    G = np.zeros((len(linear.A22), len(S)))
+    G[:, [0, 1, 4]] = linear.A21
+    G[:, [2, 5]] += linear.B2
+    rest = np.linalg.solve(linear.A22, linear.A21)
+    return SylvesterInternal(X=following(linear.A22, S, G), rest=rest, zeta_0=linear.trim.zeta)
+
+
+def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
+    """The form that looks ahead in flight, with the modes of a level trim."""
+    A22 = internal_linear(craft, at).A22
+    scaled = A22 * SCALES / SCALES[:, None]
+    poles, vectors = np.linalg.eig(scaled)
+    inverse = np.linalg.inv(vectors)
+    weight = np.where(poles.imag > 0, 2.0, 1.0)
+    right, left = vectors * weight * SCALES[:, None], inverse / SCALES
+
+    def modes(chosen: Any, sign: float) -> FadingModes:
+        rows = np.flatnonzero(chosen & (poles.imag >= 0))
+        L, R, of = left[rows], right[:, rows], sign * poles[rows]
+        return FadingModes(of.real, of.imag, np.stack([L.real, L.imag]), np.stack([R.real, R.imag]))
+
+    made = PreviewInternal(
+        A22=A22,
+        past=modes(poles.real < 0, 1.0),
+        future=modes(poles.real > 0, -1.0),
+        craft=craft,
+        horizon=horizon,
+        alpha=float(at.zeta[0]),
+        intervals=intervals,
+    )
+    made.check()
+    return made
 
 
 @partial(jax.jit, compiler_options=QUICKLY)
