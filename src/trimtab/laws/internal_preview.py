@@ -44,10 +44,10 @@ class FadingModes:
         """What w at begin and end of a step dt (s) adds to q, exactly where w is linear between; each (p, 1)."""
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
-        l = (self.decay[:, None], self.turning[:, None])  # noqa: E741
+        pole = (self.decay[:, None], self.turning[:, None])
         E = self.powers(step * jnp.ones((1, 1)))
-        p0 = _over((E[0] - 1, E[1]), l)
-        p1 = _over((p0[0] - step, p0[1]), (l[0] * step, l[1] * step))
+        p0 = _over((E[0] - 1, E[1]), pole)
+        p1 = _over((p0[0] - step, p0[1]), (pole[0] * step, pole[1] * step))
         keep = jnp.where(still, 0.0, 1.0)
         return (keep * (p0[0] - p1[0]), keep * (p0[1] - p1[1])), (keep * p1[0], keep * p1[1])
 
@@ -89,7 +89,10 @@ class PreviewInternal:
     steps: int = option("Newton steps each time.", default=3)
 
     def check(self) -> None:
-        """Refuse a horizon without nodes."""
+        """Refuse a horizon of no time or without nodes."""
+        if not self.horizon > 0:
+            problem = f"{float(self.horizon):g} s ahead"
+            raise InputError("PreviewInternal.horizon", problem, fix="give some seconds: the error is exp(-l horizon)")
         if self.intervals < 1:
             problem = f"{self.intervals} intervals ahead"
             raise InputError("PreviewInternal.intervals", problem, fix="give at least one, better one each 0.1 s")
