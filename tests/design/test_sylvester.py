@@ -22,7 +22,10 @@ def test_it_solves_the_equation_and_moves_as_the_system_does():
     np.testing.assert_allclose(X @ S, A @ X + G, atol=1e-12)
     start = np.array([-1.0, 0.0, 0.0])
     together = solve_ivp(
-        lambda t, z: np.concatenate([A @ z[:4] + G @ z[4:], S @ z[4:]]), (0, 1.5), np.append(X @ start, start), rtol=1e-11
+        lambda t, z: np.concatenate([A @ z[:4] + G @ z[4:], S @ z[4:]]),
+        (0, 1.5),
+        np.append(X @ start, start),
+        rtol=1e-11,
     ).y[:, -1]
     np.testing.assert_allclose(together[:4], X @ together[4:], rtol=1e-6, atol=1e-8)
 

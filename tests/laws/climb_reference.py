@@ -1,4 +1,4 @@
-"""The large climb, the bounded internal states along it, and how to run a form of them: shared by the tests of forms."""
+"""The large climb, the bounded internal states along it, and how to run a form of them."""
 
 import functools
 import time

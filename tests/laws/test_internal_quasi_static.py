@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from scipy.optimize import brentq
 
-from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from trimtab.core.record import numeric, replace
 from trimtab.export.compiler import find_compiler
 from trimtab.export.function import compile_function
@@ -65,12 +65,14 @@ def test_error_against_the_bounded_solution():
 
 
 def test_the_search_starts_where_it_ended():
-    """Two Newton steps each time are enough once it has begun; not found yet at the first."""
-    first = replace(FORM, steps=2, alpha=0.25)
-    state, zeta = run(first, every=10)
-    assert bool(state.found)
-    np.testing.assert_allclose(zeta[1:], run(FORM, every=10)[1][1:], rtol=1e-6, atol=1e-9)
-    assert not bool(first.step(0.0, first.init(None), CLIMB)[0].found)
+    """Two Newton steps each time are enough once it has begun, from anywhere; not found yet at the first."""
+    right = run(FORM, every=10)[1]
+    for alpha in (0.1, -0.1):
+        first = replace(FORM, steps=2, alpha=alpha)
+        state, zeta = run(first, every=10)
+        assert bool(state.found)
+        np.testing.assert_allclose(zeta[3:], right[3:], rtol=1e-6, atol=1e-9)
+        assert not bool(first.step(0.0, first.init(None), CLIMB)[0].found)
 
 
 def test_where_there_is_none_it_says_so_and_stays_finite():

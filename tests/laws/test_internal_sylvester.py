@@ -5,8 +5,8 @@
 
 import numpy as np
 import pytest
+from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, run
 
-from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, T, V0, linear, run
 from trimtab.core.record import numeric
 from trimtab.export.compiler import find_compiler
 from trimtab.export.function import compile_function

@@ -6,8 +6,8 @@
 import jax
 import numpy as np
 import pytest
-
 from laws.climb_reference import CLIMB, CRAFT, DT, H0, SCALES, V0, linear, noncausal
+
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.design.model import QUICKLY

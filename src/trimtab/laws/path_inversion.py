@@ -47,7 +47,8 @@ def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1:
         (m (v2 + g sin gamma) + D(delta)) tan alpha + L(delta) - m (a_n + g cos gamma) = 0
 
     with a_n = (v1 - v2 sin gamma)/cos gamma. Of its roots the one that stays finite as alpha goes to zero is taken, in
-    the form that cancels no digits; where there is no root, the elevator that comes nearest. [1] freezes the elevator inside the drag instead: its slope is half the true one.
+    the form that cancels no digits; where there is no root, the elevator that comes nearest. [1] freezes the elevator
+    inside the drag instead: its slope is half the true one.
     """
     air, sine = craft.forces.aerodynamics, jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     cosine, tangent = jnp.sqrt(1 - sine * sine), jnp.tan(alpha)
