@@ -132,7 +132,8 @@ def _split(A: Any) -> _Split:
     if len(on):
         problem = f"A has poles on the imaginary axis: {', '.join(f'{p:.4g}' for p in on)}"
         raise InputError("bounded_solution.A", problem, fix="no bounded solution is singled out there; change outputs")
-    T, Z, k = schur(A, output="real", sort="lhp")
+    ordered: Any = schur(A, output="real", sort="lhp")
+    T, Z, k = ordered
     mixed = solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:]) if 0 < k < len(A) else T[:k, k:]
     shear = np.eye(len(A))
     shear[:k, k:] = mixed

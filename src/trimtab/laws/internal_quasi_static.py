@@ -11,8 +11,8 @@ from trimtab.vehicles.hypersonic import Hypersonic
 
 FARTHEST = 0.05
 """Largest Newton step in the angle of attack (rad)."""
-WIDEST = 0.3
-"""Largest angle of attack looked at (rad)."""
+WIDEST = 0.1
+"""Largest angle of attack looked at (rad): beyond it the curves of the model no longer hold, and searches get lost."""
 SETTLED = 1e-7
 """A last Newton step below this (rad) has found the root: the next one is its square."""
 

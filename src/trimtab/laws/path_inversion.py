@@ -13,7 +13,8 @@ STEEPEST = 0.99
 class PathInversion(NamedTuple):
     """Phi and delta_e (rad) that give (h'', V') = v.
 
-    solvable: whether any elevator does; where not, the one that comes nearest.  slope: d(normal force)/d(delta_e)
+    solvable: whether any elevator does; where not, the one that comes nearest. False too where the path is steeper than
+    STEEPEST.  slope: d(normal force)/d(delta_e)
     (lbf/ft), zero where elevator and lift part.
     """
 
@@ -46,7 +47,8 @@ def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1:
         (m (v2 + g sin gamma) + D(delta)) tan alpha + L(delta) - m (a_n + g cos gamma) = 0
 
     with a_n = (v1 - v2 sin gamma)/cos gamma. Of its roots the one that stays finite as alpha goes to zero is taken, in
-    the form that cancels no digits. [1] freezes the elevator inside the drag instead: its slope is half the true one.
+    the form that cancels no digits; where there is no root, the elevator that comes nearest. [1] freezes the elevator
+    inside the drag instead: its slope is half the true one.
     """
     air, sine = craft.forces.aerodynamics, jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     cosine, tangent = jnp.sqrt(1 - sine * sine), jnp.tan(alpha)
@@ -59,7 +61,9 @@ def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1:
     a = pressed * air.CD_d2 * tangent
     inside = b * b - 4 * a * c
     root = jnp.sqrt(jnp.maximum(inside, 0.0))
-    return -2 * c / (b + root), inside >= 0, root
+    real = inside >= 0
+    delta_e = jnp.where(real, -2 * c / (b + root), -b / jnp.where(real, 1.0, 2 * a))
+    return delta_e, real & (jnp.abs(h_rate) <= STEEPEST * V), root
 
 
 def fuel_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:

@@ -10,17 +10,20 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import QUICKLY, of_vehicle
+from trimtab.design.model import QUICKLY
 from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, residual
-from trimtab.design.trim import trim
-from trimtab.laws.internal_quasi_static import quasi_static
+from trimtab.design.sylvester import filter_matrix, following
+from trimtab.laws.internal_preview import FadingModes, PreviewInternal
+from trimtab.laws.internal_sylvester import SylvesterInternal
 from trimtab.laws.internal_table import InternalTable
-from trimtab.laws.path_command import PathPoint
-from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
-from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
+from trimtab.laws.path_command import FilteredClimb, PathPoint
+from trimtab.laws.path_inversion import InputLimits, internal_rates
+from trimtab.scenarios.hypersonic._level import LevelTrim, accepted, internal_linear, level, level_trim, static
+from trimtab.vehicles.hypersonic import Hypersonic
 
 SCALES = np.array([1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0])
 """Natural sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
@@ -28,37 +31,14 @@ BEYOND = 8.0
 """How far past its end a table is computed (s): what the boundary there is off by falls by e^-26 on the way back."""
 LEAST_BEYOND = 3.0
 """Least time (s) so computed: the unstable mode fades by e^-10."""
-FIRST = 0.03
-"""Angle of attack (rad) at which searches start."""
-SEARCH = 8
-"""Newton steps for the angle of attack offline."""
-FREE = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
-ANGLES = {"alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}
-
-
-class LevelTrim(NamedTuple):
-    """Level flight at h (ft) and V (ft/s): zeta (6,) and the input that holds it."""
-
-    h: float
-    V: float
-    zeta: Any
-    u: HypersonicInput
-
-
-class InternalLinear(NamedTuple):
-    """zeta' = A21 (xi - xi0) + A22 (zeta - zeta0) + B2 v about a trim; xi = (h, h', V), v = (h'', V')."""
-
-    trim: LevelTrim
-    A21: Any
-    A22: Any
-    B2: Any
 
 
 class TableReport(NamedTuple):
     """How a table came about, in parts of SCALES where not said.
 
     solution: all of it, on the fine grid.  changes: of each iteration.  residual: largest difference between central
-    differences and Psi (1/s).  left, right: how far the solution's ends are from the trims there.  interpolation:
+    differences and Psi (1/s).  left, right: how far the solution's ends are from level trims there; the right one is
+    not small where the climb isn't over.  interpolation:
     largest error between the nodes (6,).
     """
 
@@ -70,28 +50,13 @@ class TableReport(NamedTuple):
     interpolation: Any
 
 
-def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None = None) -> LevelTrim:
-    """The craft's own trim at h (ft), V (ft/s), level; InputError with the reason where there is none."""
-    zeta, u, found = _static(craft, level(np.array([h]), np.array([V])))
-    return _trim(craft, h, V, zeta[:, 0], u[:, 0], bool(found[0]), InputLimits() if limits is None else limits)
-
-
-def level(h: Any, V: Any) -> PathPoint:
-    """Level flight at altitudes h (ft) and speeds V (ft/s)."""
-    still = np.zeros(np.shape(h))
-    return PathPoint(h, still, still, still, V, still, still)
-
-
-def internal_linear(craft: Hypersonic, at: LevelTrim) -> InternalLinear:
-    """The internal dynamics linearised about a level trim."""
-    A21, A22, B2 = _differentiated(craft, np.array([at.h, 0.0, at.V]), at.zeta, np.zeros(2))
-    return InternalLinear(at, np.asarray(A21), np.asarray(A22), np.asarray(B2))
-
-
 def noncausal_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
     """The bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`, as a table.
+
+    Its boundary values are the trim at time 0 and, at the end, the quasi-static solution: the trim there once the climb
+    is over, and nearer than it before.
 
     Args:
         craft: the vehicle believed in.
@@ -109,7 +74,7 @@ def noncausal_table(
         guess,
         dt,
         left=ends[0].zeta,
-        right=ends[1].zeta,
+        right=guess[-1],
         scales=SCALES,
     )
     return _kept(solution, t, dt, keep, seconds, ends[0].zeta, ends[1].zeta)
@@ -124,7 +89,7 @@ def linear_table(
     xi = np.stack([wanted.h - linear.trim.h, wanted.h_rate, wanted.V - linear.trim.V], axis=1)
     v = np.stack([wanted.h_acceleration, wanted.V_rate], axis=1)
     drive, zeta0 = xi @ linear.A21.T + v @ linear.B2.T, linear.trim.zeta
-    rest = zeta0 - np.linalg.solve(linear.A22, linear.A21 @ xi[-1])
+    rest = zeta0 - np.linalg.solve(linear.A22, drive[-1])
     solution = bounded_solution(
         lambda zeta: drive + (zeta - zeta0) @ linear.A22.T,
         linear.A22,
@@ -137,24 +102,48 @@ def linear_table(
     return _kept(solution, t, dt, keep, seconds, zeta0, rest)
 
 
+def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
+    """The causal linear form about the trim at the start of a filtered step."""
+    linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
+    S = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
+    G = np.zeros((len(linear.A22), len(S)))
+    G[:, [0, 1, 4]] = linear.A21
+    G[:, [2, 5]] += linear.B2
+    rest = np.linalg.solve(linear.A22, linear.A21)
+    return SylvesterInternal(X=following(linear.A22, S, G), rest=rest, zeta_0=linear.trim.zeta)
+
+
+def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
+    """The form that looks ahead in flight, with the modes of a level trim."""
+    A22 = internal_linear(craft, at).A22
+    scaled = A22 * SCALES / SCALES[:, None]
+    found: Any = np.linalg.eig(scaled)
+    poles, vectors = found
+    inverse: Any = np.linalg.inv(vectors)
+    weight = np.where(poles.imag > 0, 2.0, 1.0)
+    right, left = vectors * weight * SCALES[:, None], inverse / SCALES
+
+    def modes(chosen: Any, sign: float) -> FadingModes:
+        rows = np.flatnonzero(chosen & (poles.imag >= 0))
+        L, R, of = left[rows], right[:, rows], sign * poles[rows]
+        return FadingModes(of.real, of.imag, np.stack([L.real, L.imag]), np.stack([R.real, R.imag]))
+
+    made = PreviewInternal(
+        A22=A22,
+        past=modes(poles.real < 0, 1.0),
+        future=modes(poles.real > 0, -1.0),
+        craft=craft,
+        horizon=horizon,
+        alpha=float(at.zeta[0]),
+        intervals=intervals,
+    )
+    made.check()
+    return made
+
+
 @partial(jax.jit, compiler_options=QUICKLY)
 def _rates(craft: Any, p: Any, zeta: Any) -> Any:
     return jnp.stack(internal_rates(craft, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, zeta.T), axis=1)
-
-
-@partial(jax.jit, compiler_options=QUICKLY)
-def _differentiated(craft: Any, xi: Any, zeta: Any, v: Any) -> Any:
-    def rates(xi: Any, zeta: Any, v: Any) -> Any:
-        return jnp.stack(internal_rates(craft, xi[0], xi[1], xi[2], v[0], v[1], zeta))
-
-    return jax.jacfwd(rates, (0, 1, 2))(xi, zeta, v)
-
-
-@partial(jax.jit, compiler_options=QUICKLY)
-def _searched(craft: Any, p: Any) -> Any:
-    zeta, found = quasi_static(craft, p, jnp.full_like(p.h, FIRST), SEARCH)
-    u = invert(craft, p.h, p.h_rate, p.V, zeta[0], p.h_acceleration, p.V_rate).u
-    return jnp.stack(zeta), jnp.stack([u.Phi, u.delta_e]), found
 
 
 @partial(jax.jit, compiler_options=QUICKLY)
@@ -165,24 +154,6 @@ def _wanted(climb: Any, t: Any) -> Any:
 @partial(jax.jit, compiler_options=QUICKLY)
 def _between(table: InternalTable, t: Any) -> Any:
     return jax.vmap(table.at)(t)
-
-
-def _static(craft: Hypersonic, wanted: PathPoint) -> tuple[Any, Any, Any]:
-    """zeta (6, n), Phi and delta_e (2, n), and whether they were found (n,)."""
-    zeta, u, found = _searched(craft, wanted)
-    return np.asarray(zeta), np.asarray(u), np.asarray(found)
-
-
-def _trim(craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, found: bool, limits: InputLimits) -> LevelTrim:
-    """What the quick search found if it is within all limits, else what the thorough one finds, or its reasons."""
-    bounds = {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
-    values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
-    if found and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
-        return LevelTrim(h, V, zeta, HypersonicInput(float(u[0]), float(u[1])))
-    model = of_vehicle(craft, HypersonicState(h, V, FIRST, FIRST, *5 * (0.0,)), HypersonicInput(0.2, 0.1))
-    searched = trim(model, free=FREE, bounds=bounds).require(f"level trim at {h:g} ft, {V:g} ft/s")
-    x, u = model.state(searched.x), model.input(searched.u)
-    return LevelTrim(h, V, np.array([x.alpha, 0.0, x.eta1, 0.0, x.eta2, 0.0]), u)
 
 
 def _grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
@@ -207,10 +178,10 @@ def _grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> 
 def _ends_and_guess(craft: Hypersonic, t: Any, wanted: PathPoint) -> tuple[list[LevelTrim], Any]:
     """The level trims at both ends, and the quasi-static solution between (n, 6)."""
     ends = level(wanted.h[[0, -1]], wanted.V[[0, -1]])
-    zeta, u, found = _static(craft, jax.tree.map(lambda *several: np.concatenate(several), wanted, ends))
+    zeta, u, found = static(craft, jax.tree.map(lambda *several: np.concatenate(several), wanted, ends))
     n, limits = len(t), InputLimits()
     points = [(i, float(ends.h[i - n]), float(ends.V[i - n])) for i in (n, n + 1)]
-    trims = [_trim(craft, h, V, zeta[:, i], u[:, i], bool(found[i]), limits) for i, h, V in points]
+    trims = [accepted(craft, h, V, zeta[:, i], u[:, i], bool(found[i]), limits) for i, h, V in points]
     if not found[:n].all():
         problem = f"at {t[int(np.argmin(found))]:g} s there is no angle of attack without pitching moment"
         raise InputError("internal table.climb", problem, fix="make the climb slower or smaller")

@@ -1,0 +1,103 @@
+"""Internal states from a few seconds' preview, against the bounded solution that knows everything.
+
+[H] is the specification of the hypersonic system; its sections are cited by number.
+"""
+
+import jax
+import numpy as np
+import pytest
+from laws.climb_reference import CLIMB, CRAFT, H0, V0, miss, noncausal, run
+from scipy.linalg import expm
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import numeric, replace
+from trimtab.design.model import QUICKLY
+from trimtab.export.compiler import find_compiler
+from trimtab.export.function import compile_function
+from trimtab.laws.internal_preview import FadingModes
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.scenarios.hypersonic._internal import level_trim, preview_internal
+
+STEP = jax.jit(lambda form, t, state, climb: form.step(t, state, climb), compiler_options=QUICKLY)
+
+
+def form(**changes):
+    return numeric(preview_internal(CRAFT, level_trim(CRAFT, H0, V0), **changes))
+
+
+@pytest.fixture(scope="module")
+def default():
+    return run(form())
+
+
+def test_four_seconds_give_the_bounded_solution(default):
+    """Large climb, 5 ms: largest differences in scales, over all of it and the step too; all below 4e-6."""
+    state, zeta = default
+    assert bool(state.found)
+    got = miss(zeta, noncausal()[1].solution.zeta)
+    assert (got < [1.2e-6, 4e-6, 2e-7, 5e-8, 2.2e-7, 9e-8]).all()
+
+
+def test_it_moves_before_the_command_does(default):
+    zeta = default[1]
+    assert abs(zeta[950, 0] - zeta[0, 0]) > 3e-7
+    assert CLIMB.at(4.76).h == H0
+
+
+def test_a_shorter_horizon_costs_what_the_unstable_mode_says():
+    """What is wrong at its end comes back times e^(-3.289 H): 1 s more is 27 times less, until other errors show."""
+    one, two = (
+        miss(run(form(horizon=h, intervals=n), every=4)[1], noncausal()[1].solution.zeta, 4)[0]
+        for h, n in ((1.0, 20), (2.0, 40))
+    )
+    assert 1e-4 < one < 2.5e-4
+    assert 18 < one / two < 36
+
+
+def test_weights_integrate_a_ramp_exactly():
+    """Against scipy's matrix exponential; nothing for no time."""
+    poles = np.array([-3.0 + 0j, -0.34 + 18.5j])
+    o = np.zeros((2, 2, 2))
+    modes = FadingModes(poles.real, poles.imag, o, o)
+    for dt in (1e-4, 0.005, 0.1, 2.0):
+        (begin_re, begin_im), (end_re, end_im) = modes.weights(dt)
+        for i, l in enumerate(poles):
+            driven = expm(np.array([[l, 1, 0], [0, 0, 1 / dt], [0, 0, 0]]) * dt)
+            p0, p1 = driven[0, 1], driven[0, 2]
+            np.testing.assert_allclose(end_re[i, 0] + 1j * end_im[i, 0], p1, rtol=1e-9)
+            np.testing.assert_allclose(begin_re[i, 0] + 1j * begin_im[i, 0], p0 - p1, rtol=1e-9)
+    assert not np.any(modes.weights(0.0))
+
+
+def test_asked_twice_at_one_instant_it_says_the_same():
+    f = form(intervals=10)
+    state, _ = STEP(f, 5.2, f.init(None), CLIMB)
+    again, zeta = STEP(f, 5.2, state, CLIMB)
+    np.testing.assert_allclose(zeta, STEP(f, 5.2, again, CLIMB)[1], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(again.q, state.q, rtol=1e-12, atol=1e-15)
+
+
+def test_what_it_cannot_fly_is_said_and_stays_finite():
+    f = form(intervals=10)
+    state, zeta = STEP(f, 6.0, f.init(None), numeric(FilteredClimb(dh=-1e6, wh=3.0)))
+    assert not bool(state.found)
+    assert np.isfinite(zeta).all()
+
+
+def test_no_nodes_is_refused_and_so_is_no_horizon():
+    with pytest.raises(InputError, match="0 intervals ahead"):
+        replace(form(), intervals=0).check()
+    with pytest.raises(InputError, match="horizon"):
+        preview_internal(CRAFT, level_trim(CRAFT, H0, V0), horizon=0.0)
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_its_c_computes_the_same():
+    f = form(intervals=10)
+    climb, state = numeric(CLIMB), numeric(f.init(None))
+    compiled = compile_function(lambda f, t, s, c: f.step(t, s, c), f, np.float64(0), state, climb)
+    mine = state
+    for t in (4.9, 4.905, 5.0, 5.3):
+        state, zeta = compiled(f, np.float64(t), state, climb)
+        mine, wanted = STEP(f, t, mine, climb)
+        np.testing.assert_allclose(zeta, wanted, rtol=1e-9, atol=1e-11)

@@ -1,0 +1,95 @@
+"""Quasi-static internal states: against an independent search, and against the bounded solution.
+
+[H] is the specification of the hypersonic system; its sections are cited by number.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
+from scipy.optimize import brentq
+
+from trimtab.core.record import numeric, replace
+from trimtab.export.compiler import find_compiler
+from trimtab.export.function import compile_function
+from trimtab.laws.internal_quasi_static import QuasiStaticInternal, QuasiStaticState
+from trimtab.laws.path_command import FilteredClimb
+
+FORM = numeric(QuasiStaticInternal(CRAFT))
+
+
+def moment(alpha, p):
+    """M over qbar S c (1) with elevator and thrust from the two accelerations, written out in plain numbers."""
+    sine = p.h_rate / p.V
+    cosine = math.sqrt(1 - sine**2)
+    qS = 6.7429e-5 * math.exp(-(p.h - 85000) / 21358) * p.V**2 / 2 * 17
+    g = 1.39e16 / 20988500.0**2
+
+    def drag(delta):
+        return qS * (5.8224 * alpha**2 - 0.045315 * alpha + 0.81993 * delta**2 + 2.7699e-4 * delta + 0.010131)
+
+    def force(delta):
+        lift = qS * (4.6773 * alpha + 0.76224 * delta - 0.018714)
+        normal = (p.h_acceleration - p.V_rate * sine) / cosine + g * cosine
+        return (300 * (p.V_rate + g * sine) + drag(delta)) * math.tan(alpha) + lift - 300 * normal
+
+    delta = brentq(force, -2.0, 2.0, xtol=1e-15)
+    thrust = (300 * (p.V_rate + g * sine) + drag(delta)) / math.cos(alpha)
+    air = 6.2926 * alpha**2 + 2.1335 * alpha + 0.18979 - 1.2897 * delta
+    return 8.36 * thrust / (qS * 17) + air, delta
+
+
+def test_is_the_root_of_an_independent_search():
+    """[H] 6.3 at several instants of the large climb."""
+    state, zeta = run(FORM, every=1000)
+    assert bool(state.found)
+    for t, got in zip(T[::1000], zeta, strict=True):
+        p = CLIMB.at(float(t))
+        p = replace(p, **{n: float(getattr(p, n)) for n in ("h", "h_rate", "h_acceleration", "V", "V_rate")})
+        alpha = brentq(lambda a, p=p: moment(a, p)[0], -0.05, 0.1, xtol=1e-14)
+        delta = moment(alpha, p)[1]
+        sine = p.h_rate / p.V
+        Q = (p.h_acceleration - p.V_rate * sine) / math.sqrt(1 - sine**2) / p.V
+        eta1 = (1.4013e3 * alpha**2 + 4.5737e3 * alpha + 1.1752e2) / 16.5**2
+        eta2 = (-5.0227e3 * alpha**2 + 2.8633e3 * alpha + 1.2465e3 * delta - 4.4201e1) / 20**2
+        np.testing.assert_allclose(got, [alpha, Q, eta1, 0, eta2, 0], rtol=1e-9, atol=1e-12)
+
+
+def test_error_against_the_bounded_solution():
+    """Large climb, largest differences in scales: 1.6e-4 in alpha, 3.3e-2 in Q, which it takes for gamma'."""
+    _, zeta = run(FORM)
+    got = miss(zeta, noncausal()[1].solution.zeta)
+    assert (got < [1.7e-4, 3.4e-2, 2.1e-5, 5.7e-4, 3.1e-5, 7.3e-4]).all()
+    assert got[1] > 1e-2
+
+
+def test_the_search_starts_where_it_ended():
+    """Two Newton steps each time are enough once it has begun, from anywhere; not found yet at the first."""
+    right = run(FORM, every=10)[1]
+    for alpha in (0.1, -0.1):
+        first = replace(FORM, steps=2, alpha=alpha)
+        state, zeta = run(first, every=10)
+        assert bool(state.found)
+        np.testing.assert_allclose(zeta[3:], right[3:], rtol=1e-6, atol=1e-9)
+        assert not bool(first.step(0.0, first.init(None), CLIMB)[0].found)
+
+
+def test_where_there_is_none_it_says_so_and_stays_finite():
+    """A fall faster than the vehicle, hardly any air; a command that is not a number leaves the angle where it was."""
+    for climb in (FilteredClimb(dh=-1e6, wh=3.0), FilteredClimb(V0=1000.0), FilteredClimb(h0=400e3)):
+        state, zeta = FORM.step(6.0, FORM.init(None), climb)
+        assert not bool(state.found)
+        assert np.isfinite(zeta).all()
+    state, _ = FORM.step(6.0, QuasiStaticState(alpha=0.02, found=True), FilteredClimb(h0=math.nan))
+    assert not bool(state.found)
+    assert float(state.alpha) == 0.02
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_its_c_computes_the_same():
+    climb, state = numeric(CLIMB), numeric(FORM.init(None))
+    run = compile_function(lambda form, t, s, c: form.step(t, s, c), FORM, np.float64(0), state, climb)
+    for t in (0.0, 12.0, 40.0):
+        state, zeta = run(FORM, np.float64(t), state, climb)
+        np.testing.assert_allclose(zeta, FORM.step(t, state, climb)[1], rtol=1e-9, atol=1e-12)

@@ -1,0 +1,55 @@
+"""The causal linear form against the noncausal linear solution.
+
+[H] is the specification of the hypersonic system; its sections are cited by number.
+"""
+
+import numpy as np
+import pytest
+from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, run
+
+from trimtab.core.record import numeric
+from trimtab.export.compiler import find_compiler
+from trimtab.export.function import compile_function
+from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
+
+FORM = numeric(sylvester_internal(CRAFT, CLIMB))
+
+
+@pytest.fixture(scope="module")
+def ran():
+    return run(FORM)[1]
+
+
+def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
+    """[H] 6.3: the difference is made of the stable modes; after 20 s it is below 1e-7, in scales."""
+    off = np.abs(ran - linear()[1].solution.zeta[: len(T)]) / SCALES
+    at = {s: off[np.searchsorted(T, 5 + s - 1e-9)].max() for s in (0, 1, 5, 15, 30)}
+    assert 2e-4 < at[0] < 5e-4  # the jump: what the unstable mode began with before the step
+    assert at[5] < 5e-6
+    assert at[15] < 1e-7
+    assert at[30] < 1e-8
+
+
+def test_what_fades_has_no_unstable_part(ran):
+    """Projected on the left eigenvector of the pole +3.289 the difference is zero from the step on."""
+    A22 = internal_linear(CRAFT, level_trim(CRAFT, H0, V0)).A22 * SCALES / SCALES[:, None]
+    poles, left = np.linalg.eig(A22.T)
+    vector = left[:, np.argmax(poles.real)].real
+    off = (ran - linear()[1].solution.zeta[: len(T)]) / SCALES
+    after = np.searchsorted(T, 5 - 1e-9)
+    assert np.abs(off[after:] @ vector).max() < 1e-8
+    assert np.abs(off[after - 20 : after] @ vector).min() > 1e-5
+
+
+def test_before_the_step_it_is_the_trim(ran):
+    """Causal: nothing moves before the command does."""
+    before = T < 5.0
+    np.testing.assert_array_equal(ran[before], np.broadcast_to(FORM.zeta_0, ran[before].shape))
+    np.testing.assert_allclose(FORM.zeta_0, level_trim(CRAFT, H0, V0).zeta)
+
+
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_its_c_computes_the_same(ran):
+    compiled = compile_function(lambda form, t, c: form.step(t, (), c)[1], FORM, np.float64(0), CLIMB)
+    for k in (0, 1001, 5000):
+        np.testing.assert_allclose(compiled(FORM, T[k], CLIMB), ran[k], rtol=1e-10, atol=1e-13)

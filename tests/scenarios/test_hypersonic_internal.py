@@ -1,0 +1,160 @@
+"""The bounded internal states of the hypersonic vehicle along the large climb: numbers, ends, residual, refusals.
+
+[H] is the specification of the hypersonic system; its sections and acceptance checks are cited by number.
+"""
+
+import jax
+import numpy as np
+import pytest
+from laws.climb_reference import CLIMB, CRAFT, DT, H0, SCALES, V0, linear, noncausal
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.design.model import QUICKLY
+from trimtab.design.stable_inversion import residual
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.laws.path_inversion import internal_rates
+from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, noncausal_table
+from trimtab.vehicles.hypersonic_modes import FlexibleModes
+
+DEG = np.pi / 180
+
+
+def test_check_02_trim_of_the_builder():
+    """Acceptance check 2, [H] 2.4, for the quick search used here."""
+    at = level_trim(CRAFT, H0, V0)
+    got = [at.zeta[0] / DEG, at.u.Phi, at.u.delta_e / DEG, at.zeta[2], at.zeta[4]]
+    np.testing.assert_allclose(got, [1.596784, 0.264449, 12.427146, 0.903851, 0.755137], rtol=1e-5)
+
+
+def test_linearisation_of_the_internal_dynamics():
+    """[H] 3.3: printed rows of A and B for alpha and Q."""
+    linear = internal_linear(CRAFT, level_trim(CRAFT, H0, V0))
+    A = np.concatenate([linear.A21, linear.A22], axis=1)
+    np.testing.assert_allclose(A[0], np.eye(9)[4], atol=1e-9)
+    np.testing.assert_allclose(linear.B2[:2], [[-1.29835e-4, 0], [-4.261384e-3, 4.119672e-3]], rtol=1e-5, atol=1e-9)
+    Q = [-6.295672e-6, 1.687744e-5, 3.491600e-5, 7.075971, 0, -0.05939869, -1.439968e-4, -0.2099934, -4.199867e-4]
+    np.testing.assert_allclose(A[1], Q, rtol=1e-6, atol=1e-12)
+
+
+def test_check_10_reference_values():
+    """Acceptance check 10, [H] 6.2: at 30 s of +5000 ft, +1000 ft/s, to the digits printed."""
+    table, report, _ = noncausal()
+    at = CLIMB.at(30.0)
+    np.testing.assert_allclose([at.h, at.V], [85328.212272, 7893.233969], atol=5e-7)
+    wanted = [0.0220153134, -9.409e-6, 0.804015540, -4.8789e-3, 0.855558791, -5.949e-4]
+    digits = [5e-11, 5e-10, 5e-10, 5e-8, 5e-10, 5e-8]
+    assert (np.abs(report.solution.zeta[round(30 / DT)] - wanted) <= digits).all()
+    assert (np.abs(np.asarray(table.at(30.0)) - wanted) <= digits).all()
+
+
+def test_check_10_residual_and_ends():
+    """Acceptance check 10, [H] 6.2: below 1e-5 per unit scale, and 4e-6 in each component; ends are the trims."""
+    _, report, _ = noncausal()
+    assert report.residual < 1e-5
+    assert np.abs(residual(report.solution, DT)).max() < 4e-6
+    assert report.left < 1e-9
+    start = level_trim(CRAFT, H0, V0).zeta
+    np.testing.assert_allclose(report.solution.zeta[0] / SCALES, start / SCALES, atol=1e-9)
+
+
+def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
+    """A small quick climb, whose command has arrived."""
+    table, report = noncausal_table(CRAFT, FilteredClimb(dh=200.0, dV=40.0, wh=0.25, wV=0.25), 150.0, dt=0.01)
+    assert report.right < 1e-8
+    end = level_trim(CRAFT, H0 + 200, V0 + 40).zeta
+    np.testing.assert_allclose(table.nodes[-1] / SCALES, end / SCALES, atol=1e-8)
+
+
+def test_successive_changes():
+    """[H] 6.2: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
+    changes = np.array(noncausal()[1].changes)
+    assert 5 <= len(changes) <= 7
+    np.testing.assert_allclose(changes[0], 3.25e-2, rtol=0.01)
+    assert (changes[1:] < changes[:-1] / 10).all()
+    assert changes[-1] < 1e-10
+
+
+def test_it_moves_before_the_command_does():
+    """Noncausal: half a second before the step alpha has begun, by more with each tenth, as e^(3.289 t)."""
+    zeta = noncausal()[1].solution.zeta
+    early = np.abs(zeta[[800, 850, 900, 950], 0] - zeta[0, 0])
+    assert CLIMB.at(4.99).h == H0
+    np.testing.assert_allclose(np.log(early[1:] / early[:-1]) / 0.25, 3.2894, rtol=1e-3)
+
+
+def test_forward_integration_goes_away():
+    """[H] 3.3: the exact internal dynamics integrated forward from the exact start leave at e^(3.289 t)."""
+    report = noncausal()[1]
+    wanted = CLIMB.at(DT / 2 * np.arange(4001))
+
+    def psi(i, zeta):
+        p = jax.tree.map(lambda a: a[i], wanted)
+        return jax.numpy.stack(internal_rates(CRAFT, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, zeta))
+
+    def step(zeta, k):
+        a = psi(2 * k, zeta)
+        b = psi(2 * k + 1, zeta + DT / 2 * a)
+        c = psi(2 * k + 1, zeta + DT / 2 * b)
+        d = psi(2 * k + 2, zeta + DT * c)
+        new = zeta + DT / 6 * (a + 2 * b + 2 * c + d)
+        return new, new
+
+    start = jax.numpy.asarray(level_trim(CRAFT, H0, V0).zeta)
+    forward = jax.jit(lambda z: jax.lax.scan(step, z, np.arange(2000))[1], compiler_options=QUICKLY)(start)
+    off = np.abs(np.asarray(forward)[:, 0] - report.solution.zeta[1:2001, 0])
+    assert off[1000] > 5e-7  # at the step: the start that the past would have had to prepare
+    assert off[1400] > 2e-4
+    np.testing.assert_allclose(np.log(off[1300] / off[1100]), 3.2894, rtol=0.02)
+    gone = off[1900] > 0.1 or not np.isfinite(off[1900])
+    assert gone
+
+
+def test_nodes_a_tenth_apart_keep_the_solution():
+    """Largest error between nodes, in scales: 2.7e-7, a tenth of it in alpha; half the spacing: a sixteenth."""
+    _, report, _ = noncausal()
+    assert report.interpolation.max() < 3e-7
+    assert report.interpolation[0] < 1e-8
+    quick = FilteredClimb(dh=1000.0, dV=200.0)
+    coarse, fine = (noncausal_table(CRAFT, quick, 20.0, keep=k)[1].interpolation.max() for k in (0.1, 0.05))
+    assert 10 < coarse / fine < 22
+
+
+def test_linear_and_exact_are_the_same_for_a_small_climb_only():
+    """[H] 6.3: about the trim."""
+    big = np.abs(noncausal()[1].solution.zeta - linear()[1].solution.zeta) / SCALES
+    assert 0.03 < big[:, 0].max() < 0.08
+    assert len(linear()[1].changes) == 2
+    assert linear()[1].residual < 1e-5
+
+
+def test_other_readings_of_the_coupling_work_too():
+    for kmode in ("paper", "author"):
+        craft = replace(CRAFT, modes=FlexibleModes(kmode=kmode))
+        _, report = noncausal_table(craft, FilteredClimb(dh=500.0, dV=50.0), 12.0)
+        assert report.residual < 1e-5
+        assert report.solution.unstable == 1
+
+
+@pytest.mark.parametrize(
+    ("climb", "settings", "text"),
+    [
+        (CLIMB, {"beyond": 1.0}, "only 1 s beyond the last instant"),
+        (CLIMB, {"beyond": 0.0}, "needs the future"),
+        (CLIMB, {"keep": 0.0123}, "nodes of 0.0123 s from steps of 0.005 s"),
+        (CLIMB, {"dt": 0.0}, "from steps of 0 s"),
+        (CLIMB, {"seconds": 0.0}, "0 s in nodes"),
+        (FilteredClimb(dh=1000.0, start=-20.0), {}, "not level"),
+        (FilteredClimb(V0=3000.0), {}, "level trim at 85000 ft, 3000 ft/s: there is no trim here"),
+    ],
+)
+def test_wrong_input_is_refused(climb, settings, text):
+    with pytest.raises(InputError, match=text):
+        noncausal_table(CRAFT, climb, **{"seconds": 10.0, **settings})
+
+
+def test_a_climb_to_where_no_trim_is_is_refused():
+    """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
+    slowing = FilteredClimb(dV=-4500.0, wV=2.0)
+    with pytest.raises(InputError, match=r"3202.08 ft/s: there is no trim here: off are .*; at a bound are .*delta_e"):
+        noncausal_table(CRAFT, slowing, 20.0)
