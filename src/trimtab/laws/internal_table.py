@@ -7,7 +7,7 @@ from jax import lax
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
-from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.record import Scalar, option, quantity, record
 
 INTERNALS = 6
 """alpha, Q, eta1, eta1', eta2, eta2'."""
@@ -32,6 +32,7 @@ class InternalTable:
     rates: Any = quantity("1/s", "Its rate there (n, 6).")
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
     spacing: Scalar = quantity("s", "Time between nodes.", default=0.1, above=0)
+    exact: bool = option("Whether the nodes solve the internal dynamics; else a linear model.", default=True)
 
     def check(self) -> None:
         """Refuse what is not a table of six columns, or not finite."""

@@ -11,8 +11,9 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
+from trimtab.laws.internal_table import InternalTable
 from trimtab.laws.path_command import FilteredClimb, PathPoint
-from trimtab.laws.path_inversion import InputLimits, invert
+from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 K_FLOWN = (
@@ -22,6 +23,10 @@ K_FLOWN = (
 """Linear quadratic regulator at 85 000 ft, 7 702 ft/s; `trimtab design hypersonic` computes it."""
 R_FLOWN = (0.01, 0.04)
 NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
+INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
+"""Sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
+SOLVED = 1e-4
+"""A node solves the internal dynamics when its rates are right to this part of the sizes, each second."""
 
 
 @record
@@ -111,6 +116,18 @@ class StableInversion:
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError("StableInversion.limits", f"{self.limits} leave no room", fix="give low below high")
+        if isinstance(self.internal, InternalTable) and self.internal.exact:
+            self._check_table(self.internal)
+
+    def _check_table(self, table: InternalTable) -> None:
+        """Refuse a table of another command or vehicle: its nodes must solve this law's internal dynamics."""
+        t = table.first + table.spacing * np.arange(len(table.nodes))
+        wrong = np.asarray(_defect(self.craft, self.command, t, table.nodes, table.rates))
+        if not wrong.max() < SOLVED:
+            when = f"off by {wrong.max():.2g} at {t[wrong.argmax()]:g} s"
+            problem = f"the table was made for another command or vehicle: {when}"
+            fix = "build the law with a table of its own command, or --set internal=preview, which needs none"
+            raise InputError("StableInversion.internal", problem, fix=fix)
 
     def init(self, key: Key) -> StableInversionState:
         """Nothing remembered."""
@@ -177,3 +194,11 @@ class StableInversion:
 
 def _kept(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda p, q: jnp.where(condition, p, q), a, b)
+
+
+@jax.jit
+def _defect(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> Any:
+    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,)."""
+    p: PathPoint = command.at(t)
+    found = internal_rates(craft, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, nodes.T)
+    return jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)

@@ -54,7 +54,7 @@ class Disturbance:
     along: Scalar = quantity("lbf/ft", "Force along the path, forward.", default=0.0)
     normal: Scalar = quantity("lbf/ft", "Force normal to the path, up.", default=0.0)
     start: Scalar = quantity("s", "When it begins.", default=0.0)
-    duration: Scalar = quantity("s", "How long it lasts; infinite: a step.", default=float("inf"), low=0)
+    duration: Scalar = quantity("s", "How long it lasts; the default is a step that stays.", default=1e9, low=0)
 
     def active(self, t: Any) -> Any:
         """1.0 while it acts at time t (s), else 0.0; half open, to a nanosecond, so that an impulse keeps its size."""

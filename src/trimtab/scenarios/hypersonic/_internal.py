@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.record import replace
 from trimtab.design.model import QUICKLY
 from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, residual
 from trimtab.design.sylvester import filter_matrix, following
@@ -99,14 +100,15 @@ def linear_table(
         right=rest,
         scales=SCALES,
     )
-    return _kept(solution, t, dt, keep, seconds, zeta0, rest)
+    table, report = _kept(solution, t, dt, keep, seconds, zeta0, rest)
+    return replace(table, exact=False), report
 
 
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
     """The causal linear form about the trim at the start of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
     S = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
-    G = np.zeros((len(linear.A22), len(S)))
+    G = np.zeros((np.shape(linear.A22)[0], np.shape(S)[0]))
     G[:, [0, 1, 4]] = linear.A21
     G[:, [2, 5]] += linear.B2
     rest = np.linalg.solve(linear.A22, linear.A21)

@@ -1,0 +1,133 @@
+"""What the hypersonic vehicle's scenarios share: the plant, what is measured of it, the filter of the modes, the law.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206. Commands, filters, noise and limits are not printed there: chosen, docs page.
+"""
+
+from typing import Any, Literal
+
+from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.core.record import replace
+from trimtab.core.time import ms, seconds
+from trimtab.estimators.flexible_modes import FlexibleModeFilter
+from trimtab.laws.adaptive_robust import AdaptiveRobust
+from trimtab.laws.internal_quasi_static import QuasiStaticInternal
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.laws.stable_inversion import StableInversion
+from trimtab.links.wire import Wire
+from trimtab.logs.metrics import Target
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.scenarios.hypersonic._design import error_model, feedback_gain
+from trimtab.scenarios.hypersonic._internal import linear_table, noncausal_table, preview_internal, sylvester_internal
+from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.sensors.acting_input import ActingInput
+from trimtab.sensors.angular_accelerometer import AngularAccelerometer
+from trimtab.sensors.flexible_truth import FlexibleTruth
+from trimtab.sensors.flight_state import FlightStateSensor
+from trimtab.vehicles.hypersonic import Hypersonic
+
+Filter = Literal["tuned", "accurate", "printed", "none"]
+"""Settings of the filter of the modes; none: the observer that uses no measurement."""
+Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
+"""How the law finds the internal motion that its command needs: a table of the exact bounded solution, looking ahead in
+flight, as though the command stood still, causal and linear, or a table of the linear bounded solution as in [1]."""
+Noise = Literal["off", "on"]
+Integral = Literal["off", "on"]
+Robust = Literal["off", "published", "minus", "smooth", "sign"]
+"""Adaptive robust terms: none; u_h with the published or the other sign; u_s smoothed or with sgn."""
+TICK = ms(5)
+"""Control period; [1] prints none."""
+
+
+def flight(
+    name: str,
+    climb: FilteredClimb,
+    duration_s: float,
+    *,
+    plant: Hypersonic | None = None,
+    filter: Filter = "tuned",
+    internal: Internal = "noncausal",
+    noise: Noise = "off",
+    integral: Integral = "off",
+    robust: Robust = "off",
+    K: Any = None,
+) -> Scenario:
+    """A scenario that begins in the level trim of the model, all modes at rest as the plant has them.
+
+    Args:
+        name: in the catalogue.
+        climb: what altitude and speed should do.
+        duration_s: length (s).
+        plant: the vehicle that flies; the law and the filter believe in the nominal one.
+        filter: settings of the filter of the modes.
+        internal: how the law finds the internal motion that the command needs.
+        noise: of the angular accelerometer, 0.01 rad/s^2 a sample.
+        integral: whether the integrals of the errors of h and V are fed back.
+        robust: adaptive robust terms.
+        K: gain (2, 9) in the place of the regulator's.
+    """
+    believed, flown = Hypersonic(), plant or Hypersonic()
+    start = level_trim(believed, climb.h0, climb.V0)
+    sensors = {
+        "flight": FlightStateSensor(period=TICK),
+        "angular-accelerometer": AngularAccelerometer(period=TICK, noise=0.01 if noise == "on" else 0.0),
+        "actuators": ActingInput(period=TICK),
+    }
+    world = World(
+        vehicle=flown,
+        sensors=sensors,
+        downlink=Wire(period=TICK),
+        uplink=Wire(period=TICK),
+        actuators=DirectActuation(neutral_input=start.u, period=TICK),
+        max_step=TICK,
+    )
+    tracking = StableInversion(
+        internal=_internal(internal, believed, climb, duration_s), craft=believed, command=climb, **_gains(integral, K)
+    )
+    tracking = replace(tracking, robust=_robust(robust, tracking.robust))
+    autopilot = Autopilot(estimator=_filter(filter, believed), law=tracking, allocation=DirectAllocation(), period=TICK)
+    return Scenario(
+        world=world,
+        autopilot=autopilot,
+        initial=flown.at_rest(climb.h0, climb.V0, float(start.zeta[0]), start.u.delta_e),
+        duration=seconds(duration_s),
+        targets=(Target("law.h_error", 0.0, 0.05), Target("law.V_error", 0.0, 0.01)),
+        truth_sensor=FlexibleTruth(period=TICK),
+        name=name,
+    )
+
+
+def _filter(name: Filter, believed: Hypersonic) -> FlexibleModeFilter:
+    settings = {
+        "tuned": FlexibleModeFilter(),
+        "accurate": FlexibleModeFilter.accurate(),
+        "printed": FlexibleModeFilter.printed(),
+        "none": FlexibleModeFilter(corrects=False),
+    }
+    return replace(settings[name], craft=believed, period=TICK)
+
+
+def _internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
+    if form == "quasi-static":
+        return QuasiStaticInternal(craft=believed)
+    if form == "preview":
+        return preview_internal(believed, level_trim(believed, climb.h0, climb.V0))
+    if form == "sylvester":
+        return sylvester_internal(believed, climb)
+    make = noncausal_table if form == "noncausal" else linear_table
+    return make(believed, climb, duration_s)[0]
+
+
+def _gains(integral: Integral, K: Any) -> dict[str, Any]:
+    if integral == "on":
+        gain = feedback_gain(error_model()[0], integral=True, strict=1.0).K
+        return {"K": gain[:, :9], "Ki": gain[:, 9:]}
+    return {} if K is None else {"K": K}
+
+
+def _robust(name: Robust, terms: AdaptiveRobust) -> AdaptiveRobust:
+    if name in ("smooth", "sign"):
+        return replace(terms, switching=name)
+    return replace(terms, damping=name)

@@ -1,0 +1,14 @@
+"""Climb 5 000 ft and gain 1 000 ft/s, on modes of bending that no sensor sees, without noise."""
+
+from typing import Any
+
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, flight
+
+
+def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
+    """[H] 8, nominal; `hypersonic/noise` is the same with noise."""
+    climb = FilteredClimb(dh=5000.0, dV=1000.0)
+    options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
+    return flight("hypersonic/climb-large", climb, 200.0, **options)

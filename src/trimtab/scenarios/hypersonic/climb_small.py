@@ -1,0 +1,14 @@
+"""Climb 1 000 ft and gain 200 ft/s, on modes of bending that no sensor sees, without noise."""
+
+from typing import Any
+
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, flight
+
+
+def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
+    """[H] 8, nominal."""
+    climb = FilteredClimb(dh=1000.0, dV=200.0)
+    options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
+    return flight("hypersonic/climb-small", climb, 150.0, **options)

@@ -1,0 +1,25 @@
+"""An impulse while cruising: of the pitching moment, or of the force normal to the path."""
+
+from typing import Any, Literal
+
+from trimtab.core.record import replace
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, flight
+from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
+
+Kind = Literal["moment", "normal-force"]
+LENGTH, START = 0.05, 20.0
+
+
+def scenario(
+    kind: Kind = "moment", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
+) -> Scenario:
+    """[H] 8: 0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; [1] names it as further work."""
+    craft = Hypersonic()
+    if kind == "moment":
+        felt = Disturbance(moment=0.4 * craft.Iyy, start=START, duration=LENGTH)
+    else:
+        felt = Disturbance(normal=20.0 / LENGTH * craft.m, start=START, duration=LENGTH)
+    options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
+    return flight("hypersonic/impulse", FilteredClimb(), 100.0, plant=replace(craft, disturbance=felt), **options)

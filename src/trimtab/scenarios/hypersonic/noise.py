@@ -1,0 +1,14 @@
+"""The large climb with noise of the angular accelerometer, 0.01 rad/s^2 a sample."""
+
+from typing import Any
+
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, flight
+
+
+def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
+    """[H] 8, accelerometer noise."""
+    climb = FilteredClimb(dh=5000.0, dV=1000.0)
+    options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
+    return flight("hypersonic/noise", climb, 200.0, noise="on", **options)

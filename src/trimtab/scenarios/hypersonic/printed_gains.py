@@ -1,0 +1,17 @@
+"""What the printed feedback gain does to this vehicle, with either sign: it loses it within seconds."""
+
+from typing import Literal
+
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, flight
+from trimtab.vehicles.hypersonic_printed import K_PRINTED
+
+Sign = Literal["minus", "plus"]
+
+
+def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
+    """[1]'s K, v = -K e or, as its eq. 13 says, v = +K e; [H] 4.2 shows why neither holds."""
+    gain = {"minus": -1.0, "plus": 1.0}[sign] * K_PRINTED
+    climb = FilteredClimb(dh=1000.0, dV=200.0)
+    return flight("hypersonic/printed-gains", climb, 20.0, filter=filter, K=gain)

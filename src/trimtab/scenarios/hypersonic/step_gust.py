@@ -1,0 +1,28 @@
+"""A disturbance that comes and stays while cruising: moment, drag or lift."""
+
+from typing import Any, Literal
+
+from trimtab.core.record import replace
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, flight
+from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
+
+Kind = Literal["lift", "drag", "moment", "large-moment"]
+START = 20.0
+
+
+def scenario(
+    kind: Kind = "lift", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
+) -> Scenario:
+    """[H] 8: 2 % of the weight down, 88 lbf/ft of drag, 500 or 5000 lbf of moment; [1] names it as further work."""
+    craft = Hypersonic()
+    felt = {
+        "lift": Disturbance(normal=-0.02 * craft.m * craft.g, start=START),
+        "drag": Disturbance(along=-88.0, start=START),
+        "moment": Disturbance(moment=500.0, start=START),
+        "large-moment": Disturbance(moment=5000.0, start=START),
+    }
+    plant = replace(craft, disturbance=felt[kind])
+    options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
+    return flight("hypersonic/step-gust", FilteredClimb(), 100.0, plant=plant, **options)
