@@ -88,12 +88,12 @@ def linear_table(
     linear = internal_linear(craft, level_trim(craft, float(wanted.h[0]), float(wanted.V[0])))
     xi = np.stack([wanted.h - linear.trim.h, wanted.h_rate, wanted.V - linear.trim.V], axis=1)
     v = np.stack([wanted.h_acceleration, wanted.V_rate], axis=1)
-    drive, zeta0 = xi @ linear.A21.T + v @ linear.B2.T, linear.trim.zeta
+    drive, zeta0 = np.asarray(xi @ linear.A21.T + v @ linear.B2.T), linear.trim.zeta
     rest = zeta0 - np.linalg.solve(linear.A22, drive[-1])
     solution = bounded_solution(
         lambda zeta: drive + (zeta - zeta0) @ linear.A22.T,
         linear.A22,
-        np.broadcast_to(zeta0, (len(t), len(zeta0))),
+        np.broadcast_to(zeta0, drive.shape),
         dt,
         left=zeta0,
         right=rest,
@@ -105,8 +105,8 @@ def linear_table(
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
     """The causal linear form about the trim at the start of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
-    S = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
-    G = np.zeros((len(linear.A22), len(S)))
+    S: Any = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
+    G = np.zeros((len(linear.trim.zeta), len(S)))
     G[:, [0, 1, 4]] = linear.A21
     G[:, [2, 5]] += linear.B2
     rest = np.linalg.solve(linear.A22, linear.A21)
