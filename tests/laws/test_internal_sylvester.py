@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, T, V0, linear, miss, noncausal, run
+from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
 from trimtab.core.record import numeric
 from trimtab.export.compiler import find_compiler
