@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, run
+from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
 from trimtab.core.record import numeric
 from trimtab.export.compiler import find_compiler
@@ -39,6 +39,15 @@ def test_what_fades_has_no_unstable_part(ran):
     after = np.searchsorted(T, 5 - 1e-9)
     assert np.abs(off[after:] @ vector).max() < 1e-8
     assert np.abs(off[after - 20 : after] @ vector).min() > 1e-5
+
+
+def test_error_against_the_exact_bounded_solution(ran):
+    """Large climb, in scales: 6.8e-2 in alpha, for this is linear; so is the noncausal linear solution's."""
+    exact = noncausal()[1].solution.zeta
+    for zeta in (ran, linear()[1].solution.zeta[: len(T)]):
+        got = miss(zeta, exact)
+        assert (got < [6.9e-2, 3.8e-4, 1.21e-2, 4.5e-5, 2.6e-3, 2.8e-5]).all()
+        assert got[0] > 6.7e-2
 
 
 def test_before_the_step_it_is_the_trim(ran):

@@ -25,7 +25,7 @@ class SylvesterInternal:
             those of the command.
     """
 
-    X: Any = quantity("1", "Follows omega (6, 7), each entry in its own unit.", shape=(6, STATES))
+    X: Any = quantity("1", "Follows omega (6, 7) of these wh and wV, each entry in its own unit.", shape=(6, STATES))
     rest: Any = quantity("1", "A22^-1 A21 (6, 3): by (h, h', V), each entry in its own unit.", shape=(6, 3))
     zeta_0: Any = quantity("1", "Trim at the start (6,), each in its own unit.", shape=(6,))
 
