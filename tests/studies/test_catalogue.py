@@ -18,13 +18,16 @@ def test_studies_and_groups_are_the_files_with_rows():
 
 
 def test_groups_are_in_the_order_of_the_publication(tmp_path, monkeypatch):
-    for name, section in (("early", "2.10"), ("late", "10.1"), ("first", "2.2")):
+    sections = {"early": "2.10", "late": "10.1", "first": "2.2", "equations": "eqs. 3-4", "unnumbered": "simulation"}
+    for name, section in sections.items():
         (tmp_path / "s").mkdir(exist_ok=True)
         (tmp_path / "s" / f"{name}.py").write_text(f'"""T."""\nSECTION = "{section}"\ndef rows(): ...\n')
     (tmp_path / "s" / "__init__.py").write_text('"""A study."""\n')
     (tmp_path / "s" / "errata.py").write_text('"""No group."""\n')
     monkeypatch.setattr(catalogue, "FOLDER", tmp_path)
-    assert [g.name for g in catalogue.groups("s")] == ["first", "early", "late"]
+    found = catalogue.groups("s")
+    assert [g.name for g in found] == ["first", "early", "equations", "late", "unnumbered"]
+    assert [g.place for g in found[1:3]] == ["section 2.10", "eqs. 3-4"]
     assert [g.name for g in catalogue.groups("s", ["late"])] == ["late"]
 
 

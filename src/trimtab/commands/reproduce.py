@@ -59,7 +59,7 @@ def _list(as_json: bool) -> None:
     for name, (doc, groups) in found.items():
         click.echo(f"{name}   {doc}")
         for group in groups:
-            click.echo(f"  --only {group.name:22s} {group.title}, section {group.section}")
+            click.echo(f"  --only {group.name:22s} {group.title}, {group.place}")
     click.echo(f"compute one: trimtab reproduce {next(iter(found))}")
 
 
@@ -102,7 +102,7 @@ def _print(study: str, found: Found, files: list[Path]) -> None:
     from trimtab.commands.tables import print_rows
 
     for group, rows in found:
-        print_rows(f"{group.title}, [1] section {group.section}", rows)
+        print_rows(f"{group.title}, [1] {group.place}", rows)
     total = counts(row for _, rows in found for row in rows)
     click.echo("* not a number of the publication: read off an axis, or calculated independently from what it prints")
     click.echo(f"[1] {catalogue.studies()[study]}")

@@ -1,11 +1,13 @@
 """Which studies there are: every folder below this one; a study's groups are its files with a function ``rows``.
 
-A group's file says in its docstring's first line what it holds, in ``SECTION`` where that stands in the publication,
-and gives its rows in ``rows()``. If it also has ``figures(folder)``, that draws pictures and gives their files.
+A group's file says in its docstring's first line what it holds, in ``SECTION`` where that stands in the publication
+("6.2.1", or in words, "eq. 9"), and gives its rows in ``rows()``. If it also has ``figures(folder)``, that draws pictures and gives their files.
 """
 
 import ast
 import importlib
+import math
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +29,11 @@ class Group(NamedTuple):
     title: str
     section: str
     draws: bool
+
+    @property
+    def place(self) -> str:
+        """Where it stands in the publication, in words."""
+        return f"section {self.section}" if self.section[:1].isdigit() else self.section
 
     def rows(self) -> Iterator[Row]:
         """Its rows, each computed when it is asked for."""
@@ -83,8 +90,9 @@ def _section(node: ast.stmt) -> str:
     return str(node.value.value) if names == ["SECTION"] else ""
 
 
-def _place(group: Group) -> tuple[list[int], str]:
-    return [int(n) for n in group.section.split(".") if n.isdigit()], group.name
+def _place(group: Group) -> tuple[list[float], str]:
+    """By the numbers of the section or equation; what has none comes last."""
+    return [float(n) for n in re.findall(r"\d+", group.section)] or [math.inf], group.name
 
 
 def _title(tree: ast.Module) -> str:
