@@ -7,20 +7,20 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new
 from trimtab.core.time import ms, show, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible_modes_model import (
-    FlexibleFlight,
     RigidFlight,
-    acting_input,
     check_variances,
     dynamics_of,
+    estimated,
     forcing,
-    rigid_flight,
+    hear,
+    stepped,
 )
 from trimtab.estimators.sensor_watch import NEVER
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -162,18 +162,11 @@ class FlexibleModeFilter:
 
     def step(self, t: Any, state: FlexibleModeState, frame: Frame) -> tuple[FlexibleModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        due = ~state.started | (t - state.t >= self.period)
-        state = jax.tree.map(lambda a, b: jnp.where(due, a, b), self._instant(t, state, frame), state)
-        updated = due & state.updated
-        state = replace(state, updated=updated)
-        age = to_seconds(t - state.flight_t)
-        return state, Estimate(t=t, age=age, fresh=updated, valid=state.started, state=estimated(state))
+        return stepped(self, t, state, frame, estimated)
 
-    def _instant(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
-        flight, felt, acted = (frame.samples[name] for name in self.listens)
-        chi, known = rigid_flight(flight, s.chi)
-        u, given = acting_input(acted, s.u)
-        started = s.started | (known & given)
+    def instant(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
+        """What the filter remembers after an instant of its own."""
+        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
         eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         done = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
@@ -187,32 +180,10 @@ class FlexibleModeFilter:
             u=u,
             t=jnp.where(started, t, s.t),
             seen=jnp.where(used, felt.t, s.seen),
-            flight_t=jnp.where(known, flight.t, s.flight_t),
+            flight_t=flight_t,
             started=started,
             innovation=done.innovation[0],
             S=done.S[0, 0],
             nis=done.nis,
             updated=used,
         )
-
-
-def estimated(state: Any) -> FlexibleFlight:
-    """The flight as a filter's state tells it: what is measured as measured, the modes as estimated."""
-    chi, eta = state.chi, state.eta
-    variances = jnp.stack([state.P[i, i] for i in range(4)])
-    return FlexibleFlight(
-        h=chi.h,
-        h_rate=chi.h_rate,
-        V=chi.V,
-        alpha=chi.alpha,
-        q=chi.q,
-        eta1=eta[0],
-        eta1_rate=eta[1],
-        eta2=eta[2],
-        eta2_rate=eta[3],
-        sigma=jnp.sqrt(jnp.maximum(variances, 0.0)),
-        innovation=state.innovation,
-        S=state.S,
-        nis=state.nis,
-        updated=state.updated,
-    )
