@@ -15,12 +15,14 @@ from trimtab.estimators import kalman
 from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible_modes_model import (
     RigidFlight,
+    Unmeasured,
     check_variances,
     dynamics_of,
     estimated,
     forcing,
     hear,
     stepped,
+    unmeasured,
 )
 from trimtab.estimators.sensor_watch import NEVER
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -47,6 +49,7 @@ class FlexibleModeState:
     model: ModalModel = part("Discrete model.")
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
+    bare: Unmeasured = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -135,6 +138,7 @@ class FlexibleModeFilter:
             model=self.model(),
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
+            bare=unmeasured(self.craft, self.eta0, self.period),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -176,6 +180,7 @@ class FlexibleModeFilter:
             model=s.model,
             eta=jnp.where(used, done.x, eta),
             P=jnp.where(used, done.P, P),
+            bare=s.bare,
             chi=chi,
             u=u,
             t=jnp.where(started, t, s.t),

@@ -22,6 +22,7 @@ from trimtab.estimators.flexible_modes_model import (
     forcing,
     hear,
     stepped,
+    unmeasured,
 )
 from trimtab.estimators.flexible_modes_stretched import bending, jolt, mixture, moved, stretch, vibration
 from trimtab.estimators.sensor_watch import NEVER
@@ -115,6 +116,7 @@ class AdaptiveFlexibleModeFilter:
             mean=mean,
             spread=spread,
             w=self._frequencies(mean),
+            bare=unmeasured(self.craft, self.eta0, self.period),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -191,6 +193,7 @@ class AdaptiveFlexibleModeFilter:
             mean=mean,
             spread=spread,
             w=self._frequencies(mean),
+            bare=s.bare,
             chi=chi,
             u=u,
             t=jnp.where(started, t, s.t),

@@ -15,12 +15,14 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.flexible_modes import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible_modes_model import (
     RigidFlight,
+    Unmeasured,
     check_variances,
     dynamics_of,
     estimated,
     forcing,
     hear,
     stepped,
+    unmeasured,
 )
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
@@ -36,6 +38,7 @@ class ContinuousModeState:
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
     modal: Scalar = quantity("rad/s^2", "Last measured C eta: pitch acceleration less what flight and input explain.")
     used: Scalar = quantity("1", "Whether that is a measurement at all.", kind="flag")
+    bare: Unmeasured = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -97,6 +100,7 @@ class ContinuousModeFilter:
             P=jnp.diag(jnp.asarray(self.P0)),
             modal=zero,
             used=no,
+            bare=unmeasured(self.craft, self.eta0, self.period),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -144,6 +148,7 @@ class ContinuousModeFilter:
             P=P,
             modal=modal,
             used=used,
+            bare=s.bare,
             chi=chi,
             u=u,
             t=jnp.where(started, t, s.t),

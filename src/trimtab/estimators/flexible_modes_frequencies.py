@@ -10,7 +10,7 @@ import numpy as np
 
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, declarations, part, quantity, record
-from trimtab.estimators.flexible_modes_model import FlexibleFlight, RigidFlight, flexible_flight
+from trimtab.estimators.flexible_modes_model import FlexibleFlight, ModalState, RigidFlight, Unmeasured, flexible_flight
 from trimtab.vehicles.hypersonic import HypersonicInput
 
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
@@ -29,6 +29,7 @@ class AdaptiveModeState:
     mean: Any = quantity("1", "eta1, eta1', eta2, eta2' and ln w1/w1_0, ln w2/w2_0 of all together.", shape=(6,))
     spread: Any = quantity("1", "Its covariance.", shape=(6, 6))
     w: Any = quantity("rad/s", "Frequencies of all together.", shape=(2,))
+    bare: Unmeasured = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -61,6 +62,7 @@ class AdaptiveFlexibleFlight:
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "Innovation squared over S.")
     updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+    without_measurement: ModalState = part("What the nominal model gives without any measurement.")
     w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
     w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
     w1_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w1.")

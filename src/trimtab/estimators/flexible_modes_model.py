@@ -16,9 +16,10 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.record import Scalar, quantity, record, replace
+from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import to_seconds
+from trimtab.estimators.discretise import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 from trimtab.vehicles.imperial import FOOT
 
@@ -32,6 +33,28 @@ class RigidFlight:
     V: Scalar = quantity("ft/s", "Speed along the path.", default=0.0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle", default=0.0)
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B", default=0.0)
+
+
+@record
+class ModalState:
+    """State of both modes. Source: [1] eq. 1."""
+
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+
+
+@record
+class Unmeasured:
+    """The modes by the model alone, no measurement used: what every estimate has to be held against.
+
+    Source: docs page, Flexible modes.
+    """
+
+    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    Ad: Any = quantity("1", "Modal state over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "What a held forcing adds over one period (4, 4).", shape=(4, 4))
 
 
 @record
@@ -55,6 +78,7 @@ class FlexibleFlight:
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "Innovation squared over S.")
     updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+    without_measurement: ModalState = part("What the same model gives without any measurement.")
 
 
 class Heard(NamedTuple):
@@ -116,10 +140,26 @@ def hear(listens: tuple[str, ...], state: Any, frame: Frame) -> Heard:
 def stepped(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple[Any, Estimate]:
     """A filter's state and estimate at integer time t: `one.instant` once a period, held in between."""
     due = ~state.started | (t - state.t >= one.period)
-    state = jax.tree.map(lambda a, b: jnp.where(due, a, b), one.instant(t, state, frame), state)
+    new = one.instant(t, state, frame)
+    new = replace(new, bare=_alone(one.craft, state, new.u))
+    state = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, state)
     state = replace(state, updated=due & state.updated)
     age = to_seconds(t - state.flight_t)
     return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
+
+
+def unmeasured(craft: Hypersonic, eta0: Any, period: int) -> Unmeasured:
+    """The modes by the model alone, from eta0 (4,), moved once a period (integer time)."""
+    A, _ = dynamics_of(craft)
+    Ad, Bd, _ = discretise(A, jnp.zeros((4, 4)), to_seconds(period))
+    return Unmeasured(jnp.asarray(eta0), Ad, Bd)
+
+
+def _alone(craft: Hypersonic, state: Any, u: HypersonicInput) -> Unmeasured:
+    """What a filter's state holds of the model alone, one period on, u having acted."""
+    bare = state.bare
+    b, _, _ = forcing(craft, state.chi, u)
+    return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
 
 
 def estimated(state: Any) -> FlexibleFlight:
@@ -145,6 +185,7 @@ def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
         S=state.S,
         nis=state.nis,
         updated=state.updated,
+        without_measurement=ModalState(*(state.bare.eta[i] for i in range(4))),
     )
 
 
