@@ -170,22 +170,22 @@ def _frame(t, x, u, acceleration, **changes):
 
 
 def test_what_is_not_finite_is_not_used():
-    _, x, u = trim()
-    one = AdaptiveFlexibleModeFilter(bound=1.12)
+    _, x, u = (jax.tree.map(float, part) for part in trim())
+    one = numeric(AdaptiveFlexibleModeFilter(bound=1.12))
     step = jax.jit(one.step)
-    start = one.init(key(0))
-    state, first = step(0, start, _frame(0, x, u, 0.1))
+    start = jax.tree.map(jnp.asarray, one.init(key(0)))
+    state, first = step(np.int64(0), start, _frame(np.int64(0), x, u, 0.1))
     assert bool(first.fresh)
-    state, lost = step(ms(5), state, _frame(ms(5), x, u, jnp.nan))
+    state, lost = step(np.int64(ms(5)), state, _frame(np.int64(ms(5)), x, u, np.nan))
     assert not bool(lost.state.updated)
     assert float(lost.state.innovation) == 0
-    blind, held = step(ms(10), state, _frame(ms(10), x, u, 0.1, alpha=jnp.nan))
+    blind, held = step(np.int64(ms(10)), state, _frame(np.int64(ms(10)), x, u, 0.1, alpha=np.nan))
     assert float(held.state.alpha) == pytest.approx(float(x.alpha))
     assert not bool(held.state.updated)
     for leaf in jax.tree.leaves((blind, lost, held)):
         assert np.isfinite(np.asarray(leaf)).all()
     out = replace(start, x=start.x.at[:, 4:].set(0.3))
-    _, kept = step(0, out, _frame(0, x, u, 0.1))
+    _, kept = step(np.int64(0), out, _frame(np.int64(0), x, u, 0.1))
     assert bool(kept.state.bounded)
     assert float(kept.state.w1) == pytest.approx(16.5 * 1.12)
 
@@ -240,7 +240,7 @@ def test_where_they_do_not_it_is_no_better_than_others(title, move):
 def test_a_minute_of_rest_changes_nothing():
     flown = fly_many([(1, 1)] * 6, AdaptiveFlexibleModeFilter(), range(310, 316), rest, 60)
     wrong, believed = _wrong(flown, [(1, 1)] * 6)[:, -1], flown.estimate.w2_sigma[:, -1] / 20
-    print(f"\na minute of rest: w off by {100 * np.abs(wrong).max():.4f} %, believed {100 * believed.min():.3f} %")
+    print(f"\na minute of rest: w off by {100 * np.abs(wrong).max():.1e} %, believed {100 * believed.min():.3f} %")
     assert np.abs(wrong).max() < 0.01
     assert believed.min() > 0.095
 
@@ -270,11 +270,12 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
 
 
 @pytest.mark.slow
-def test_a_single_extended_filter_settles_on_the_wrong_mode():
+@pytest.mark.parametrize("move", [steps, buzz])
+def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
     """Why nine: from nominal frequencies, all of the deviation in one filter, both modes 10 % low, modes shaken."""
     one = numeric(AdaptiveFlexibleModeFilter(deviation=(0.1 / SHARE,) * 2))
     seeds = range(300, 308)
-    flown = fly_many([(0.9, 0.9)] * 8, AdaptiveFlexibleModeFilter(), seeds, buzz)
+    flown = fly_many([(0.9, 0.9)] * 8, AdaptiveFlexibleModeFilter(), seeds, move)
     state, craft = one.init(key(0)), trim()[0]
 
     @jax.jit
@@ -292,6 +293,6 @@ def test_a_single_extended_filter_settles_on_the_wrong_mode():
 
     alone = np.stack([ends(*jax.tree.map(lambda a, i=i: a[i], (flown.x, flown.u, flown.felt))) for i in range(8)])
     lost = np.abs(alone - np.log(0.9)).max(-1) > 0.05
-    print(f"\none filter instead of nine: {lost.sum()} of 8 runs settle more than 5 % off")
-    assert lost.sum() >= 2
+    print(f"\none filter instead of nine: {lost.sum()} of 8 runs settle more than 5 % off, {move.__name__}")
+    assert lost.any()
     assert np.abs(_wrong(flown, [(0.9, 0.9)] * 8)[:, -1]).max() < 0.01
