@@ -1,4 +1,4 @@
-"""The tables of the page of tightly coupled ranging: `pytest -s -m slow tests/estimators/test_ranging_tables.py` prints them."""
+"""The tables of the page of tightly coupled ranging, printed: pytest -s -m slow, and this file."""
 
 import jax
 import numpy as np

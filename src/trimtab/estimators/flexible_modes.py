@@ -7,20 +7,22 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new
 from trimtab.core.time import ms, show, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible_modes_model import (
-    FlexibleFlight,
     RigidFlight,
-    acting_input,
+    Unmeasured,
     check_variances,
     dynamics_of,
+    estimated,
     forcing,
-    rigid_flight,
+    hear,
+    stepped,
+    unmeasured,
 )
 from trimtab.estimators.sensor_watch import NEVER
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -47,6 +49,7 @@ class FlexibleModeState:
     model: ModalModel = part("Discrete model.")
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
+    bare: Unmeasured = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -135,6 +138,7 @@ class FlexibleModeFilter:
             model=self.model(),
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
+            bare=unmeasured(self.craft, self.eta0, self.period),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -162,18 +166,11 @@ class FlexibleModeFilter:
 
     def step(self, t: Any, state: FlexibleModeState, frame: Frame) -> tuple[FlexibleModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        due = ~state.started | (t - state.t >= self.period)
-        state = jax.tree.map(lambda a, b: jnp.where(due, a, b), self._instant(t, state, frame), state)
-        updated = due & state.updated
-        state = replace(state, updated=updated)
-        age = to_seconds(t - state.flight_t)
-        return state, Estimate(t=t, age=age, fresh=updated, valid=state.started, state=estimated(state))
+        return stepped(self, t, state, frame, estimated)
 
-    def _instant(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
-        flight, felt, acted = (frame.samples[name] for name in self.listens)
-        chi, known = rigid_flight(flight, s.chi)
-        u, given = acting_input(acted, s.u)
-        started = s.started | (known & given)
+    def instant(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
+        """What the filter remembers after an instant of its own."""
+        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
         eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         done = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
@@ -183,36 +180,15 @@ class FlexibleModeFilter:
             model=s.model,
             eta=jnp.where(used, done.x, eta),
             P=jnp.where(used, done.P, P),
+            bare=s.bare,
             chi=chi,
             u=u,
             t=jnp.where(started, t, s.t),
             seen=jnp.where(used, felt.t, s.seen),
-            flight_t=jnp.where(known, flight.t, s.flight_t),
+            flight_t=flight_t,
             started=started,
             innovation=done.innovation[0],
             S=done.S[0, 0],
             nis=done.nis,
             updated=used,
         )
-
-
-def estimated(state: Any) -> FlexibleFlight:
-    """The flight as a filter's state tells it: what is measured as measured, the modes as estimated."""
-    chi, eta = state.chi, state.eta
-    variances = jnp.stack([state.P[i, i] for i in range(4)])
-    return FlexibleFlight(
-        h=chi.h,
-        h_rate=chi.h_rate,
-        V=chi.V,
-        alpha=chi.alpha,
-        q=chi.q,
-        eta1=eta[0],
-        eta1_rate=eta[1],
-        eta2=eta[2],
-        eta2_rate=eta[3],
-        sigma=jnp.sqrt(jnp.maximum(variances, 0.0)),
-        innovation=state.innovation,
-        S=state.S,
-        nis=state.nis,
-        updated=state.updated,
-    )

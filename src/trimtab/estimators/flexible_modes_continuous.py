@@ -8,18 +8,21 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.integrate import rk4
 from trimtab.core.linalg import symmetric
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.flexible_modes import PRINTED_ETA0, PRINTED_Q, estimated
+from trimtab.estimators.flexible_modes import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible_modes_model import (
     RigidFlight,
-    acting_input,
+    Unmeasured,
     check_variances,
     dynamics_of,
+    estimated,
     forcing,
-    rigid_flight,
+    hear,
+    stepped,
+    unmeasured,
 )
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
@@ -35,6 +38,7 @@ class ContinuousModeState:
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
     modal: Scalar = quantity("rad/s^2", "Last measured C eta: pitch acceleration less what flight and input explain.")
     used: Scalar = quantity("1", "Whether that is a measurement at all.", kind="flag")
+    bare: Unmeasured = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -96,6 +100,7 @@ class ContinuousModeFilter:
             P=jnp.diag(jnp.asarray(self.P0)),
             modal=zero,
             used=no,
+            bare=unmeasured(self.craft, self.eta0, self.period),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -124,21 +129,15 @@ class ContinuousModeFilter:
 
     def step(self, t: Any, state: ContinuousModeState, frame: Frame) -> tuple[ContinuousModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        due = ~state.started | (t - state.t >= self.period)
-        state = jax.tree.map(lambda a, b: jnp.where(due, a, b), self._instant(t, state, frame), state)
-        state = replace(state, updated=due & state.updated)
-        age = to_seconds(t - state.flight_t)
-        return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
+        return stepped(self, t, state, frame, estimated)
 
-    def _instant(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
-        flight, felt, acted = (frame.samples[name] for name in self.listens)
-        chi, known = rigid_flight(flight, s.chi)
-        u, given = acting_input(acted, s.u)
+    def instant(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
+        """What the filter remembers after an instant of its own."""
+        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
         eta, P = self.integrate(s.eta, s.P, forcing(self.craft, s.chi, u)[0], s.modal, s.used)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         _, d, rigid = forcing(self.craft, chi, u)
         _, C = dynamics_of(self.craft)
-        started = s.started | (known & given)
         modal = felt.value.pitch_acceleration - rigid - d
         used = started & known & felt.valid & jnp.isfinite(modal)
         modal = jnp.where(used, modal, 0.0)
@@ -149,10 +148,11 @@ class ContinuousModeFilter:
             P=P,
             modal=modal,
             used=used,
+            bare=s.bare,
             chi=chi,
             u=u,
             t=jnp.where(started, t, s.t),
-            flight_t=jnp.where(known, flight.t, s.flight_t),
+            flight_t=flight_t,
             started=started,
             innovation=r,
             S=S,

@@ -10,14 +10,16 @@ Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking 
 vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing in b, which it drops, are put back.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.record import Scalar, quantity, record
-from trimtab.core.signals import Sample
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.signals import Estimate, Frame, Sample
+from trimtab.core.time import to_seconds
+from trimtab.estimators.discretise import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 from trimtab.vehicles.imperial import FOOT
 
@@ -31,6 +33,28 @@ class RigidFlight:
     V: Scalar = quantity("ft/s", "Speed along the path.", default=0.0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle", default=0.0)
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B", default=0.0)
+
+
+@record
+class ModalState:
+    """State of both modes. Source: [1] eq. 1."""
+
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+
+
+@record
+class Unmeasured:
+    """The modes by the model alone, no measurement used: what every estimate has to be held against.
+
+    Source: docs page, Flexible modes.
+    """
+
+    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    Ad: Any = quantity("1", "Modal state over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "What a held forcing adds over one period (4, 4).", shape=(4, 4))
 
 
 @record
@@ -54,6 +78,22 @@ class FlexibleFlight:
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
     nis: Scalar = quantity("1", "Innovation squared over S.")
     updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+    without_measurement: ModalState = part("What the same model gives without any measurement.")
+
+
+class Heard(NamedTuple):
+    """What came in at an instant, for any filter of the modes.
+
+    chi, u: flight and input, as before where the samples are of no use.  known: whether the flight is of use.
+    started: whether both have been known once.  flight_t: when chi was measured.  felt: the sample of the acceleration.
+    """
+
+    chi: RigidFlight
+    u: HypersonicInput
+    known: Any
+    started: Any
+    flight_t: Any
+    felt: Sample
 
 
 def dynamics_of(craft: Hypersonic) -> tuple[Any, Any]:
@@ -86,6 +126,67 @@ def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInp
     new = HypersonicInput(sample.value.Phi, sample.value.delta_e)
     usable = sample.valid & _finite(new)
     return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
+
+
+def hear(listens: tuple[str, ...], state: Any, frame: Frame) -> Heard:
+    """The samples of flight, acceleration and acting input, named in that order, and what a filter's state held."""
+    flight, felt, acted = (frame.samples[name] for name in listens)
+    chi, known = rigid_flight(flight, state.chi)
+    u, given = acting_input(acted, state.u)
+    started = state.started | (known & given)
+    return Heard(chi, u, known, started, jnp.where(known, flight.t, state.flight_t), felt)
+
+
+def stepped(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple[Any, Estimate]:
+    """A filter's state and estimate at integer time t: `one.instant` once a period, held in between."""
+    due = ~state.started | (t - state.t >= one.period)
+    new = one.instant(t, state, frame)
+    new = replace(new, bare=_alone(one.craft, state, new.u))
+    state = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, state)
+    state = replace(state, updated=due & state.updated)
+    age = to_seconds(t - state.flight_t)
+    return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
+
+
+def unmeasured(craft: Hypersonic, eta0: Any, period: int) -> Unmeasured:
+    """The modes by the model alone, from eta0 (4,), moved once a period (integer time)."""
+    A, _ = dynamics_of(craft)
+    Ad, Bd, _ = discretise(A, jnp.zeros((4, 4)), to_seconds(period))
+    return Unmeasured(jnp.asarray(eta0), Ad, Bd)
+
+
+def _alone(craft: Hypersonic, state: Any, u: HypersonicInput) -> Unmeasured:
+    """What a filter's state holds of the model alone, one period on, u having acted."""
+    bare = state.bare
+    b, _, _ = forcing(craft, state.chi, u)
+    return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
+
+
+def estimated(state: Any) -> FlexibleFlight:
+    """The flight as a filter's state tells it: what is measured as measured, the modes as estimated."""
+    return flexible_flight(state, state.eta, jnp.stack([state.P[i, i] for i in range(4)]))
+
+
+def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
+    """The same of modal states (4,) with these variances (4,)."""
+    chi = state.chi
+    return FlexibleFlight(
+        h=chi.h,
+        h_rate=chi.h_rate,
+        V=chi.V,
+        alpha=chi.alpha,
+        q=chi.q,
+        eta1=eta[0],
+        eta1_rate=eta[1],
+        eta2=eta[2],
+        eta2_rate=eta[3],
+        sigma=jnp.sqrt(jnp.maximum(variances, 0.0)),
+        innovation=state.innovation,
+        S=state.S,
+        nis=state.nis,
+        updated=state.updated,
+        without_measurement=ModalState(*(state.bare.eta[i] for i in range(4))),
+    )
 
 
 def _finite(r: Any) -> Any:

@@ -32,6 +32,10 @@ class InputLimits:
     delta_low: Scalar = quantity("rad", "Least elevator: -20 deg.", default=-0.3490658503988659, kind="angle")
     delta_high: Scalar = quantity("rad", "Most elevator: 25.8 deg.", default=0.450294947014537, kind="angle")
 
+    def pairs(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        """Least and most of fuel ratio and elevator: (least, least), (most, most)."""
+        return (self.Phi_low, self.delta_low), (self.Phi_high, self.delta_high)
+
     def clip(self, u: HypersonicInput) -> tuple[HypersonicInput, Any]:
         """The input within the limits, and whether it had to be moved."""
         Phi = jnp.clip(u.Phi, self.Phi_low, self.Phi_high)

@@ -122,12 +122,21 @@ class StableInversion:
     def _check_table(self, table: InternalTable) -> None:
         """Refuse a table of another command or vehicle: its nodes must solve this law's internal dynamics."""
         t = table.first + table.spacing * np.arange(len(table.nodes))
-        wrong = np.asarray(_defect(self.craft, self.command, t, table.nodes, table.rates))
+        wrong, u = (np.asarray(a) for a in _along(self.craft, self.command, t, table.nodes, table.rates))
         if not wrong.max() < SOLVED:
             when = f"off by {wrong.max():.2g} at {t[wrong.argmax()]:g} s"
             problem = f"the table was made for another command or vehicle: {when}"
             fix = "build the law with a table of its own command, or --set internal=preview, which needs none"
             raise InputError("StableInversion.internal", problem, fix=fix)
+        low, high = (np.array([*pair]) for pair in self.limits.pairs())
+        for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
+            beyond = np.maximum(least - value, value - most)
+            if beyond.max() > 0:
+                at = int(beyond.argmax())
+                problem = (
+                    f"the command needs {what} {value[at]:.4g} at {t[at]:g} s, limits are {least:.4g} and {most:.4g}"
+                )
+                raise InputError("StableInversion.command", problem, fix="make the climb smaller, or wh and wV lower")
 
     def init(self, key: Key) -> StableInversionState:
         """Nothing remembered."""
@@ -147,6 +156,7 @@ class StableInversion:
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)
         internal, zeta = self.internal.step(now, state.internal, self.command)
+        zeta = self._tuned(x, zeta)
         e = self._error(x, want, zeta)
         terms = self.robust.terms(state.adaptation, e)
         feedback = jnp.asarray(self.K) @ e + jnp.asarray(self.Ki) @ state.integral
@@ -185,6 +195,18 @@ class StableInversion:
         )
         return new, output
 
+    def _tuned(self, x: Any, zeta: Any) -> Any:
+        """Wanted internal states for the modes that are, where an estimator tells their frequencies.
+
+        A load bends a mode by N/w^2: what the believed frequency wants is off by the square of how far that is off. An
+        estimator that knows no better is off by as much, and feedback sees no difference; one that does would.
+        """
+        if not hasattr(x, "w1"):
+            return zeta
+        one, two = (self.craft.modes.w1 / x.w1) ** 2, (self.craft.modes.w2 / x.w2) ** 2
+        scale = (1.0, 1.0, one, one, two, two)
+        return jnp.stack([zeta[i] * by for i, by in enumerate(scale)])
+
     def _error(self, x: Any, want: PathPoint, zeta: Any) -> Any:
         """e (9,), in the order of [1]."""
         have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
@@ -197,8 +219,14 @@ def _kept(condition: Any, a: Any, b: Any) -> Any:
 
 
 @jax.jit
-def _defect(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> Any:
-    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,)."""
+def _along(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
+    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
+
+    And fuel ratio and elevator (rad) that the command needs there (2, n).
+    """
     p: PathPoint = command.at(t)
-    found = internal_rates(craft, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, nodes.T)
-    return jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
+    path = (p.h, p.h_rate, p.V)
+    found = internal_rates(craft, *path, p.h_acceleration, p.V_rate, nodes.T)
+    off = jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
+    u = invert(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
+    return off, jnp.stack([u.Phi, u.delta_e])

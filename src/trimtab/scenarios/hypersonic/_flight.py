@@ -10,6 +10,7 @@ from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.flexible_modes import FlexibleModeFilter
+from trimtab.estimators.flexible_modes_adaptive import AdaptiveFlexibleModeFilter
 from trimtab.laws.adaptive_robust import AdaptiveRobust
 from trimtab.laws.internal_quasi_static import QuasiStaticInternal
 from trimtab.laws.path_command import FilteredClimb
@@ -28,8 +29,8 @@ from trimtab.sensors.flexible_truth import FlexibleTruth
 from trimtab.sensors.flight_state import FlightStateSensor
 from trimtab.vehicles.hypersonic import Hypersonic
 
-Filter = Literal["tuned", "accurate", "printed", "none"]
-"""Settings of the filter of the modes; none: the observer that uses no measurement."""
+Filter = Literal["tuned", "accurate", "printed", "none", "adaptive"]
+"""Settings of the filter of the modes; none: the observer that uses no measurement; adaptive: it learns frequencies."""
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
 """How the law finds the internal motion that its command needs: a table of the exact bounded solution, looking ahead in
 flight, as though the command stood still, causal and linear, or a table of the linear bounded solution as in [1]."""
@@ -99,12 +100,13 @@ def flight(
     )
 
 
-def _filter(name: Filter, believed: Hypersonic) -> FlexibleModeFilter:
-    settings = {
+def _filter(name: Filter, believed: Hypersonic) -> Any:
+    settings: dict[str, Any] = {
         "tuned": FlexibleModeFilter(),
         "accurate": FlexibleModeFilter.accurate(),
         "printed": FlexibleModeFilter.printed(),
         "none": FlexibleModeFilter(corrects=False),
+        "adaptive": AdaptiveFlexibleModeFilter(),
     }
     return replace(settings[name], craft=believed, period=TICK)
 

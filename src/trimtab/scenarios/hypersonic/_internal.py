@@ -107,8 +107,8 @@ def linear_table(
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
     """The causal linear form about the trim at the start of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
-    S = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
-    G = np.zeros((np.shape(linear.A22)[0], np.shape(S)[0]))
+    S: Any = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
+    G = np.zeros((len(linear.trim.zeta), len(S)))
     G[:, [0, 1, 4]] = linear.A21
     G[:, [2, 5]] += linear.B2
     rest = np.linalg.solve(linear.A22, linear.A21)
