@@ -47,7 +47,7 @@ WORDS = {
     "accurate": "Q = 1e-5 I, R = 1e-4, noise",
     "tuned": "tuned, noise",
 }
-SEEDS = 20
+SEEDS = 40
 
 
 def rows() -> Iterator[Row]:
