@@ -74,9 +74,7 @@ class Flown:
 def fly(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> Flown:
     """Seeds 0 … runs - 1 of a scenario, for its own length or another (s), rows a period apart."""
     wanted = None if length is None else seconds(length)
-    batch = simulate_batch(
-        scenario, seeds=range(runs), signals=SIGNALS, log=True, log_period=period, duration=wanted
-    )
+    batch = simulate_batch(scenario, seeds=range(runs), signals=SIGNALS, log=True, log_period=period, duration=wanted)
     return Flown(to_seconds(batch.ticks), batch.log)
 
 

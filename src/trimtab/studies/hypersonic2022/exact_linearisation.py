@@ -90,9 +90,7 @@ def _slope() -> Iterator[Row]:
         what = f"d{names[0][i]}/d{names[1][j]} at the trim"
         yield within(f"slope/{i + 1},{j + 1}", what, SLOPE[i][j], found[i, j], PLACE, relative=2e-6, **REFERENCE)
     determinant = float(np.linalg.det(found))
-    yield within(
-        "slope/determinant", "its determinant", -2152.4612, determinant, PLACE, relative=1e-6, **REFERENCE
-    )
+    yield within("slope/determinant", "its determinant", -2152.4612, determinant, PLACE, relative=1e-6, **REFERENCE)
     air = craft.forces.aerodynamics
     pressed = craft.forces.dynamic_pressure(x.h, x.V) * air.S / craft.m
     yield within(
@@ -117,7 +115,14 @@ def _poles() -> Iterator[Row]:
         tolerance = 1e-3
         got = float(right.real.max())
         yield within(
-            f"internal/{kmode}/unstable", f"{reading}, the one", unstable, got, PLACE, tolerance=tolerance, unit="1/s", **REFERENCE
+            f"internal/{kmode}/unstable",
+            f"{reading}, the one",
+            unstable,
+            got,
+            PLACE,
+            tolerance=tolerance,
+            unit="1/s",
+            **REFERENCE,
         )
         yield at_most(
             f"internal/{kmode}/others",
@@ -133,7 +138,14 @@ def _poles() -> Iterator[Row]:
     _, at = error_model()
     poles = linearise(plant, at.x, at.u).poles()
     yield at_most(
-        "open-loop", "poles with the input held, off by", 0.0, _off(poles, OPEN), PLACE, high=1e-3, unit="1/s", **REFERENCE
+        "open-loop",
+        "poles with the input held, off by",
+        0.0,
+        _off(poles, OPEN),
+        PLACE,
+        high=1e-3,
+        unit="1/s",
+        **REFERENCE,
     )
     rightmost = float(poles.real.max())
     yield within(

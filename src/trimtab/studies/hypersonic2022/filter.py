@@ -118,12 +118,23 @@ def _constants() -> Iterator[Row]:
     """Slowest time constants."""
     A, C = _modes()
     alone = _slowest(A)
-    yield within("constant/open", "modes alone, slowest time constant", OPEN_LOOP, alone, PLACE, tolerance=5e-4, unit="s", **REFERENCE)
+    yield within(
+        "constant/open",
+        "modes alone, slowest time constant",
+        OPEN_LOOP,
+        alone,
+        PLACE,
+        tolerance=5e-4,
+        unit="s",
+        **REFERENCE,
+    )
     Ad, C1, L = _steady(FlexibleModeFilter.printed())
     held = float(np.abs(np.linalg.eigvals(Ad - Ad @ L @ C1)).max())
     what = "filter as printed, as flown, slowest time constant, beside that of the modes alone"
     note = "The filter adds nothing to the damping."
-    yield within("constant/printed", what, alone, -0.005 / np.log(held), PLACE, relative=1e-3, unit="s", note=note, **REFERENCE)
+    yield within(
+        "constant/printed", what, alone, -0.005 / np.log(held), PLACE, relative=1e-3, unit="s", note=note, **REFERENCE
+    )
     for density, want in CONSTANTS.items():
         steady = kalman_bucy(A, C[None], 1e-5 * np.eye(4), density)
         what = f"continuous filter with Q = 1e-5 I, R = {density:g} rad²/s³, slowest time constant"
@@ -164,7 +175,9 @@ def _table() -> Iterator[Row]:
                     yield within(id, what, value, found[0, i], PLACE, tolerance=digit, relative=0.01, **about)
                 else:
                     about["note"] += f" {SEEDS} seeds; one seed by the independent program."
-                    yield overlaps(id, what, (value / 1.1, 1.1 * value), extent(found[:, i]), PLACE, **about)
+                    yield Row(
+                        id, what, value, extent(found[:, i]), PLACE, "overlaps", (value / 1.1, 1.1 * value), **about
+                    )
 
 
 def _claims() -> Iterator[Row]:

@@ -103,8 +103,12 @@ def _weight() -> Iterator[Row]:
         f, o = _feedback(strict), _observer(density)
         id, about = f"weight/{strict:g}-{density:g}", f"Q = {strict:g} Q_e, R = {density:g} rad²/s³"
         least = composite.least_weight(f, o)
-        yield within(id, f"least weight of the observer in (15), {about}", want, least, place, tolerance=5e-3, **REFERENCE)
-        yield same(f"{id}/above", f"(15) holds 1 % above it, {about}", True, _positive(f, o, 1.01 * least), place, **REFERENCE)
+        yield within(
+            id, f"least weight of the observer in (15), {about}", want, least, place, tolerance=5e-3, **REFERENCE
+        )
+        yield same(
+            f"{id}/above", f"(15) holds 1 % above it, {about}", True, _positive(f, o, 1.01 * least), place, **REFERENCE
+        )
         yield same(
             f"{id}/one",
             f"(15) mended holds with weight 1, as in [1]'s Lyapunov function, {about}",

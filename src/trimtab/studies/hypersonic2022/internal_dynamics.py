@@ -54,7 +54,9 @@ def _values(climb: FilteredClimb, report: Any) -> Iterator[Row]:
         yield within(f"command/{name}", words, want, got, place, tolerance=5e-7, unit=unit, **REFERENCE)
     zeta = report.solution.zeta[round(AT / DT)]
     for (name, (words, want, digit, unit)), got in zip(WANTED.items(), zeta, strict=True):
-        yield within(f"at-30-s/{name}", f"bounded solution, {words}", want, got, place, tolerance=digit, unit=unit, **REFERENCE)
+        yield within(
+            f"at-30-s/{name}", f"bounded solution, {words}", want, got, place, tolerance=digit, unit=unit, **REFERENCE
+        )
 
 
 def _iteration(report: Any) -> Iterator[Row]:
@@ -106,12 +108,27 @@ def _closed_loop() -> Iterator[Row]:
     yield within("tracking/linear-end", "its end", -11.4, end, place, tolerance=0.1, **about)
     note = "The causal form; after the step it is the bounded linear solution."
     yield within(
-        "tracking/causal", f"{words} linear by Sylvester's equation", h["linear"], h["sylvester"], place, relative=0.01, note=note, **about
+        "tracking/causal",
+        f"{words} linear by Sylvester's equation",
+        h["linear"],
+        h["sylvester"],
+        place,
+        relative=0.01,
+        note=note,
+        **about,
     )
     steady = {name: abs(float(flown[name].end("law.h_error")[0])) for name in ("noncausal", "linear")}
     claim = "[1] simulation: the error of altitude vanishes"
     exactly, nearly = "altitude's error at the end, internal states exact", "altitude's error at the end, linear"
     yield direction("tracking/claim", exactly, "vanishes", steady["noncausal"], claim, below=0.01, unit="ft")
     yield direction(
-        "tracking/claim-linear", nearly, "vanishes", steady["linear"], claim, below=0.01, unit="ft", must_hold=False, note=LINEAR
+        "tracking/claim-linear",
+        nearly,
+        "vanishes",
+        steady["linear"],
+        claim,
+        below=0.01,
+        unit="ft",
+        must_hold=False,
+        note=LINEAR,
     )

@@ -78,7 +78,14 @@ def _spectrum(name: str, words: str, wanted: tuple[complex, ...], decays: bool) 
     poles = np.linalg.eigvals(variant(name))
     rightmost = max(np.real(p) for p in wanted)
     yield within(
-        f"spectrum/{name}", f"{words}, rightmost real part", rightmost, poles.real.max(), PLACE, tolerance=1e-2, unit="1/s", **REFERENCE
+        f"spectrum/{name}",
+        f"{words}, rightmost real part",
+        rightmost,
+        poles.real.max(),
+        PLACE,
+        tolerance=1e-2,
+        unit="1/s",
+        **REFERENCE,
     )
     off = max(float(np.abs(poles - p).min()) for p in wanted)
     yield at_most(

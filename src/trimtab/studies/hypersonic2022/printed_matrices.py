@@ -54,13 +54,21 @@ def rows() -> Iterator[Row]:
                     yield row
     yield from _damping()
     magnitudes = [r for r in found if not r.id.endswith("/sign")]
-    yield same("count/printed", "numbers printed in rows 4, 5, 7 and 9", 34, len(magnitudes), _place(), basis="reference")
+    yield same(
+        "count/printed", "numbers printed in rows 4, 5, 7 and 9", 34, len(magnitudes), _place(), basis="reference"
+    )
     met = sum(r.holds for r in magnitudes)
     yield same("count/met", "of these met in magnitude", 32, met, _place(), basis="reference")
     used = len(FITTED) + 1
     note = "Without the eight that fixed constants and the one that is 1 in any model."
     yield same(
-        "count/confirmed", "of these met with nothing left to tune", 23, met - used, _place(), basis="reference", note=note
+        "count/confirmed",
+        "of these met with nothing left to tune",
+        23,
+        met - used,
+        _place(),
+        basis="reference",
+        note=note,
     )
 
 

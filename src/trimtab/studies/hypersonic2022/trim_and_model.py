@@ -142,7 +142,15 @@ def _loop(craft: Hypersonic) -> Iterator[Row]:
 def _gravity() -> Iterator[Row]:
     note = "Reconstructed: the attraction at 85 000 ft, by which the printed A is met."
     yield within(
-        "gravity/value", "gravity", 31.5538239, Hypersonic().g, PLACE, tolerance=1e-6, unit="ft/s^2", note=note, **REFERENCE
+        "gravity/value",
+        "gravity",
+        31.5538239,
+        Hypersonic().g,
+        PLACE,
+        tolerance=1e-6,
+        unit="ft/s^2",
+        note=note,
+        **REFERENCE,
     )
     heavy = replace(Hypersonic(), g=GROUND)
     rows_4_to_9 = (A_PRINTED != 0) & np.isin(np.arange(9), (3, 4, 6, 8))[:, None]
