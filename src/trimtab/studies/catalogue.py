@@ -1,7 +1,8 @@
 """Which studies there are: every folder below this one; a study's groups are its files with a function ``rows``.
 
 A group's file says in its docstring's first line what it holds, in ``SECTION`` where that stands in the publication
-("6.2.1", or in words, "eq. 9"), and gives its rows in ``rows()``. If it also has ``figures(folder)``, that draws pictures and gives their files.
+("6.2.1", or in words, "eq. 9"), and gives its rows in ``rows()``. If it also has ``figures(folder)``, that draws
+pictures and gives their files.
 """
 
 import ast

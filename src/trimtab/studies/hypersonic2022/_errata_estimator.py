@@ -82,7 +82,7 @@ ENTRIES = (
         "gap",
         "not printed",
         "I for the printed Q and R, diag(1, 100, 1, 100) for the shipped ones",
-        "Of the size of the first errors: 0.6 in displacement, 10 in rate.",
+        "Of the size of the first errors: 0.6 in displacement, which swings to 10 in rate.",
         (FILTER,),
     ),
     Erratum(

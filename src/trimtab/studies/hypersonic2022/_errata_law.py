@@ -54,7 +54,7 @@ ENTRIES = (
         "correction",
         "+R⁻¹ B'P e'/2",
         "off by default; minus at choice",
-        "R⁻¹ B'P e' is -K e' for a regulator's gain, so the printed sign makes K/2 of K (rightmost pole -0.125 1/s) and "
+        "R⁻¹ B'P e' is -K e' for a regulator's gain: the printed sign makes K/2 of K (rightmost pole -0.125 1/s), "
         "minus 1.5 K (-0.236). On a plant that is not the model the error grows from 7.4 to 12.6 ft or falls to 5.7.",
         (ADAPTIVE, f"{STUDY}.gains", f"{STUDY}.closed_loop_mismatch"),
     ),
@@ -102,15 +102,15 @@ ENTRIES = (
         "correction",
         "without the derivative of P_η⁻¹",
         "-e_η' Π e_η, exactly, with the Riccati equation",
-        "P_η moves; what is left out cancels half of the rest.",
+        "P_η moves; what is left out takes the terms with A_η away.",
         (COMPOSITE,),
     ),
     Erratum(
         PROOF,
         "what is proved",
         "remark",
-        "global, for continuous time",
-        "local, for continuous time and inputs inside their limits, and said so with the certificate",
+        "stability of the linear error model",
+        "the same, said to be local, for continuous time and for inputs inside their limits",
         "The internal dynamics are linearised; from 1000 ft below its path the vehicle is lost in its limits.",
         ("design.certificate_check", f"{STUDY}.closed_loop"),
     ),

@@ -34,8 +34,8 @@ ENTRIES = (
         "correction",
         "affine in both inputs",
         "affine in the fuel ratio only; the elevator is solved for exactly",
-        "Drag is quadratic in the elevator, and g(x) hides one elevator in its own coefficient. Frozen there, its slope "
-        "is half of what it is: 20.2 instead of 40.3 ft/s² per rad at the trim.",
+        "Drag is quadratic in the elevator, and g(x) hides one elevator in its own coefficient. Frozen there, the "
+        "slope is half of what it is: 20.2 instead of 40.3 ft/s² per rad at the trim.",
         ("laws.path_inversion", "design.lie"),
     ),
     Erratum(
@@ -63,7 +63,7 @@ ENTRIES = (
         "misprint",
         "-ψ1 ψ2/(Iyy k1) N2_0",
         "N1_0 in it",
-        "It is mode 1 that acts on mode 2 there; f7 has it the other way round.",
+        "It is mode 1 that acts on mode 2 there.",
         (MODES,),
     ),
     Erratum(
@@ -72,8 +72,8 @@ ENTRIES = (
         "reconstructed",
         "not printed",
         "w = 16.5, 20 rad/s, ζ = 0.02, ψ = 136.82, 329.22, N2_δ = 1246.5, from eight entries of the printed A",
-        "With these eight and nothing left to tune 23 other entries come out right in magnitude. The constants of N1 and "
-        "N2 stand in none of them: they are from the literature and set the level of the displacements only.",
+        "With these eight and nothing left to tune 23 other entries come out right in magnitude. The constants of N1 "
+        "and N2 stand in none of them: they are from the literature and set the level of the displacements only.",
         (MODES, "vehicles.hypersonic_printed"),
     ),
     Erratum(
@@ -118,8 +118,8 @@ ENTRIES = (
         "equation that is linearised; B_ζ; eq. 10; theorem 1",
         "misprint",
         "(8); dG/dv; e without its subscript; (9) for the tracking system",
-        "(7); G_ζ at the trim; e_ζ; (10)",
-        "(8) is the linear result itself, and (7) is linear in v already.",
+        "(7); G_ζ at the trim; e with its subscript; (10)",
+        "(7) has the internal dynamics; G does not depend on v; (9) is the observer.",
         ("design.linear_normal_form",),
     ),
     Erratum(

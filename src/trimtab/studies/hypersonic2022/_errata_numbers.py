@@ -53,7 +53,7 @@ ENTRIES = (
         "correction",
         "stabilises the errors",
         "a regulator for the exact matrices",
-        "Neither A + B K nor A - B K is Hurwitz, with the printed matrices or the exact ones, and either sign loses the "
+        "Neither A + B K nor A - B K is Hurwitz, with the printed matrices or the exact ones; either sign loses the "
         "vehicle within 8 s. A - B K decays once damping has its sign and the modes are taken out of Q'.",
         (MATRICES, "scenarios.hypersonic.printed_gains", f"{STUDY}.printed_gain"),
     ),

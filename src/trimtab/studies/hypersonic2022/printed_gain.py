@@ -119,7 +119,8 @@ def _gain() -> Iterator[Row]:
 
 def _flights() -> Iterator[Row]:
     """The scenario, with either sign."""
-    for sign, words in (("minus", "v = -K e"), ("plus", "v = +K e, eq. 13")):
+    signs: tuple[tuple[printed_gains.Sign, str], ...] = ("minus", "v = -K e"), ("plus", "v = +K e, eq. 13")
+    for sign, words in signs:
         flown = fly(printed_gains.scenario(sign=sign))
         gone = np.abs(np.degrees(flown["truth.alpha"][0])) > LOST
         when = float(flown.t[gone.argmax()]) if gone.any() else np.inf

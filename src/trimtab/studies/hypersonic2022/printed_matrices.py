@@ -87,8 +87,10 @@ def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: flo
     yield within(id, what, abs(printed), abs(got), citation, **about)
     if printed * got < 0:
         why = DAMPING if at in ((6, 6), (8, 8)) else SIGN
-        signs = ["+" if value > 0 else "-" for value in (printed, got)]
-        yield same(f"{id}/sign", f"{letter}[{i + 1}, {name}], sign", *signs, citation, must_hold=False, note=why)
+        signs = tuple("+" if value > 0 else "-" for value in (printed, got))
+        yield same(
+            f"{id}/sign", f"{letter}[{i + 1}, {name}], sign", signs[0], signs[1], citation, must_hold=False, note=why
+        )
 
 
 def _damping() -> Iterator[Row]:

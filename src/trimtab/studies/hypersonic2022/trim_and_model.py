@@ -116,8 +116,8 @@ def _forces(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
 
 def _loop(craft: Hypersonic) -> Iterator[Row]:
     """Pitch and modes solved together, against the matrix of the three equations."""
-    p1, p2, I = craft.modes.psi1, craft.modes.psi2, craft.Iyy  # noqa: E741  the moment of inertia
-    matrix = np.array([[I, -p1, -p2], [p1, 1, 0], [p2, 0, 1]])
+    p1, p2, Iyy = craft.modes.psi1, craft.modes.psi2, craft.Iyy
+    matrix = np.array([[Iyy, -p1, -p2], [p1, 1, 0], [p2, 0, 1]])
     determinant = float(np.linalg.det(matrix))
     yield within(
         "loop/determinant",
@@ -132,7 +132,7 @@ def _loop(craft: Hypersonic) -> Iterator[Row]:
     )
     worst = 0.0
     for M, r1, r2 in np.random.default_rng(0).normal(size=(20, 3)) * [1e4, 300.0, 300.0]:
-        got = np.array([float(a) for a in craft.modes.coupled(I, M, r1, r2)])
+        got = np.array([float(a) for a in craft.modes.coupled(Iyy, M, r1, r2)])
         want = np.linalg.solve(matrix, [M, r1, r2])
         worst = max(worst, float(np.abs((got - want) / np.abs(want).max()).max()))
     what = "Q', η1'', η2'' of the vehicle against the 3 x 3 system, largest relative difference"
