@@ -136,14 +136,15 @@ def vehicle_input(cls: type, t: Any) -> Any:
 
 def _of(cls: type) -> Any:
     """A function of time that gives records of a class of numbers, e.g. a vehicle's state."""
-    return lambda t: numeric(cls(**{n: 0.1 * jnp.cos(t * 1e-7 + i) for i, n in enumerate(declarations(cls))}))
+    return lambda t: cls(**{n: 0.1 * jnp.cos(t * 1e-7 + i) for i, n in enumerate(declarations(cls))})
 
 
 @functools.cache
 def states() -> list[Any]:
     """Functions of time, one for each state that some vehicle or message has."""
     found = [typing.get_type_hints(cls.dynamics)["x"] for cls in vehicles()]
-    return [planar_state, *(_of(cls) for cls in found)]
+    told = [typing.get_type_hints(cls.measure)["return"] for cls in blocks("sensors") if _feels(cls) == "state"]
+    return [planar_state, *(_of(cls) for cls in (*found, *told))]
 
 
 def vehicles() -> list[type]:
@@ -196,9 +197,13 @@ def everything(t: Any) -> Everything:
     return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest)
 
 
+def _feels(cls: type) -> str:
+    return getattr(cls, "FEELS", "motion")
+
+
 def felt(one: Any) -> Any:
     """A function of time that gives what a sensor feels: a motion, or what its FEELS names."""
-    feels = getattr(one, "FEELS", "motion")
+    feels = _feels(type(one))
     if feels == "motion":
         return motion
     if feels == "input":

@@ -6,7 +6,7 @@ Source: Van Loan, "Computing integrals involving the matrix exponential", IEEE T
 
 from typing import Any, NamedTuple
 
-from trimtab.core.float64 import jnp
+from trimtab.core.float64 import jax, jnp
 from trimtab.core.linalg import symmetric
 
 SQUARINGS, TERMS = 6, 12
@@ -25,12 +25,12 @@ def exponential(A: Any) -> Any:
     """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
     n = A.shape[0]
     X, one = A / 2.0**SQUARINGS, jnp.eye(n)
-    E = one
-    for k in range(TERMS, 0, -1):
-        E = one + X @ E / k
-    for _ in range(SQUARINGS):
-        E = E @ E
-    return E
+
+    def taylor(i: Any, E: Any) -> Any:
+        return one + X @ E / (TERMS - i)
+
+    series = jax.lax.fori_loop(0, TERMS, taylor, one)
+    return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
 
 
 def discretise(A: Any, Q: Any, dt: Any) -> Discrete:

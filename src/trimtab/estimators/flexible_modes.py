@@ -133,12 +133,12 @@ class FlexibleModeFilter:
 
     def init(self, key: Key) -> FlexibleModeState:
         """The first estimate, nothing measured."""
-        no, zero = jnp.asarray(False), jnp.asarray(0.0)
+        no, zero, model = jnp.asarray(False), jnp.asarray(0.0), self.model()
         return FlexibleModeState(
-            model=self.model(),
+            model=model,
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
-            bare=unmeasured(self.craft, self.eta0, self.period),
+            bare=unmeasured(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),

@@ -103,6 +103,7 @@ class AdaptiveFlexibleModeFilter:
         """The first estimate, nothing measured."""
         no, zero, deviation = jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(self.deviation)
         A, _ = dynamics_of(self.craft)
+        model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         lam = CORNERS * APART * deviation
         x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(self.eta0), (M, 4)), lam], axis=1)
         P = jnp.diag(jnp.concatenate([jnp.asarray(self.P0), (SHARE * deviation) ** 2]))
@@ -112,11 +113,11 @@ class AdaptiveFlexibleModeFilter:
             x=x,
             P=P,
             p=p,
-            Qd=discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period)).Qd,
+            Qd=model.Qd,
             mean=mean,
             spread=spread,
             w=self._frequencies(mean),
-            bare=unmeasured(self.craft, self.eta0, self.period),
+            bare=unmeasured(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -171,12 +172,13 @@ class AdaptiveFlexibleModeFilter:
         chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
         b, d, rigid = forcing(self.craft, chi, u)
         between = (forcing(self.craft, s.chi, u)[0] + b) / 2
-        x, P = jax.vmap(self.predict, (0, 0, None, None))(s.x, s.P, s.Qd, between)
+        x, P = jax.lax.map(lambda one: self.predict(*one, s.Qd, between), (s.x, s.P))
         x, P = jnp.where(s.started, x, s.x), jnp.where(s.started, P, s.P)
         modal = felt.value.pitch_acceleration - rigid - d
         finite = jnp.isfinite(modal)
         used = started & known & finite & felt.valid & is_new(felt, s.seen) & self.corrects
-        done = jax.vmap(self.update, (0, 0, None, None))(x, P, jnp.where(finite, modal, 0.0), b)
+        felt_modal = jnp.where(finite, modal, 0.0)
+        done = jax.lax.map(lambda one: self.update(*one, felt_modal, b), (x, P))
         new_x, new_P, r, S, likely, learns, bounded = done
         x, P = jnp.where(used, new_x, x), jnp.where(used, new_P, P)
         innovation = s.p @ r

@@ -12,6 +12,7 @@ from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible_modes import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible_modes_model import (
     RigidFlight,
@@ -95,12 +96,14 @@ class ContinuousModeFilter:
     def init(self, key: Key) -> ContinuousModeState:
         """The first estimate, nothing measured."""
         no, zero = jnp.asarray(False), jnp.asarray(0.0)
+        A, _ = dynamics_of(self.craft)
+        model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         return ContinuousModeState(
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
             modal=zero,
             used=no,
-            bare=unmeasured(self.craft, self.eta0, self.period),
+            bare=unmeasured(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),

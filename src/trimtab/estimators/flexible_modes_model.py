@@ -19,7 +19,6 @@ from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import to_seconds
-from trimtab.estimators.discretise import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 from trimtab.vehicles.imperial import FOOT
 
@@ -148,10 +147,8 @@ def stepped(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple
     return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
 
 
-def unmeasured(craft: Hypersonic, eta0: Any, period: int) -> Unmeasured:
-    """The modes by the model alone, from eta0 (4,), moved once a period (integer time)."""
-    A, _ = dynamics_of(craft)
-    Ad, Bd, _ = discretise(A, jnp.zeros((4, 4)), to_seconds(period))
+def unmeasured(eta0: Any, Ad: Any, Bd: Any) -> Unmeasured:
+    """The modes by the model alone, from eta0 (4,), moved once a period by Ad and Bd (4, 4)."""
     return Unmeasured(jnp.asarray(eta0), Ad, Bd)
 
 

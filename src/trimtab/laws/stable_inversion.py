@@ -11,6 +11,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
+from trimtab.laws.internal_quasi_static import QuasiStaticInternal
 from trimtab.laws.internal_table import InternalTable
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
@@ -97,7 +98,7 @@ class StableInversion:
              flight vehicle", Aerospace 2022, 9(4), 206, eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
     """
 
-    internal: Any = part("Wanted internal motion: a record of laws.internal_*.")
+    internal: Any = part("Wanted internal motion: a record of laws.internal_*.", default=QuasiStaticInternal())
     craft: Hypersonic = part("The vehicle believed in.", default=Hypersonic())
     command: Any = part("What altitude and speed should do.", default=FilteredClimb())
     K: Any = quantity("1", "Feedback gain, v = +K e.", default=K_FLOWN, shape=(2, 9))
