@@ -110,7 +110,7 @@ def test_every_setting_of_the_filter_stands_beside_no_measurement():
 def test_pictures_of_the_closed_loop(tmp_path):
     (group,) = catalogue.groups(NAME, ["closed-loop"])
     files = list(group.figures(tmp_path))
-    assert len(files) == 3
+    assert len(files) == 4
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
 
 

@@ -1,4 +1,4 @@
-"""Flexible-state estimation and tracking control of a hypersonic vehicle, Aerospace 9(4), 206, 2022.
+"""Flexible-state estimation and tracking of a hypersonic vehicle, Aerospace 2022, 9(4), 206, 10.3390/aerospace9040206.
 
 [1] in its files: "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
 flight vehicle", doi 10.3390/aerospace9040206. Its printed matrices, gain and settings, each beside what this package

@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from trimtab.core.record import replace
-from trimtab.core.time import ms
+from trimtab.core.time import ms, seconds
 from trimtab.run.simulate import simulate
-from trimtab.scenarios.hypersonic import climb_large, noise
 from trimtab.studies.hypersonic2022._flights import (
     CRUISE,
     LARGE,
     LARGEST,
+    LONG,
     MEDIUM,
     SHORT,
+    SIGNALS,
     SMALL,
     Flown,
     built,
@@ -58,21 +59,25 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Tracking, inputs, modes with estimate and error, and the observer without measurement beside, in that order."""
+    """Tracking, inputs, modes with estimate and error, in that order; the observer without measurement in grey beside."""
     from trimtab.plots.tracking import plot_tracking
 
     folder.mkdir(parents=True, exist_ok=True)
+    options: dict[str, Any] = {"noise": "on"}
     drawn = {
-        "hypersonic-climb-printed-filter": (climb_large.scenario(filter="printed"), "+5000 ft, printed Q and R"),
-        "hypersonic-climb-without-measurement": (
-            climb_large.scenario(filter="none"),
-            "+5000 ft, no measurement at all",
+        "climb-printed-filter": (built(LARGE, filter="printed"), LONG, "+5000 ft, printed Q and R, no noise"),
+        "first-10-s-printed-filter": (built(LARGE, filter="printed"), 10.0, "first 10 s, printed Q and R, no noise"),
+        "first-10-s-accurate-filter": (
+            built(LARGE, filter="accurate", **options),
+            10.0,
+            "first 10 s, Q = 1e-5 I, noise",
         ),
-        "hypersonic-climb-noise": (noise.scenario(), "+5000 ft, tuned filter, noise"),
+        "climb-noise": (built(LARGE, **options), LONG, "+5000 ft, tuned filter, noise"),
     }
-    for name, (scenario, title) in drawn.items():
-        path = folder / f"{name}.png"
-        plot_tracking(simulate(scenario, log_period=ms(5)), path, title=title)
+    for name, (scenario, length, title) in drawn.items():
+        path = folder / f"hypersonic-{name}.png"
+        log = simulate(scenario, duration=seconds(length), log_period=ms(5), signals=SIGNALS)
+        plot_tracking(log, path, title=f"[1] simulation: {title}")
         yield path
 
 

@@ -43,7 +43,7 @@ RANGES = {
 covariance analysis of this loop gives for noise alone (deg)."""
 DEVIATION = "Mostly the manoeuvre's own; the noise alone below."
 GROWS = (
-    "It is not marginal but unstable: the oscillation grows by about a tenth each second, and a limit holds the input "
+    "It is not marginal but unstable: the oscillation grows by 8 % each second, and a limit holds the input "
     "after 80 s. The independent program's flights ended before."
 )
 LOST = "The measured acceleration is weighed so little, or the model trusted so much, that the modes run away."
@@ -91,7 +91,8 @@ def _noise(name: str) -> Iterator[Row]:
 @cache
 def _off(frequency: str, filter: str = "tuned") -> Flown:
     """The medium climb with noise and both frequencies of the plant scaled."""
-    scenario = modal_mismatch.scenario(frequency=frequency, filter="tuned" if filter == "brisk" else filter)
+    options: dict[str, Any] = {"frequency": frequency, "filter": "tuned" if filter == "brisk" else filter}
+    scenario = modal_mismatch.scenario(**options)
     return fly(with_filter(scenario, Q=BRISK) if filter == "brisk" else scenario, SEEDS)
 
 
