@@ -45,10 +45,11 @@ FIRST = {
     "h": ("altitude 1000 ft high", "h", 1000.0),
     "V": ("speed 50 ft/s high", "V", 50.0),
     "alpha": ("angle of attack 2 deg high", "alpha", math.radians(2)),
+    "low-500": ("altitude 500 ft low", "h", -500.0),
     "low": ("altitude 1000 ft low", "h", -1000.0),
 }
 SURVIVED = 80.0
-LOW = "From below the engine is asked for more than it has, and the inversion for more than the elevator gives: lost."
+LOW = "Fuel and elevator are at their limits within half a second, and the angle of attack runs away."
 
 
 def rows() -> Iterator[Row]:
@@ -59,7 +60,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Tracking, inputs, modes with estimate and error, in that order; the observer without measurement in grey beside."""
+    """Tracking, inputs, modes with estimate and error; the observer without measurement beside, in grey."""
     from trimtab.plots.tracking import plot_tracking
 
     folder.mkdir(parents=True, exist_ok=True)

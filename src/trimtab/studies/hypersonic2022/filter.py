@@ -51,11 +51,25 @@ SEEDS = 40
 
 
 def rows() -> Iterator[Row]:
-    """Numbers of the model, time constants, the table of settings, and what the printed claim is worth."""
+    """Settings, numbers of the model, time constants, the table of settings, and what the printed claim is worth."""
+    yield from _settings()
     yield from _model()
     yield from _constants()
     yield from _table()
     yield from _claims()
+
+
+def _settings() -> Iterator[Row]:
+    """What is printed of the filter, and what is flown under that name."""
+    flown, place = FlexibleModeFilter.printed(), "[1] settings of the filter"
+    names = ("η1", "η1'", "η2", "η2'")
+    for name, want, got in zip(names, (1.5122, 0.0, 1.122, 0.0), np.asarray(flown.eta0), strict=True):
+        yield within(f"settings/first-{name}", f"first estimate of {name}", want, got, place)
+    yield within("settings/Q", "diagonal of Q_η(0)", 1e-5, np.unique(np.asarray(flown.Q)).item(), place)
+    yield within("settings/R", "diagonal of R_η(0)", 10.0, flown.R, place)
+    note = "There is one measurement."
+    shape = "shape of R_η(0)"
+    yield same("settings/R-shape", shape, (2, 2), (1, 1), place, must_hold=False, note=note)
 
 
 def _model() -> Iterator[Row]:
