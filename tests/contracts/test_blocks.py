@@ -26,7 +26,7 @@ def filters_slow(found):
     marked = []
     for one in found:
         folder, cls = one.values
-        several = folder == "estimators" and len(made(cls).listens) > 1
+        several = folder == "estimators" and (len(made(cls).listens) > 1 or cls.__name__ == "Particle")
         marked.append(pytest.param(folder, cls, id=one.id, marks=[pytest.mark.slow] if several else []))
     return marked
 

@@ -72,6 +72,7 @@ def test_the_planar_vtol():
     np.testing.assert_allclose(longer.determinant, G, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
     """There the sideways force cancels, two terms of opposite sign: no input, but for rounding."""
     craft = Hovercraft()

@@ -54,6 +54,7 @@ def test_a_lever_arm_shows_the_heading():
     assert node.x[0] == pytest.approx(0.02**2 / s * 0.02, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """Positions only, 10 Hz, an accelerating vehicle; on its own model (issue 4)."""
     nees, _, _ = monte_carlo(FORM, weave(ticks(300)), n=300, every=15, reads=False, runs=500)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, ticks, turn
 
 from trimtab.core.record import numeric, replace
@@ -14,6 +15,7 @@ from trimtab.logs.consistency import CONSISTENT, nees_verdict
 FORM = numeric(AidedInertialDirect(noise=MEMS, start=NEAR))
 
 
+@pytest.mark.slow
 def test_covariances_move_with_the_derivative_of_the_process():
     """Against automatic derivatives of propagate() itself, with the heading held for the second filter."""
     g = np.random.default_rng(0)
@@ -43,6 +45,7 @@ def test_innovations_are_measured_minus_predicted():
     assert (refused.used, refused.rejected, refused.rejected_in_a_row) == (1, 1, 1)
 
 
+@pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     nees, _, _ = monte_carlo(FORM, turn(ticks(250)), n=250, every=15, reads=True, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)

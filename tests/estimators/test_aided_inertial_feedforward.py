@@ -57,6 +57,7 @@ def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
     assert mended.verdict != OPTIMISTIC
 
 
+@pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model: turning without force, so that heading errors do nothing to velocity (issue 4)."""
     form = numeric(AidedInertialFeedforward(noise=MEMS, start=NEAR))

@@ -46,6 +46,7 @@ def rates_told(given):
     return np.asarray(flown(given.frames(PLAIN))[0])[:, 2]
 
 
+@pytest.mark.slow
 def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     truth = turn(ticks(N))
     given = ride(truth, InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30, heading=1e-12, position=1e-12))

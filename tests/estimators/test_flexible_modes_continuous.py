@@ -21,6 +21,7 @@ def _model():
     return np.asarray(A), np.asarray(C)
 
 
+@pytest.mark.slow
 def test_it_is_the_differential_equation_at_the_trim():
     """Oracle: eta and the Riccati equation in one by scipy, where flight, input and measurement stand still."""
     _, x, _ = trim()
@@ -55,6 +56,7 @@ def test_its_covariance_settles_at_the_algebraic_equation():
     assert np.linalg.eigvalsh(np.asarray(P)).min() > 0
 
 
+@pytest.mark.slow
 def test_printed_setting_is_the_observer_without_measurement():
     """[H] section 5.4: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])

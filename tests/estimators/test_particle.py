@@ -114,6 +114,7 @@ def test_silence_widens_it_and_leaves_nothing_behind():
     assert (off[gap] < 4 * np.hypot(wide, told.state.sigma_east)[gap]).all()
 
 
+@pytest.mark.slow
 def test_nan_doubled_and_backward_samples_are_flagged():
     def spoil(frames):
         ping = frames.samples["ranging"]

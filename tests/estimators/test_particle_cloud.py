@@ -66,6 +66,7 @@ def test_a_summary_is_the_mixtures():
     np.testing.assert_allclose(P, want, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_moving_is_linear_about_itself():
     m = Motion(0.1, 0.2, np.array([0.1, -0.2]), np.array([0.01, 0.02]), 0.1 * np.eye(2), 0.005 * np.eye(2), np.zeros(2))
     x, P = cloud().x[0], np.asarray(cloud().P[0])

@@ -43,6 +43,7 @@ def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
     return start, state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", [-3.0, -1.0, 0.0, 2.0])
 def test_four_pings_of_two_units_give_all(heading):
     """Turning and accelerating, from any heading: exact."""

@@ -77,6 +77,7 @@ LINEAR = replace(TIGHT, errors=replace(TIGHT.errors, second_order=False))
 in_time = jax.jit(rf.flown, compiler_options=rf.SWIFT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "place", "heading"), [(still, 1e-5, 1e-5), (rf.platform, 1e-4, 1e-4)])
 def test_perfect_ranges_give_the_truth(path, place, heading):
     """From nothing. On the platform the trapezoid of the IMU's tick is what is left: 22 um a lap."""

@@ -1,4 +1,4 @@
-"""The hovercraft's exported autopilot on emulated boards: what was simulated, within the stated tolerance."""
+"""Exported autopilots on emulated boards: what was simulated, within the stated tolerance."""
 
 import importlib.util
 import json
@@ -79,3 +79,33 @@ def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
     assert most < 300_000  # a ping, 0.1 s late
     assert flown.ram_bytes < 80_000
     assert flown.stack_bytes < 32_768
+
+
+HEAVY = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+@pytest.mark.usefixtures("board_tools")
+@pytest.mark.parametrize(
+    ("settings", "instructions", "stack", "ram"),
+    [
+        ({"internal": "noncausal"}, 5_000, 12_288, 204_800),
+        pytest.param({"internal": "quasi-static"}, 8_000, 12_288, 8_192, marks=HEAVY),
+        pytest.param({"internal": "preview"}, 250_000, 65_536, 8_192, marks=HEAVY),
+        pytest.param({"filter": "adaptive"}, 150_000, 49_152, 204_800, marks=HEAVY),
+    ],
+)
+def test_filter_of_the_modes_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
+    """The hypersonic vehicle's whole autopilot in double on a Cortex-M7, 200 steps a second: well inside 5 ms."""
+    scenario, _ = catalogue.load("hypersonic/noise", settings)
+    export_c(scenario, tmp_path, real="double", steps=500)
+    flown = emulate(tmp_path, "cortex-m7")
+    about = json.loads((tmp_path / "export.json").read_text())
+    tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
+    _, first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)
+    assert first is None
+    least, median, most = flown.instructions_per_step
+    print(f"{settings}: {least} … {most} instructions, median {median}, {1e-6 * 200 * median:.2f} million a second")
+    print(f"flash {flown.flash_bytes} B, RAM {flown.ram_bytes} B, stack {flown.stack_bytes} B")
+    assert most < instructions
+    assert flown.stack_bytes < stack
+    assert flown.ram_bytes < ram

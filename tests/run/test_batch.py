@@ -50,6 +50,7 @@ def test_reductions_are_those_of_the_log(lanes):
         np.testing.assert_allclose(lanes.rms[path], np.sqrt((rows**2).mean(axis=1)), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_jax_gives_the_same(short):
     chosen = {"seeds": range(5), "spread": {"world.vehicle.mass": MASSES[:5]}, "signals": ("truth",), "log": True}
     c, on_jax = simulate_batch(short, **chosen), simulate_batch(short, **chosen, backend="jax")

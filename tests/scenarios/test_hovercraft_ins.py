@@ -33,6 +33,7 @@ def check_accuracy(logs, heading=0.02):
         assert errors[name] < bound, (name, errors[name])
 
 
+@pytest.mark.slow
 def test_zero_velocity_is_flown_accurately_and_honestly():
     scenario, logs = flown("hovercraft/zero-velocity", navigation="ins")
     check_accuracy(logs)

@@ -1,0 +1,28 @@
+"""What `trimtab run` says of targets that are set on other signals than the truth."""
+
+import numpy as np
+import pytest
+
+from trimtab.commands.fly_scenario import summary
+from trimtab.core.time import ms, to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import Target
+
+T = np.arange(0, ms(1000), ms(10))
+
+
+def test_a_target_on_a_signal_of_the_law_is_shown_with_its_path():
+    error = np.exp(-5 * to_seconds(T))
+    log = Log(t=to_seconds(T), ticks=T, signals={"truth.h": 10 + error, "law.h_error": error}, final={"truth.h": 10.0})
+    found = summary(log, [Target("law.h_error", 0.0, 0.1)])
+    assert list(found["metrics"]) == ["law.h_error", "h"]
+    assert found["metrics"]["law.h_error"]["settling_s"] == pytest.approx(np.log(10) / 5, abs=0.011)
+    assert found["metrics"]["h"]["settling_s"] is None
+    assert found["final"] == {"h": 10.0, "law.h_error": pytest.approx(error[-1])}
+
+
+def test_a_target_on_the_truth_is_shown_by_its_short_name():
+    log = Log(t=to_seconds(T), ticks=T, signals={"truth.heading": np.zeros(len(T))}, final={"truth.heading": 0.0})
+    found = summary(log, [Target("heading", 0.0, 0.1)])
+    assert list(found["metrics"]) == ["heading"]
+    assert found["metrics"]["heading"]["settling_s"] == 0.0

@@ -1,0 +1,68 @@
+"""The picture of tracking: which rows there are, in which order, and what each line is."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms, to_seconds
+from trimtab.logs.log import Log
+from trimtab.plots.run import GREEN, GREY, VERMILION, panels_of
+from trimtab.plots.tracking import plot_tracking, rows_of
+
+T = np.arange(0, ms(5000), ms(10))
+WAVE = np.sin(to_seconds(T))
+
+
+def log(**more):
+    signals = {
+        "truth.bend": WAVE,
+        "truth.h": 100 * WAVE,
+        "estimate.state.bend": WAVE + 0.1,
+        "estimate.state.h": 100 * WAVE,
+        "estimate.state.without_measurement.bend": WAVE + 0.5,
+        "law.bend_wanted": WAVE - 0.2,
+        "law.h_wanted": 100 * WAVE - 3,
+        "law.idle": np.zeros((len(T), 2)),
+        "actuators.u.fuel": WAVE,
+    }
+    return Log(t=to_seconds(T), ticks=T, signals=signals | more)
+
+
+def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
+    assert [(r.name, r.estimated) for r in rows_of(log())] == [("h", False), ("bend", True)]
+    figure = plot_tracking(log(), tmp_path / "t.png", title="Test")
+    titles = [axes.get_title("left") for axes in figure.axes if axes.axison]
+    assert titles == ["h", "h minus wanted", "fuel", "bend", "bend: estimate minus truth"]
+    assert imread(tmp_path / "t.png").std() > 0.05
+
+
+def test_lines_are_the_signals_and_the_observer_without_measurement_is_beside():
+    axes = {a.get_title("left"): a for a in plot_tracking(log()).axes}
+    np.testing.assert_allclose(axes["h minus wanted"].lines[0].get_ydata(), 3.0)
+    wanted = [line for line in axes["bend"].lines if line.get_color() == GREEN]
+    np.testing.assert_allclose(wanted[0].get_ydata(), WAVE - 0.2)
+    error = {line.get_color(): line.get_ydata() for line in axes["bend: estimate minus truth"].lines}
+    np.testing.assert_allclose(error[VERMILION], 0.1)
+    np.testing.assert_allclose(error[GREY], 0.5)
+    assert "without measurement" in axes["bend: estimate minus truth"].get_title("right")
+
+
+def test_the_rms_it_prints_is_that_of_the_rest_of_the_run():
+    spoilt = 100 * WAVE - 3
+    spoilt[: len(T) // 10] = 1e6  # the first tenth does not count
+    axes = {a.get_title("left"): a for a in plot_tracking(log(**{"law.h_wanted": spoilt})).axes}
+    assert axes["h minus wanted"].get_title("right").startswith("rms 3 after")
+
+
+def test_a_run_without_wanted_signals_is_refused():
+    with pytest.raises(InputError, match="X_wanted"):
+        plot_tracking(Log(t=to_seconds(T), ticks=T, signals={"truth.h": WAVE}))
+
+
+def test_the_picture_of_the_run_shows_what_is_wanted_behind_what_is_and_leaves_idle_terms_out():
+    panels = {p.paths[0]: p for p in panels_of(log())}
+    assert panels["truth.h"].demanded == "law.h_wanted"
+    assert "law.h_wanted" not in panels
+    assert "law.idle" not in panels
+    assert "law.busy" in {p.paths[0] for p in panels_of(log(**{"law.busy": np.ones((len(T), 2))}))}
