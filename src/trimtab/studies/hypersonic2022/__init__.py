@@ -1,0 +1,7 @@
+"""Flexible-state estimation and tracking control of a hypersonic vehicle, Aerospace 9(4), 206, 2022.
+
+[1] in its files: "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+flight vehicle", doi 10.3390/aerospace9040206. Its printed matrices, gain and settings, each beside what this package
+computes. Its figures, commands and weights are not to be had: rows of basis "reference" compare with an independent
+program of the corrected model, under settings chosen here.
+"""
