@@ -172,13 +172,13 @@ class AdaptiveFlexibleModeFilter:
         chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
         b, d, rigid = forcing(self.craft, chi, u)
         between = (forcing(self.craft, s.chi, u)[0] + b) / 2
-        x, P = jax.lax.map(lambda one: self.predict(*one, s.Qd, between), (s.x, s.P))
+        x, P = jax.lax.map(lambda one: self.predict(one[0], one[1], s.Qd, between), (s.x, s.P))
         x, P = jnp.where(s.started, x, s.x), jnp.where(s.started, P, s.P)
         modal = felt.value.pitch_acceleration - rigid - d
         finite = jnp.isfinite(modal)
         used = started & known & finite & felt.valid & is_new(felt, s.seen) & self.corrects
         felt_modal = jnp.where(finite, modal, 0.0)
-        done = jax.lax.map(lambda one: self.update(*one, felt_modal, b), (x, P))
+        done = jax.lax.map(lambda one: self.update(one[0], one[1], felt_modal, b), (x, P))
         new_x, new_P, r, S, likely, learns, bounded = done
         x, P = jnp.where(used, new_x, x), jnp.where(used, new_P, P)
         innovation = s.p @ r
