@@ -8,7 +8,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, fli
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
-    """[H] 8, nominal; `hypersonic/noise` is the same with noise."""
+    """Nominal: the plant is the model. `hypersonic/noise` is the same with noise."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
     return flight("hypersonic/climb-large", climb, 200.0, **options)

@@ -8,7 +8,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, fli
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
-    """[H] 8, nominal."""
+    """Nominal: the plant is the model."""
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
     return flight("hypersonic/climb-small", climb, 150.0, **options)

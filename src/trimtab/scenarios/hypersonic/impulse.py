@@ -15,7 +15,7 @@ LENGTH, START = 0.05, 20.0
 def scenario(
     kind: Kind = "moment", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
-    """[H] 8: 0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; [1] names it as further work."""
+    """0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; further work of the source, sizes chosen."""
     craft = Hypersonic()
     if kind == "moment":
         felt = Disturbance(moment=0.4 * craft.Iyy, start=START, duration=LENGTH)

@@ -12,7 +12,7 @@ from trimtab.vehicles.hypersonic import Hypersonic
 def scenario(
     robust: Robust = "off", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "off"
 ) -> Scenario:
-    """[H] 8, plant mismatch: state feedback leaves an offset, which robust terms or integrals remove."""
+    """State feedback leaves an offset, which robust terms make smaller and integrals remove."""
     climb = FilteredClimb(dh=3000.0, dV=500.0)
     options: dict[str, Any] = {"robust": robust, "integral": integral, "filter": filter, "noise": noise}
     return flight("hypersonic/mismatch", climb, 150.0, plant=off_nominal(), **options)

@@ -12,7 +12,7 @@ Frequency = Literal["1.10", "0.90", "1.05", "0.95", "1.02", "0.98", "1.00"]
 
 
 def scenario(frequency: Frequency = "1.10", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
-    """[H] 8, modal-frequency mismatch: both frequencies of the plant times `frequency`. The printed filter loses it."""
+    """Both frequencies of the plant times `frequency`. With the printed settings of the filter the vehicle is lost."""
     craft = Hypersonic()
     plant = replace(craft, modes=craft.modes.detuned(float(frequency)))
     climb = FilteredClimb(dh=3000.0, dV=500.0)

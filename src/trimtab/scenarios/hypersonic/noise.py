@@ -8,7 +8,7 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, fli
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
-    """[H] 8, accelerometer noise."""
+    """The plant is the model; the noise is chosen, the source prints none."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
     return flight("hypersonic/noise", climb, 200.0, noise="on", **options)

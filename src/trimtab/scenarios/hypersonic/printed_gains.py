@@ -11,7 +11,7 @@ Sign = Literal["minus", "plus"]
 
 
 def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
-    """[1]'s K, v = -K e or, as its eq. 13 says, v = +K e; [H] 4.2 shows why neither holds."""
+    """The source's K, v = -K e or, as its eq. 13 says, v = +K e: `trimtab reproduce` shows why neither holds."""
     gain = {"minus": -1.0, "plus": 1.0}[sign] * K_PRINTED
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     return flight("hypersonic/printed-gains", climb, 20.0, filter=filter, K=gain)

@@ -15,7 +15,7 @@ START = 20.0
 def scenario(
     kind: Kind = "lift", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
-    """[H] 8: 2 % of the weight down, 88 lbf/ft of drag, 500 or 5000 lbf of moment; [1] names it as further work."""
+    """2 % of the weight, 88 lbf/ft of drag, 500 or 5000 lbf of moment; further work of the source, sizes chosen."""
     craft = Hypersonic()
     felt = {
         "lift": Disturbance(normal=-0.02 * craft.m * craft.g, start=START),
