@@ -92,6 +92,7 @@ def test_growth_is_that_of_a_flight():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_rows_hold_and_the_picture_is_drawn(tmp_path):
     rows = list(elevator_trade.rows())
     assert [r.id for r in rows if not r.holds] == []

@@ -158,6 +158,7 @@ def test_agreement_of_rankings():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_rows_hold_and_the_pictures_are_drawn(tmp_path):
     rows = list(further_work.rows())
     assert [r.id for r in rows if not r.holds] == []
