@@ -40,6 +40,14 @@ def test_list_of_a_scenario_shows_settings_with_units():
     assert "navigation-error" in found["imperfections"]
 
 
+def test_list_shows_numbers_vectors_and_tables():
+    done = call("list", "hypersonic/impulse")
+    assert done.exit_code == 0, done.output
+    assert "[1e-05,100,1e-05,100]" in done.stdout  # Q of the filter
+    assert "2x9 numbers" in done.stdout  # K
+    assert "moment | normal-force" in done.stdout
+
+
 def test_run_json_has_the_documented_keys():
     done = call("run", NAME, "--duration", "2", "--seed", "3", "--json")
     assert done.exit_code == 0, done.output

@@ -71,7 +71,7 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
     table.add_column("unit")
     table.add_column("meaning")
     for argument, choices in arguments.items():
-        table.add_row(argument, "|".join(choices), "", "Choice of this scenario; the first is the default.")
+        table.add_row(argument, " | ".join(choices), "", "Choice of this scenario; the first is the default.")
     for row in rows:
         table.add_row(*row)
     console().print(table)
@@ -84,8 +84,13 @@ def _value(value: Any, declared: Any) -> str:
 
     if isinstance(declared, Option):
         return show(value) if declared.kind == "period" else str(value)
-    shape = getattr(value, "shape", ())
-    return f"{float(value):.6g}" if not shape else f"{'x'.join(map(str, shape))} numbers"
+    from numpy import shape, size
+
+    numbers = shape(value)
+    if not numbers:
+        return f"{float(value):.6g}"
+    few = len(numbers) == 1 and size(value) <= 4
+    return "[" + ",".join(f"{v:.4g}" for v in value) + "]" if few else f"{'x'.join(map(str, numbers))} numbers"
 
 
 def _unit(declared: Any) -> str:
