@@ -98,7 +98,7 @@ def test_outside_the_fitted_range_is_flagged():
         ({"K": np.full((2, 9), np.inf)}, "not finite"),
         ({"K": np.zeros((2, 8))}, "shape"),
         ({"limits": InputLimits(Phi_low=1.6)}, "no room"),
-        ({"command": FilteredClimb(dV=-8000.0)}, "end at"),
+        ({"command": FilteredClimb(dV=-8000.0)}, "ends at"),
     ],
 )
 def test_wrong_values_are_refused(changes, says):

@@ -17,6 +17,7 @@ from trimtab.design.certificate_file import parsed
 from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible_modes_model import dynamics_of
+from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic import _design as hypersonic
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers
 from trimtab.vehicles.hypersonic import Hypersonic
@@ -193,3 +194,16 @@ def test_what_is_not_offered_is_refused(linear):
         hypersonic.feedback_gain(linear, method="magic")
     with pytest.raises(InputError, match="tuned, accurate, printed"):
         hypersonic.mode_filter(linear, "none")
+
+
+def test_the_certified_gain_is_the_one_that_flies():
+    linear, _ = hypersonic.error_model()
+    np.testing.assert_allclose(hypersonic.feedback_gain(linear).K, np.array(K_FLOWN), rtol=5e-6)
+    np.testing.assert_allclose(np.array(hypersonic.certificate().K, float), np.array(K_FLOWN), rtol=5e-6)
+
+
+@pytest.mark.parametrize("value", ["abc", None])
+def test_a_certificate_without_a_place_is_refused(value):
+    made = hypersonic.certificate()
+    with pytest.raises(InputError, match=r"about\.h_ft"):
+        hypersonic.again(made._replace(about={**made.about, "h_ft": value}))

@@ -135,10 +135,16 @@ def test_a_table_of_another_climb_or_vehicle_is_refused():
 def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
     """The issue: commands that saturate the engine are refused with the number that broke it."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)
-    with pytest.raises(InputError, match=r"fuel ratio 1\.\d+ at \d+\.?\d* s, limits are 0\.02 and 1\.5"):
+    with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, limits are 0\.02 and 1\.5"):
         flight("mine", climb, 60.0).check()
     with pytest.raises(InputError, match="without pitching moment"):
         flight("mine", replace(climb, dh=5000.0), 60.0)
+
+
+def test_a_run_that_outlasts_its_table_is_refused():
+    scenario, _ = catalogue.load("hypersonic/climb-small")
+    with pytest.raises(InputError, match=r"autopilot\.law\.internal.*ends at 150 s, the run at 200 s"):
+        replace(scenario, duration=seconds(200)).check()
 
 
 def test_modes_are_fed_back_at_the_frequency_that_is_estimated():

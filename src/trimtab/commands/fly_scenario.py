@@ -8,10 +8,12 @@ import json
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+import numpy as np
 
 from trimtab.commands.warm import Ready, key_of, recall, remember
 from trimtab.core.errors import InputError
@@ -172,7 +174,30 @@ def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     final |= {path: float(log[path][-1]) for path in wanted if len(log)}
     found = metrics(log, targets, [*wanted, *shown])
     named = {path.removeprefix("truth."): numbers for path, numbers in found.items()}
-    return {"metrics": named, "final": final, "mode_switches": mode_switches(log)}
+    final = {name: value if isfinite(value) else None for name, value in final.items()}
+    lost = lost_at(log)
+    return {"metrics": named, "final": final, "mode_switches": mode_switches(log), "flags": flags(log), "lost_s": lost}
+
+
+def flags(log: Log) -> dict[str, dict[str, float]]:
+    """Flags of law and actuators that were up: for how long, and when first, in s."""
+    found: dict[str, dict[str, float]] = {}
+    raised = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declared]
+    for path in [p for p in raised if log.declared[p].kind == "flag" and log[p].ndim == 1]:
+        up = log[path].astype(bool)
+        if up.any():
+            share = float(up.mean()) * float(log.t[-1] - log.t[0] if len(log) > 1 else 0.0)
+            found[path] = {"for_s": round(share, 4), "first_s": float(log.t[up.argmax()])}
+    return found
+
+
+def lost_at(log: Log) -> float | None:
+    """When the truth stopped being finite (s), or None."""
+    truth = [log[p] for p in log.paths if p.startswith("truth.")]
+    if not truth or not len(log):
+        return None
+    broken = ~np.isfinite(np.stack([x if x.ndim == 1 else x.sum(axis=1) for x in truth])).all(axis=0)
+    return float(log.t[broken.argmax()]) if broken.any() else None
 
 
 def _units(log: Log, names: Iterable[str]) -> dict[str, str]:

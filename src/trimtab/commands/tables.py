@@ -120,6 +120,11 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     console().print(table)
     switches = ", ".join(f"{side} {found['mode_switches']}" for side, found in flown.items())
     click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
+    for side, found in flown.items():
+        for path, flag in found["flags"].items():
+            click.echo(f"{path} ({side}): up for {flag['for_s']:.4g} s, first at {flag['first_s']:.4g} s")
+        if found["lost_s"] is not None:
+            click.echo(f"LOST ({side}): the state is not finite from {found['lost_s']:.4g} s on")
 
 
 def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
@@ -246,4 +251,7 @@ def print_conditions(title: str, found: "Checked") -> None:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    if value is None:
+        return "-"
+    small = value != 0 and abs(value) < 0.01
+    return f"{value:.2e}" if small and abs(value) < 1e-4 else f"{value:.5f}" if small else f"{value:.3f}"

@@ -48,6 +48,14 @@ class InternalTable:
             problem = f"{len(self.nodes)} nodes and {len(self.rates)} rates"
             raise InputError("InternalTable.rates", problem, fix="give a rate for each node")
 
+    def check_duration(self, seconds: float) -> None:
+        """Refuse a run that outlasts the table: after its end the last node would be wanted for ever."""
+        end = float(self.first + self.spacing * (np.shape(self.nodes)[0] - 1))
+        if seconds > end + float(self.spacing):
+            problem = f"the table ends at {end:g} s, the run at {seconds:g} s"
+            fix = f"--duration {end:g}, or --set internal=preview, which needs no table"
+            raise InputError("InternalTable", problem, fix=fix)
+
     def init(self, key: Any) -> tuple[()]:
         """No state."""
         return ()

@@ -13,8 +13,9 @@ from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
 from trimtab.laws.internal_quasi_static import QuasiStaticInternal
 from trimtab.laws.internal_table import InternalTable
+from trimtab.laws.path_checks import refuse_ends, refuse_table
 from trimtab.laws.path_command import FilteredClimb, PathPoint
-from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
+from trimtab.laws.path_inversion import InputLimits, invert
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 K_FLOWN = (
@@ -24,10 +25,6 @@ K_FLOWN = (
 """Linear quadratic regulator at 85 000 ft, 7 702 ft/s; `trimtab design hypersonic` computes it."""
 R_FLOWN = (0.01, 0.04)
 NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
-INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
-"""Sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
-SOLVED = 1e-4
-"""A node solves the internal dynamics when its rates are right to this part of the sizes, each second."""
 
 
 @record
@@ -117,27 +114,9 @@ class StableInversion:
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError("StableInversion.limits", f"{self.limits} leave no room", fix="give low below high")
+        refuse_ends(self.craft, self.command, self.limits)
         if isinstance(self.internal, InternalTable) and self.internal.exact:
-            self._check_table(self.internal)
-
-    def _check_table(self, table: InternalTable) -> None:
-        """Refuse a table of another command or vehicle: its nodes must solve this law's internal dynamics."""
-        t = table.first + table.spacing * np.arange(len(table.nodes))
-        wrong, u = (np.asarray(a) for a in _along(self.craft, self.command, t, table.nodes, table.rates))
-        if not wrong.max() < SOLVED:
-            when = f"off by {wrong.max():.2g} at {t[wrong.argmax()]:g} s"
-            problem = f"the table was made for another command or vehicle: {when}"
-            fix = "build the law with a table of its own command, or --set internal=preview, which needs none"
-            raise InputError("StableInversion.internal", problem, fix=fix)
-        low, high = (np.array([*pair]) for pair in self.limits.pairs())
-        for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
-            beyond = np.maximum(least - value, value - most)
-            if beyond.max() > 0:
-                at = int(beyond.argmax())
-                problem = (
-                    f"the command needs {what} {value[at]:.4g} at {t[at]:g} s, limits are {least:.4g} and {most:.4g}"
-                )
-                raise InputError("StableInversion.command", problem, fix="make the climb smaller, or wh and wV lower")
+            refuse_table(self.craft, self.command, self.internal, self.limits)
 
     def init(self, key: Key) -> StableInversionState:
         """Nothing remembered."""
@@ -168,11 +147,11 @@ class StableInversion:
         u = HypersonicInput(
             jnp.where(usable, u.Phi, self.limits.Phi_low), jnp.where(usable, u.delta_e, jnp.asarray(0.0))
         )
-        saturated = clipped | ~usable
+        saturated, integrates = clipped | ~usable, jnp.any(jnp.asarray(self.Ki) != 0)
         new = StableInversionState(
             internal=internal,
             adaptation=_kept(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
-            integral=jnp.where(saturated, state.integral, state.integral + dt * jnp.stack([e[0], e[2]])),
+            integral=jnp.where(saturated | ~integrates, state.integral, state.integral + dt * jnp.stack([e[0], e[2]])),
             t=t,
             started=jnp.asarray(True),
         )
@@ -217,17 +196,3 @@ class StableInversion:
 
 def _kept(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda p, q: jnp.where(condition, p, q), a, b)
-
-
-@jax.jit
-def _along(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
-    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
-
-    And fuel ratio and elevator (rad) that the command needs there (2, n).
-    """
-    p: PathPoint = command.at(t)
-    path = (p.h, p.h_rate, p.V)
-    found = internal_rates(craft, *path, p.h_acceleration, p.V_rate, nodes.T)
-    off = jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
-    u = invert(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
-    return off, jnp.stack([u.Phi, u.delta_e])

@@ -19,10 +19,11 @@ def check_values(tree: Any, path: str = "") -> None:
     for where, child in _records(tree, path):
         own = getattr(child, "check", None)
         if own is not None and where != path:
-            _check_own(where, own)
+            check_part(where, own)
 
 
-def _check_own(where: str, own: Any) -> None:
+def check_part(where: str, own: Any) -> None:
+    """Run a part's own check; what it refuses is named by its path."""
     try:
         own()
     except InputError as error:

@@ -5,11 +5,11 @@ from typing import Any
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.errors import InputError
 from trimtab.core.record import children, is_record, option, part, period, record, replace
-from trimtab.core.time import seconds
+from trimtab.core.time import seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
-from trimtab.loop.checks import check_values
+from trimtab.loop.checks import check_part, check_values
 from trimtab.loop.world import World
 from trimtab.sensors.planar_navigation import PlanarNavigation
 
@@ -67,6 +67,10 @@ class Scenario:
     def check(self) -> None:
         """Refuse values that cannot be flown; the walk refuses parts that don't fit each other."""
         check_values(self)
+        for path, owner in _parts(self):
+            covers = getattr(owner, "check_duration", None)
+            if covers is not None:
+                check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))
 
 
 def _parts(value: Any, path: str = "") -> list[tuple[str, Any]]:

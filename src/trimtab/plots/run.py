@@ -145,9 +145,9 @@ def _idle(log: Log, path: str) -> bool:
 
 
 def _words(path: str) -> str:
-    """A title from a path: surge_velocity becomes Surge velocity, speed_rpm becomes Speed; symbols such as FX stay."""
+    """A title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX or h stay."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
-    return name[0].upper() + name[1:]
+    return name if len(name) == 1 else name[0].upper() + name[1:]
 
 
 def _short(name: str) -> str:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
+ROOM = 1.3
+"""Axes show so many times what they have to."""
 WITHOUT = "estimate.state.without_measurement"
 """What the estimator's model gives without any measurement: an error that vanishes there too proves nothing."""
 
@@ -99,18 +101,41 @@ def _draw_row(pair: Any, log: Log, row: Row) -> None:
     value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
     _dress(value, _words(row.name), "", unit)
     if not row.estimated:
-        off = log[path] - log[f"law.{row.name}_wanted"]
+        off = _apart(log, path, log[path], log[f"law.{row.name}_wanted"])
         error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
+        _focus(error, log, off)
         _dress(error, f"{_words(row.name)} minus wanted", _rms(log, off), unit)
         return
-    off = log[f"estimate.state.{row.name}"] - log[path]
+    off = _apart(log, path, log[f"estimate.state.{row.name}"], log[path])
     note = _rms(log, off)
     bare = _without_measurement(log, row.name)
     if bare is not None:
-        error.plot(*decimate(log.t, bare - log[path]), color=GREY, lw=0.8)
+        bare = _apart(log, path, bare, log[path])
+        error.plot(*decimate(log.t, bare), color=GREY, lw=0.8)
         note += "; grey: without measurement"
     error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
+    _focus(error, log, off, *([] if bare is None else [bare]))
+    _focus(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
     _dress(error, f"{_words(row.name)}: estimate minus truth", note, unit)
+
+
+def _apart(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a - b, the short way round for angles."""
+    off = a - b
+    angle = path in log.declared and log.declared[path].kind == "angle"
+    return np.angle(np.exp(1j * off)) if angle else off
+
+
+def _focus(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> None:
+    """The vertical range of what comes after the first twentieth of the run: a start far off would hide all else."""
+    late = np.concatenate([x[len(log) // 20 :] for x in signals])
+    late = late[np.isfinite(late)]
+    if not len(late):
+        return
+    centre = float(late.min() + late.max()) / 2 if middle else 0.0
+    reach = ROOM * float(np.abs(late - centre).max())
+    if 0 < reach < 1e12:
+        axes.set_ylim(centre - reach, centre + reach)
 
 
 def _without_measurement(log: Log, name: str) -> np.ndarray | None:
@@ -121,13 +146,15 @@ def _without_measurement(log: Log, name: str) -> np.ndarray | None:
 def _draw_input(axes: Any, log: Log, path: str) -> None:
     name = path.removeprefix("actuators.u.")
     axes.plot(*decimate(log.t, log[path]), color=BLUE, lw=0.9)
-    late = log[path][len(log) // 10 :]
-    _dress(axes, _words(name), f"{late.min():.4g} to {late.max():.4g}" if len(late) else "", log.unit(path))
+    x = log[path]
+    _dress(axes, _words(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
     """What is left after the first tenth of the run."""
     late = error[len(log) // 10 :]
+    if not np.isfinite(late).all():
+        return "lost"
     return f"rms {np.sqrt(np.mean(late**2)):.3g} after {log.t[len(log) // 10]:.0f} s" if len(late) else ""
 
 
@@ -136,10 +163,13 @@ def _words(name: str) -> str:
 
 
 def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+    from matplotlib.ticker import FuncFormatter
+
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.set_title(note, loc="right", fontsize=8, color=GREY)
     axes.set_ylabel(unit if unit != "1" else "", fontsize=8)
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, length=2)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
     axes.spines[["top", "right"]].set_visible(False)

@@ -39,7 +39,7 @@ ALLOWED_INPUT = np.array([10.0, 5.0])
 ALLOWED_INTEGRALS = np.array([1000.0, 100.0])
 """Integrals of the errors of h (ft s) and V (ft) that weigh 1."""
 STRICT = 1.01
-"""The regulator's weight Q in parts of Q_e, which makes (14) strict."""
+"""The regulator's weight Q in parts of the Q_e that is certified for it, which makes (14) strict."""
 FILTERS = {
     "tuned": ((1e-5, 100.0, 1e-5, 100.0), 5e-7),
     "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
@@ -76,10 +76,8 @@ def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
 
 
-def feedback_gain(
-    linear: Linear, *, method: str = "lqr", integral: bool = False, strict: float = STRICT
-) -> Lqr | LmiGain:
-    """K (2, 9), or (2, 11) with integrals, of v = +K e; with `strict` 1 the reference gain.
+def feedback_gain(linear: Linear, *, method: str = "lqr", integral: bool = False, strict: float = 1.0) -> Lqr | LmiGain:
+    """K (2, 9), or (2, 11) with integrals, of v = +K e; as it flies.
 
     Args:
         linear: of `error_model`.
@@ -136,6 +134,7 @@ def certificate(
     linear, level = error_model(craft, h, V)
     found = feedback_gain(linear, method=method, integral=integral)
     Qe, Re, scale = weights(integral=integral)
+    Qe = Qe / STRICT if method == "lqr" else Qe
     about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
     trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
     return certify(
@@ -156,5 +155,14 @@ def certificate(
 
 def again(made: Certificate) -> tuple[Any, Any]:
     """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
-    linear, _ = error_model(h=float(made.about["h_ft"]), V=float(made.about["V_ft_per_s"]))
+    place: list[float] = []
+    for name in ("h_ft", "V_ft_per_s"):
+        try:
+            place.append(float(made.about[name]))
+        except (KeyError, TypeError, ValueError):
+            problem = f"about.{name} is {made.about.get(name)!r}, no number"
+            raise InputError(
+                "certificate", problem, fix="trimtab design hypersonic --out FILE  makes it anew"
+            ) from None
+    linear, _ = error_model(h=place[0], V=place[1])
     return matrices(linear, integral=made.about.get("integral") == "true")
