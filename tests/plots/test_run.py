@@ -183,7 +183,7 @@ def test_a_foreign_vehicle_gets_its_panels():
     figure = plot_run(log, log)
     assert len(axes_of(figure, "P WB").get_lines()) == 6
     only = Log(to_seconds(ticks), ticks, {"estimate.state.x": np.zeros(20)})
-    assert [p.title for p in panels_of(only)] == ["X"]
+    assert [p.title for p in panels_of(only)] == ["x"]
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

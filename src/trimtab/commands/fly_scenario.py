@@ -146,11 +146,24 @@ def build(request: Request) -> "Scenario":
         raise InputError(f"scenario {request.scenario!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(request.scenario)
+    _refuse_choices(request.scenario, scenario, rest)
     scenario = with_settings(scenario, rest)
     for name in request.without:
         scenario = scenario.without(name)
     scenario.check()
     return scenario
+
+
+def _refuse_choices(name: str, scenario: "Scenario", rest: Mapping[str, str]) -> None:
+    """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
+    from trimtab.core.record import leaves
+    from trimtab.scenarios import catalogue
+
+    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], list(catalogue.arguments(name))
+    for wrong in [n for n in rest if "." not in n and n not in settings]:
+        problem = f"scenario {name!r} has no such choice and no such setting"
+        fix = f"trimtab list {name}  shows every setting by its path"
+        raise InputError(f"--set {wrong}", problem, choices=[*choices, *settings], fix=fix)
 
 
 def _refuse_navigation(name: str) -> None:

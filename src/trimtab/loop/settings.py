@@ -42,11 +42,15 @@ def _value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
         number = json.loads(text)
         array = np.asarray(number, np.float64)
     except (TypeError, ValueError):
+        if np.shape(old):
+            problem = f"{text!r} is not a list of finite numbers of shape {np.shape(old)}"
+            fix = f"--set '{path}={json.dumps(np.asarray(old).tolist())}'"
+            raise InputError(f"--set {path}", problem, fix=fix) from None
         number = _float(path, text, declared)
         array = np.asarray(number)
     if array.shape != np.shape(old):
         problem = f"{text!r} has shape {array.shape}, wanted is {np.shape(old)}"
-        raise InputError(f"--set {path}", problem, fix=f"--set {path}={json.dumps(np.asarray(old).tolist())}")
+        raise InputError(f"--set {path}", problem, fix=f"--set '{path}={json.dumps(np.asarray(old).tolist())}'")
     return number if array.ndim == 0 else array
 
 
