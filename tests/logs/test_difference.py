@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
 from trimtab.logs.difference import difference
 from trimtab.logs.log import Log
 
@@ -31,6 +32,22 @@ def test_rounding_is_within_the_tolerance_of_the_signals_size():
     found = difference(ONE, near, 1e-12)
     assert not found.equal
     assert found.number == (0.001, "truth.x", 2.0, 2.0 + 1e-10)
+
+
+def test_a_difference_of_large_numbers_has_no_more_digits_than_they_have():
+    """An error of altitude: one rounding of 85 000 is 1.5e-11, far more than 1e-10 of an error of 0.01."""
+
+    def climb(error, unit):
+        far = Quantity(unit=unit, doc="", kind="real")
+        signals = {"truth.h": np.full(5, 85000.0), "law.h_error": np.full(5, error)}
+        return Log(
+            TICKS * 1e-7, TICKS, signals, declared={"truth.h": Quantity("ft", "", kind="real"), "law.h_error": far}
+        )
+
+    off = 0.01 + 10 * np.spacing(85000.0)
+    assert difference(climb(0.01, "ft"), climb(off, "ft")).equal
+    assert not difference(climb(0.01, "rad"), climb(off, "rad")).equal  # an angle has nothing to do with altitude
+    assert not difference(climb(0.01, "ft"), climb(0.01 + 100 * np.spacing(85000.0), "ft")).equal
 
 
 def test_what_comes_after_a_switch_is_not_compared():

@@ -7,6 +7,9 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 
+ROUNDINGS = 64
+"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude, into which
+each step of the integration has put a rounding of its own."""
 DISCRETE = ("mode", "flag", "count", "word", "time")
 
 
@@ -36,6 +39,7 @@ def difference(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
     Args:
         one, other: logs of the same instants and signals.
         tolerance: of real numbers, as a part of the largest size that the signal has in `one` (or of 1e-3, if larger).
+            A signal may also be off by ROUNDINGS of the largest in the same unit: it may be the difference of two such.
 
     Raises:
         InputError: logs of other instants or other signals.
@@ -49,13 +53,23 @@ def difference(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
     whole = [p for p in one.paths if p not in real]
     switch = _first(one, other, [(p, _apart(one[p], other[p])) for p in whole], len(one))
     until = len(one) if switch is None else int(np.searchsorted(one.t, switch[0]))
-    worst, off = {}, []
+    worst, off, largest = {}, [], _largest(one, real)
     for path in real:
         gap = _gap(one[path][:until], other[path][:until])
         size = max(float(np.nanmax(np.abs(one[path]), initial=0.0)), 1e-3)
         worst[path] = float(gap.max(initial=0.0)) / size
-        off.append((path, gap > tolerance * size))
+        rounding = ROUNDINGS * float(np.spacing(largest[one.unit(path)]))
+        off.append((path, gap > max(tolerance * size, rounding)))
     return Difference(until, switch, _first(one, other, off, until), worst)
+
+
+def _largest(log: Log, paths: list[str]) -> dict[str, float]:
+    """Unit -> largest finite size of the signals that have it."""
+    found: dict[str, float] = {}
+    for path in paths:
+        finite = np.abs(log[path][np.isfinite(log[path])])
+        found[log.unit(path)] = max(found.get(log.unit(path), 0.0), float(finite.max(initial=0.0)))
+    return found
 
 
 def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
