@@ -40,7 +40,7 @@ def flight(name):
 
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("board_tools")
-@pytest.mark.parametrize("target", sorted(TARGETS))
+@pytest.mark.parametrize("target", ["cortex-m7", pytest.param("cortex-m4", marks=pytest.mark.slow)])
 def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
     """The dual-filter INS with its history of delayed fixes, law and allocation, as one exported step."""
     module = flight("inertial_flight")

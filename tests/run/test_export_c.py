@@ -21,8 +21,8 @@ def exported(name, folder, **options):
 
 SINGLE = ["hovercraft/zero-velocity", "hovercraft/spin", "hovercraft/heading-bang-bang"]
 SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
-SAME += tuple(n for n in NAMES if n.startswith("hypersonic/") and n != "hypersonic/noise")
-"""Of the same parts as others: with the slow tests."""
+SAME += ("navigation/platform-magnetometer", *(n for n in NAMES if n.startswith("hypersonic/")))
+"""Of the same parts as others, or flown on the emulated board (tests/export): with the slow tests."""
 LARGE = {"navigation/platform-ranging": 32768, "hypersonic/noise": 8192}
 """Most stack (bytes) of autopilots that need more than 4 KiB."""
 BOTH = [(name, "double") for name in NAMES] + [(name, "single") for name in SINGLE]

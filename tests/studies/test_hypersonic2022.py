@@ -16,7 +16,7 @@ from trimtab.studies.hypersonic2022.errata import ERRATA
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, K_PRINTED
 
 NAME = "hypersonic2022"
-QUICK = ("trim-and-model", "printed-matrices", "gains")
+QUICK = ("printed-matrices", "gains")
 """Groups without a flight; the others compile several."""
 GROUPS = catalogue.groups(NAME)
 CASES = [pytest.param(g, id=g.name, marks=[] if g.name in QUICK else [pytest.mark.slow]) for g in GROUPS]
@@ -68,7 +68,7 @@ def test_rows_hold_or_say_why_not(group):
 
 def test_groups_are_in_the_order_of_the_equations():
     names = [g.name for g in GROUPS]
-    ordered = ["trim-and-model", "exact-linearisation", "internal-dynamics", "filter", "printed-matrices"]
+    ordered = ["exact-linearisation", "internal-dynamics", "filter", "printed-matrices"]
     ordered += ["printed-gain", "gains", "closed-loop"]
     assert [n for n in names if n in ordered] == ordered
     assert {g.name for g in GROUPS if g.draws} >= {"closed-loop"}

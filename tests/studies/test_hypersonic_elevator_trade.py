@@ -60,6 +60,7 @@ def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
     assert np.sqrt(total / count) == pytest.approx(loop.quality().elevator, rel=0.02)
 
 
+@pytest.mark.slow
 def test_verdicts_on_ten_per_cent_off():
     """[H] 8: the shipped filter holds errors of 10 %, one with Qacc = 1 is marginal at 0.90, the printed one fails."""
     assert loop.quality().worst < -0.1

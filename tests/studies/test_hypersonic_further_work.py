@@ -69,6 +69,7 @@ def ends():
     return float(last.h), float(last.V)
 
 
+@pytest.mark.slow
 def test_what_fails_and_why():
     """Mode 2 at 0.75 is beyond the filter; a moment 10 % off leaves an offset that integral action removes."""
     factors = np.concatenate([only(), only(w2=0.75), only(CM_0=1.1), only(CM_0=1.1, ce=0.45)])

@@ -8,8 +8,8 @@ from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 
 ROUNDINGS = 64
-"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has, and
-each step of the integration has put a rounding of its own into that."""
+"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has,
+and each step of the integration has put a rounding of its own into that."""
 DISCRETE = ("mode", "flag", "count", "word", "time")
 
 
