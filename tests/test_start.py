@@ -40,7 +40,8 @@ absent(*HEAVY)
 listed = CliRunner().invoke(trimtab.cli.main, ["list", "--json"])
 assert "hovercraft/spin" in listed.stdout
 absent(*HEAVY)
-flown = {"metrics": found, "final": {"yaw_rate": 0.0}, "mode_switches": 0}
+raised = {"law.saturated": {"for_s": 0.5, "first_s": 1.0}}
+flown = {"metrics": found, "final": {"yaw_rate": 0.0}, "mode_switches": 0, "flags": raised, "lost_s": 2.0}
 result = {"scenario": "x", "seed": 1, "duration_s": 1.0, "ideal": None, "real": flown}
 trimtab.commands.tables.print_result(result, {"yaw_rate": "rad/s"})
 assert "rich" in sys.modules
