@@ -30,14 +30,14 @@ def test_a_target_on_the_truth_is_shown_by_its_short_name():
 
 
 def test_flags_and_a_lost_state_are_told():
-    up, h = (to_seconds(T) >= 0.25) & (to_seconds(T) < 0.5), np.where(to_seconds(T) < 0.8, 1.0, np.nan)
+    up, h = (to_seconds(T) >= 0.25) & (to_seconds(T) < 0.5), np.where(to_seconds(T) < 0.805, 1.0, np.nan)
     flag = Quantity("1", "Whether a limit holds the input.", kind="flag")
     signals = {"truth.h": h, "law.saturated": up}
     log = Log(to_seconds(T), T, signals, declared={"law.saturated": flag}, final={"truth.h": np.nan})
     found = summary(log, [])
     assert found["flags"]["law.saturated"]["first_s"] == pytest.approx(0.25)
     assert found["flags"]["law.saturated"]["for_s"] == pytest.approx(0.25, abs=0.01)
-    assert found["lost_s"] == pytest.approx(0.8)
+    assert found["lost_s"] == pytest.approx(0.81)
     assert found["final"]["h"] is None  # JSON has no NaN
     calm = Log(to_seconds(T), T, {"truth.h": np.zeros(len(T))})
     assert (summary(calm, [])["flags"], summary(calm, [])["lost_s"]) == ({}, None)
