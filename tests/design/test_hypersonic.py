@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import replace
 from trimtab.design.lie import affine_fields, curved_inputs, extend, lie_derivative, relative_degree
 from trimtab.design.linearise import linearise
-from trimtab.design.model import QUICKLY, of_vehicle
+from trimtab.design.model import of_vehicle
 from trimtab.design.normal_form import normal_form
 from trimtab.design.trim import trim
 from trimtab.design.zero_dynamics import zero_dynamics

@@ -7,8 +7,9 @@ import pytest
 from design.published import G, ball_and_beam, vtol
 
 from trimtab.core.errors import InputError
+from trimtab.core.once import QUICKLY
 from trimtab.design.linearise import linearise
-from trimtab.design.model import QUICKLY, system
+from trimtab.design.model import system
 from trimtab.design.normal_form import normal_form, solve
 
 pytestmark = pytest.mark.slow

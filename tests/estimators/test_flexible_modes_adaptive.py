@@ -17,14 +17,14 @@ from scipy.stats import chi2
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import declarations, numeric, replace
+from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Frame, measured
 from trimtab.core.time import ms
 from trimtab.estimators.flexible_modes import FlexibleModeFilter
 from trimtab.estimators.flexible_modes_adaptive import APART, LEAST, SHARE, AdaptiveFlexibleModeFilter, weighed
-from trimtab.estimators.flexible_modes_frequencies import AdaptiveFlexibleFlight
-from trimtab.estimators.flexible_modes_model import FlexibleFlight, RigidFlight, dynamics_of, forcing
+from trimtab.estimators.flexible_modes_frequencies import adapted
+from trimtab.estimators.flexible_modes_model import FlexibleFlight, ModalFrequencies, RigidFlight, dynamics_of, forcing
 from trimtab.estimators.flexible_modes_stretched import bending, jolt, mixture, moved, stretch, unstretched
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
@@ -61,7 +61,7 @@ def _resting():
 
 def _wrong(flown, factors):
     """ln of estimated over true frequencies (runs, n, 2)."""
-    w = np.stack([flown.estimate.w1 / 16.5, flown.estimate.w2 / 20], -1)
+    w = np.stack([flown.estimate.frequencies.w1 / 16.5, flown.estimate.frequencies.w2 / 20], -1)
     return np.log(w / np.asarray(factors, float)[:, None])
 
 
@@ -134,8 +134,9 @@ def test_probabilities_are_those_of_bayes_with_a_floor():
 def test_it_tells_all_that_the_fixed_filter_tells():
     one = AdaptiveFlexibleModeFilter()
     assert isinstance(one, Estimator)
-    assert set(declarations(FlexibleFlight)) < set(declarations(AdaptiveFlexibleFlight))
     state = one.init(key(0))
+    assert type(adapted(state)) is FlexibleFlight
+    assert type(adapted(state).frequencies) is ModalFrequencies
     np.testing.assert_allclose(state.mean[4:], 0, atol=1e-15)
     np.testing.assert_allclose(np.sqrt(np.diag(state.spread)[4:]), 0.1, rtol=1e-12)
 
@@ -143,9 +144,9 @@ def test_it_tells_all_that_the_fixed_filter_tells():
 def test_at_rest_nothing_is_learnt_and_nothing_drifts():
     """No excitation: after ten seconds frequencies and their deviations are what they were, within 1 % of 10 %."""
     flown = _resting()
-    assert np.abs(np.log(flown.estimate.w1 / 16.5)).max() < 0.002
-    assert np.abs(np.log(flown.estimate.w2 / 20)).max() < 0.002
-    for sigma, w in ((flown.estimate.w1_sigma, 16.5), (flown.estimate.w2_sigma, 20)):
+    assert np.abs(np.log(flown.estimate.frequencies.w1 / 16.5)).max() < 0.002
+    assert np.abs(np.log(flown.estimate.frequencies.w2 / 20)).max() < 0.002
+    for sigma, w in ((flown.estimate.frequencies.w1_sigma, 16.5), (flown.estimate.frequencies.w2_sigma, 20)):
         np.testing.assert_allclose(sigma / w, 0.1, rtol=0.01)
     assert (np.abs(flown.error[:, -1]) < 3 * flown.estimate.sigma[:, -1]).all()  # and it knows what it does not know
 
@@ -156,10 +157,16 @@ def test_steps_of_the_elevator_teach_it():
     wrong = _wrong(flown, OFF)
     assert np.abs(wrong[:, -1, 1]).max() < 0.01
     assert np.abs(wrong[:, -1, 0]).max() < 0.05
-    believed = np.stack([flown.estimate.w1_sigma / flown.estimate.w1, flown.estimate.w2_sigma / flown.estimate.w2], -1)
+    believed = np.stack(
+        [
+            flown.estimate.frequencies.w1_sigma / flown.estimate.frequencies.w1,
+            flown.estimate.frequencies.w2_sigma / flown.estimate.frequencies.w2,
+        ],
+        -1,
+    )
     assert (np.abs(wrong[:, -1]) < 4 * believed[:, -1]).all()
     assert believed[:, -1, 1].max() < 0.01
-    assert not flown.estimate.bounded.any()
+    assert not flown.estimate.frequencies.bounded.any()
 
 
 def _frame(t, x, u, acceleration, **changes):
@@ -186,8 +193,8 @@ def test_what_is_not_finite_is_not_used():
         assert np.isfinite(np.asarray(leaf)).all()
     out = replace(start, x=start.x.at[:, 4:].set(0.3))
     _, kept = step(np.int64(0), out, _frame(np.int64(0), x, u, 0.1))
-    assert bool(kept.state.bounded)
-    assert float(kept.state.w1) == pytest.approx(16.5 * 1.12)
+    assert bool(kept.state.frequencies.bounded)
+    assert float(kept.state.frequencies.w1) == pytest.approx(16.5 * 1.12)
 
 
 def test_refusals():
@@ -208,7 +215,13 @@ def _rows(title, move, disturbance=None, seeds=range(300, 304)):
         its = slice(i * len(seeds), (i + 1) * len(seeds))
         found[case] = {n: rms_of(f.error[its], 9, 10) for n, f in flown.items()}
         wrong = 100 * np.sqrt((_wrong(flown["adaptive"], factors)[its, -1] ** 2).mean(0))
-        believed = [100 * (s / w)[its, -1].mean() for s, w in ((told.w1_sigma, told.w1), (told.w2_sigma, told.w2))]
+        believed = [
+            100 * (s / w)[its, -1].mean()
+            for s, w in (
+                (told.frequencies.w1_sigma, told.frequencies.w1),
+                (told.frequencies.w2_sigma, told.frequencies.w2),
+            )
+        ]
         errors = "  ".join(f"{e[0]:.4f} {e[2]:.4f}" for e in found[case].values())
         print(f"{case!s:11} {errors}   {wrong[0]:.2f} {wrong[1]:.2f} ({believed[0]:.2f} {believed[1]:.2f})")
     return found
@@ -239,7 +252,7 @@ def test_where_they_do_not_it_is_no_better_than_others(title, move):
 @pytest.mark.slow
 def test_a_minute_of_rest_changes_nothing():
     flown = fly_many([(1, 1)] * 6, AdaptiveFlexibleModeFilter(), range(310, 316), rest, 60)
-    wrong, believed = _wrong(flown, [(1, 1)] * 6)[:, -1], flown.estimate.w2_sigma[:, -1] / 20
+    wrong, believed = _wrong(flown, [(1, 1)] * 6)[:, -1], flown.estimate.frequencies.w2_sigma[:, -1] / 20
     print(f"\na minute of rest: w off by {100 * np.abs(wrong).max():.1e} %, believed {100 * believed.min():.3f} %")
     assert np.abs(wrong).max() < 0.01
     assert believed.min() > 0.095

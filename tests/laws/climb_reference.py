@@ -6,8 +6,8 @@ import time
 import jax
 import numpy as np
 
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import numeric
-from trimtab.design.model import QUICKLY
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic import _internal
 from trimtab.vehicles.hypersonic import Hypersonic

@@ -10,8 +10,8 @@ from laws.climb_reference import CLIMB, CRAFT, H0, V0, miss, noncausal, run
 from scipy.linalg import expm
 
 from trimtab.core.errors import InputError
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import numeric, replace
-from trimtab.design.model import QUICKLY
 from trimtab.export.compiler import find_compiler
 from trimtab.export.function import compile_function
 from trimtab.laws.internal_preview import FadingModes

@@ -153,7 +153,7 @@ def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     log = simulate(scenario, seed=1, log_period=ms(100))
     late = log.t > 60
     assert np.abs(log["law.h_error"][late]).max() < 0.3
-    wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.w2"][late]
+    wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.frequencies.w2"][late]
     fixed, _ = catalogue.load("hypersonic/modal-mismatch", {"frequency": "1.10"})
     told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_wanted"][late]
     np.testing.assert_allclose(wanted, told * (20.0 / w2) ** 2, rtol=1e-9)

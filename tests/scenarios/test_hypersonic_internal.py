@@ -9,8 +9,8 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, DT, H0, SCALES, V0, linear, noncausal
 
 from trimtab.core.errors import InputError
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import replace
-from trimtab.design.model import QUICKLY
 from trimtab.design.stable_inversion import residual
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import internal_rates

@@ -15,7 +15,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import QUICKLY, Function, Model, combination, indices
+from trimtab.core.once import QUICKLY
+from trimtab.design.model import Function, Model, combination, indices
 
 ROUNDING = 1e-10
 """A sum this small a part of the sum of its terms' magnitudes counts as zero."""

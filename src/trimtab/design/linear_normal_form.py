@@ -17,9 +17,10 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.once import QUICKLY
 from trimtab.design.lie import equilibrated, output_derivatives
 from trimtab.design.linearise import Linear
-from trimtab.design.model import QUICKLY, Model, indices
+from trimtab.design.model import Model, indices
 
 AT_REST = 1e-8
 """A derivative this small a part of what the states' own sizes make of A counts as zero."""

@@ -15,7 +15,8 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import QUICKLY, Model, indices
+from trimtab.core.once import QUICKLY
+from trimtab.design.model import Model, indices
 
 ROUNDING = 1e-10
 """Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""

@@ -17,8 +17,6 @@ from trimtab.core.record import Quantity, is_record, leaves, with_leaf
 
 Function = Callable[[Any, Any], Any]
 """(x (n,), u (m,)) -> vector, traceable by jax."""
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-"""How to compile what runs once: there compiling is what takes the time."""
 
 
 class Model(NamedTuple):

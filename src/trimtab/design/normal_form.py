@@ -16,8 +16,9 @@ from scipy.linalg import qr
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.once import QUICKLY
 from trimtab.design.lie import RelativeDegree, equilibrated, output_derivatives, relative_degree
-from trimtab.design.model import QUICKLY, Model, indices, system
+from trimtab.design.model import Model, indices, system
 
 STEPS = 50
 """Newton steps at most."""

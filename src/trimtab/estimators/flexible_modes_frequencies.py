@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.float64 import jnp
-from trimtab.core.record import Scalar, declarations, part, quantity, record
-from trimtab.estimators.flexible_modes_model import FlexibleFlight, ModalState, RigidFlight, Unmeasured, flexible_flight
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.estimators.flexible_modes_model import (
+    FlexibleFlight,
+    ModalFrequencies,
+    RigidFlight,
+    Unmeasured,
+    flexible_flight,
+)
 from trimtab.vehicles.hypersonic import HypersonicInput
 
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
@@ -44,39 +50,10 @@ class AdaptiveModeState:
     bounded: Scalar = quantity("1", "Whether a frequency was held at its bound then.", kind="flag")
 
 
-@record
-class AdaptiveFlexibleFlight:
-    """What `FlexibleFlight` has, and the frequencies. Source: [1], order of its errors e; docs page."""
-
-    h: Scalar = quantity("ft", "Altitude, as measured.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Its rate, as measured.", frame="W")
-    V: Scalar = quantity("ft/s", "Speed along the path, as measured.")
-    alpha: Scalar = quantity("rad", "Angle of attack, as measured.", kind="angle")
-    q: Scalar = quantity("rad/s", "Pitch rate, as measured.", frame="B")
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1, estimated.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2, estimated.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
-    sigma: Any = quantity("1", "Deviations that the filter believes of these four, each in its unit.", shape=(4,))
-    innovation: Scalar = quantity("rad/s^2", "Pitch acceleration measured minus expected; 0 if not finite.")
-    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
-    nis: Scalar = quantity("1", "Innovation squared over S.")
-    updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
-    without_measurement: ModalState = part("What the nominal model gives without any measurement.")
-    w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
-    w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
-    w1_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w1.")
-    w2_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w2.")
-    learned: Scalar = quantity("1", "Whether this instant told something about the frequencies.", kind="flag")
-    bounded: Scalar = quantity("1", "Whether a frequency was held at its bound.", kind="flag")
-
-
-def adapted(state: AdaptiveModeState) -> AdaptiveFlexibleFlight:
+def adapted(state: AdaptiveModeState) -> FlexibleFlight:
     """The flight as the filter's state tells it: the mean of the hypotheses, with what they differ by in the sigmas."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
-    flight = flexible_flight(state, state.mean[:4], sigma[:4] ** 2)
-    return AdaptiveFlexibleFlight(
-        **{name: getattr(flight, name) for name in declarations(FlexibleFlight)},
+    frequencies = ModalFrequencies(
         w1=state.w[0],
         w2=state.w[1],
         w1_sigma=state.w[0] * sigma[4],
@@ -84,3 +61,4 @@ def adapted(state: AdaptiveModeState) -> AdaptiveFlexibleFlight:
         learned=state.learned,
         bounded=state.bounded,
     )
+    return replace(flexible_flight(state, state.mean[:4], sigma[:4] ** 2), frequencies=frequencies)

@@ -45,6 +45,18 @@ class ModalState:
 
 
 @record
+class ModalFrequencies:
+    """Natural frequencies of both modes, where a filter estimates them. Source: docs page, Adaptive flexible modes."""
+
+    w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
+    w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
+    w1_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w1.")
+    w2_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w2.")
+    learned: Scalar = quantity("1", "Whether this instant told something about the frequencies.", kind="flag")
+    bounded: Scalar = quantity("1", "Whether a frequency was held at its bound.", kind="flag")
+
+
+@record
 class Unmeasured:
     """The modes by the model alone, no measurement used: what every estimate has to be held against.
 
@@ -78,6 +90,7 @@ class FlexibleFlight:
     nis: Scalar = quantity("1", "Innovation squared over S.")
     updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
     without_measurement: ModalState = part("What the same model gives without any measurement.")
+    frequencies: Any = part("ModalFrequencies of a filter that estimates them, else nothing.", default=())
 
 
 class Heard(NamedTuple):

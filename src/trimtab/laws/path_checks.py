@@ -10,6 +10,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.once import QUICKLY
 from trimtab.laws.internal_quasi_static import quasi_static
 from trimtab.laws.internal_table import InternalTable
 from trimtab.laws.path_command import PathPoint
@@ -22,8 +23,6 @@ SOLVED = 1e-4
 LAST = 1e5
 """A time (s) by which every command has come to its end."""
 STEPS = 8
-QUICKLY: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-"""How to compile what runs once."""
 
 
 def refuse_ends(craft: Any, command: Any, limits: InputLimits) -> None:

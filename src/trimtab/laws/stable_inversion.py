@@ -181,9 +181,10 @@ class StableInversion:
         A load bends a mode by N/w^2: what the believed frequency wants is off by the square of how far that is off. An
         estimator that knows no better is off by as much, and feedback sees no difference; one that does would.
         """
-        if not hasattr(x, "w1"):
+        told = getattr(x, "frequencies", ())
+        if isinstance(told, tuple):  # nothing is told
             return zeta
-        one, two = (self.craft.modes.w1 / x.w1) ** 2, (self.craft.modes.w2 / x.w2) ** 2
+        one, two = (self.craft.modes.w1 / told.w1) ** 2, (self.craft.modes.w2 / told.w2) ** 2
         scale = (1.0, 1.0, one, one, two, two)
         return jnp.stack([zeta[i] * by for i, by in enumerate(scale)])
 

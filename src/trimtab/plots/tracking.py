@@ -108,13 +108,14 @@ def _draw_row(pair: Any, log: Log, row: Row) -> None:
         return
     off = _apart(log, path, log[f"estimate.state.{row.name}"], log[path])
     note = _rms(log, off)
-    bare = _without_measurement(log, row.name)
-    if bare is not None:
-        bare = _apart(log, path, bare, log[path])
+    alone, shown = f"{WITHOUT}.{row.name}", [off]
+    if alone in log:
+        bare = _apart(log, path, log[alone], log[path])
+        shown.append(bare)
         error.plot(*decimate(log.t, bare), color=GREY, lw=0.8)
         note += "; grey: without measurement"
     error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
-    _focus(error, log, off, *([] if bare is None else [bare]))
+    _focus(error, log, *shown)
     _focus(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
     _dress(error, f"{_words(row.name)}: estimate minus truth", note, unit)
 
@@ -136,11 +137,6 @@ def _focus(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> N
     reach = ROOM * float(np.abs(late - centre).max())
     if 0 < reach < 1e12:
         axes.set_ylim(centre - reach, centre + reach)
-
-
-def _without_measurement(log: Log, name: str) -> np.ndarray | None:
-    path = f"{WITHOUT}.{name}"
-    return log[path] if path in log else None  # noqa: SIM401  a Log is no mapping
 
 
 def _draw_input(axes: Any, log: Log, path: str) -> None:

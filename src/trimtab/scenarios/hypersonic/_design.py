@@ -6,7 +6,6 @@ Errors e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') less the desired ones;
 vehicle", Aerospace 2022, 9(4), 206. Its weights are not printed; those here are chosen.
 """
 
-import math
 from functools import lru_cache
 from typing import Any
 
@@ -20,17 +19,18 @@ from trimtab.design.lmi import LmiGain, lmi_gain
 from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr, with_integrals
 from trimtab.design.model import Model, of_vehicle
 from trimtab.design.trim import Trim, trim
+from trimtab.laws.adaptive_robust import SIZES
+from trimtab.laws.path_inversion import InputLimits
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers
+from trimtab.scenarios.hypersonic._level import FREE, bounds_of
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 H, V = 85000.0, 7702.0808
 """Altitude (ft) and speed (ft/s) of the linearisation, [1] table 1."""
-FREE = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
-BOUNDS = {"Phi": (0.02, 1.5), "delta_e": (math.radians(-20), math.radians(25.8)), "alpha": (-0.1, 0.1)}
 INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 MODES = INTERNAL[2:]
 INTEGRALS = ("integral of h", "integral of V")
-SCALE = np.array([100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0])
+SCALE = np.array(SIZES)
 """Sizes of the errors in which equations are solved."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
 """Errors that weigh 1: Q_e = diag(1/ALLOWED^2)."""
@@ -47,6 +47,7 @@ FILTERS = {
 }
 """Name -> diagonal of Q_eta, and R_eta (rad^2/s^3): as flown; for an exact model; as printed in [1]."""
 METHODS = ("lqr", "lmi")
+NOMINAL = Hypersonic()
 
 
 def model(craft: Hypersonic, h: float = H, V: float = V) -> Model:
@@ -56,7 +57,7 @@ def model(craft: Hypersonic, h: float = H, V: float = V) -> Model:
 
 
 @lru_cache(maxsize=8)
-def error_model(craft: Hypersonic = Hypersonic(), h: float = H, V: float = V) -> tuple[Linear, Trim]:  # noqa: B008
+def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[Linear, Trim]:
     """e' = A e + B v, exactly linearised at level flight, and that flight's trim.
 
     Args:
@@ -65,7 +66,7 @@ def error_model(craft: Hypersonic = Hypersonic(), h: float = H, V: float = V) ->
         V: speed (ft/s).
     """
     plant = model(craft, h, V)
-    level = trim(plant, free=FREE, bounds=BOUNDS).require("hypersonic trim")
+    level = trim(plant, free=FREE, bounds=bounds_of(InputLimits())).require("hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
@@ -111,7 +112,7 @@ def mode_filter(linear: Linear, filter: str = "tuned") -> tuple[Any, Any, Any, A
 
 
 def certificate(
-    craft: Hypersonic = Hypersonic(),  # noqa: B008
+    craft: Hypersonic = NOMINAL,
     *,
     method: str = "lqr",
     integral: bool = False,

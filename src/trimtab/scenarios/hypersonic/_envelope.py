@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.once import QUICKLY
 from trimtab.design.certificate import Recorded
-from trimtab.design.model import QUICKLY
+from trimtab.laws.path_inversion import invert
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 DEG = math.pi / 180
@@ -30,7 +31,6 @@ GRID = tuple(
 )
 """h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
 WHERE = f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
-STEPS = 8
 WANTED = (2.0, -2.0)
 """Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
 
@@ -43,7 +43,7 @@ def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
 
 
 def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, Recorded]:
-    """kappa_G, the least |det dv/du|, and the worst residual of the inversion after STEPS of Newton.
+    """kappa_G, the least |det dv/du|, and the worst residual of the inversion that the law flies.
 
     Args:
         craft: the vehicle the law believes in.
@@ -54,7 +54,7 @@ def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, Recorded
     return {
         "kappa_G": Recorded(kappa, 0.0, 1.0, kappa_how),
         "least |det dv/du|": Recorded(determinant, 1.0, 1e9, WHERE),
-        "residual of the inversion": Recorded(residual, 0.0, 1e-9, f"v = {WANTED} ft/s^2, {STEPS} steps, {WHERE}"),
+        "residual of the inversion": Recorded(residual, 0.0, 1e-9, f"v = {WANTED} ft/s^2, {WHERE}"),
     }
 
 
@@ -69,9 +69,8 @@ def _worst(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
         slope = jax.jacfwd(lambda w: accelerations(craft, x, w))
         G = slope(start)
         apart = jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G
-        u = start
-        for _ in range(STEPS):
-            u = u - _solve(slope(u), accelerations(craft, x, u) - v)
+        found = invert(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
+        u = jnp.stack([found.Phi, found.delta_e])
         inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _det(G)
         return apart @ inverse, _det(G), accelerations(craft, x, u) - v
 
@@ -82,7 +81,3 @@ def _worst(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
 
 def _det(G: Any) -> Any:
     return G[0, 0] * G[1, 1] - G[0, 1] * G[1, 0]
-
-
-def _solve(G: Any, b: Any) -> Any:
-    return jnp.stack([G[1, 1] * b[0] - G[0, 1] * b[1], G[0, 0] * b[1] - G[1, 0] * b[0]]) / _det(G)

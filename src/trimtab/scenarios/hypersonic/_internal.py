@@ -14,19 +14,20 @@ from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import replace
-from trimtab.design.model import QUICKLY
 from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, residual
 from trimtab.design.sylvester import filter_matrix, following
 from trimtab.laws.internal_preview import FadingModes, PreviewInternal
 from trimtab.laws.internal_sylvester import SylvesterInternal
 from trimtab.laws.internal_table import InternalTable
+from trimtab.laws.path_checks import INTERNAL_SIZES
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates
 from trimtab.scenarios.hypersonic._level import LevelTrim, accepted, internal_linear, level, level_trim, static
 from trimtab.vehicles.hypersonic import Hypersonic
 
-SCALES = np.array([1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0])
+SCALES = np.array(INTERNAL_SIZES)
 """Natural sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
 BEYOND = 8.0
 """How far past its end a table is computed (s): what the boundary there is off by falls by e^-26 on the way back."""

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import QUICKLY, of_vehicle
+from trimtab.core.once import QUICKLY
+from trimtab.design.model import of_vehicle
 from trimtab.design.trim import trim
 from trimtab.laws.internal_quasi_static import quasi_static
 from trimtab.laws.path_command import PathPoint
@@ -49,6 +50,11 @@ def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None
     return accepted(craft, h, V, zeta[:, 0], u[:, 0], bool(found[0]), InputLimits() if limits is None else limits)
 
 
+def bounds_of(limits: InputLimits) -> dict[str, tuple[float, float]]:
+    """What a trim may use: the limits of the inputs, and angles of attack at which the fit still means something."""
+    return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
+
+
 def level(h: Any, V: Any) -> PathPoint:
     """Level flight at altitudes h (ft) and speeds V (ft/s)."""
     still = np.zeros(np.shape(h))
@@ -69,7 +75,7 @@ def static(craft: Hypersonic, wanted: PathPoint) -> tuple[Any, Any, Any]:
 
 def accepted(craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, found: bool, limits: InputLimits) -> LevelTrim:
     """What the quick search found if it is within all limits, else what the thorough one finds, or its reasons."""
-    bounds = {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
+    bounds = bounds_of(limits)
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
     if found and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
         return LevelTrim(h, V, zeta, HypersonicInput(float(u[0]), float(u[1])))

@@ -15,9 +15,9 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.integrate import rk4
+from trimtab.core.once import QUICKLY
 from trimtab.core.record import replace
 from trimtab.core.time import to_seconds
-from trimtab.design.model import QUICKLY
 from trimtab.estimators.flexible_modes import TUNED_Q, FlexibleModeFilter
 from trimtab.estimators.flexible_modes_model import RigidFlight
 from trimtab.laws.path_command import PathPoint
