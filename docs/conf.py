@@ -7,7 +7,7 @@ import uuid
 from importlib.metadata import version as installed
 from pathlib import Path
 
-from jupyter_client.connect import ConnectionFileMixin
+import jupyter_client
 
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"  # pages run `trimtab`
 
@@ -26,10 +26,19 @@ myst_heading_anchors = 3
 nb_execution_mode = "auto"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
-# Pages run side by side, and two kernels can draw the same free TCP port: they talk over files, of a name for each.
+
 sockets = tempfile.TemporaryDirectory()
-ConnectionFileMixin.transport.default_value = "ipc"
-ConnectionFileMixin._ip_default = lambda _: f"{sockets.name}/{uuid.uuid4().hex}"
+
+
+class OverFiles(jupyter_client.AsyncKernelManager):
+    """Pages run side by side, and two kernels can draw the same free TCP port: these talk over files of their own."""
+
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)
+        self.transport, self.ip = "ipc", f"{sockets.name}/{uuid.uuid4().hex}"
+
+
+jupyter_client.AsyncKernelManager = OverFiles
 
 html_theme = "furo"
 html_title = f"trimtab {release}"
