@@ -4,7 +4,7 @@ Every part is a record; its fields are its parameters. Times `t` of blocks are i
 state comes in and goes out. Inside a step nothing raises.
 """
 
-from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, Motion, Sample
@@ -136,6 +136,45 @@ class Actuators(Protocol):
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
         """What the actuators do from time t on."""
+        ...
+
+
+class LinkStatistics(NamedTuple):
+    """What a transport has carried since it was opened; packets are what one call took or gave."""
+
+    bytes_in: int
+    bytes_out: int
+    packets_in: int
+    packets_out: int
+    dropped: int
+    """Packets that could not be sent."""
+    reconnects: int
+    connected: bool
+
+
+@runtime_checkable
+class Link(Protocol):
+    """A real transport: bytes in and out, in wall-clock time. Nothing of it raises once it is open."""
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What it has carried."""
+        ...
+
+    def receive(self, timeout: float) -> bytes | None:
+        """The next packet, or piece of a stream; None when `timeout` seconds have passed without one."""
+        ...
+
+    def send(self, packet: bytes) -> bool:
+        """Hand a packet over without waiting; False where it had to be dropped."""
+        ...
+
+    def fileno(self) -> int:
+        """For select(); -1 while there is no connection."""
+        ...
+
+    def close(self) -> None:
+        """Give the transport back."""
         ...
 
 
