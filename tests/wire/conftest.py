@@ -9,11 +9,16 @@ from trimtab.wire.dialect import Dialect, dialect_of
 from trimtab.wire.mavlink import Endpoint
 
 
-@pytest.fixture(scope="session")
-def dialect() -> Dialect:
+def made() -> Dialect:
+    """The dialect of the tests."""
     wide = Wide(np.zeros((8, 9)), np.zeros(5), every())
     frame = Frame(t=np.int64(0), samples={"every": sample(every()), "double-wide": sample(wide)})
     return dialect_of(frame, Command(t=np.int64(0), valid=False, value=every()))
+
+
+@pytest.fixture(scope="session")
+def dialect() -> Dialect:
+    return made()
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Python and C made by MAVLink's generator understand what this package packs, signed, and the other way round."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -99,27 +100,36 @@ def _kinds(definition):
     return ["s" if f.type == "char" else "n" for f in definition.fields for _ in range(f.slots)]
 
 
-def test_the_module_is_made_once_and_two_may_make_it_at_once(dialect, monkeypatch, tmp_path):
-    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
-    made = []
-
-    def make(_):
-        found = python_module(dialect)
-        made.append(found.__file__)
-        return found.MAVLINK_MSG_ID_SAMPLE_EVERY
-
+def forget(monkeypatch):
     for name in [n for n in sys.modules if n.startswith("trimtab_dialect_")]:
         monkeypatch.delitem(sys.modules, name)
-    with ThreadPoolExecutor(2) as pool:
-        assert set(pool.map(make, range(2))) == {dialect.definitions["SAMPLE_EVERY"].id}
-    (file,) = (tmp_path / "dialects").glob("*.py")
-    assert set(made) == {str(file)}
-    assert not [p for p in (tmp_path / "dialects").iterdir() if p.name.startswith(".")]
+
+
+def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkeypatch, tmp_path):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    forget(monkeypatch)
+    with ThreadPoolExecutor(4) as pool:
+        first, *others = pool.map(lambda _: python_module(dialect), range(4))
+    assert first.MAVLINK_MSG_ID_SAMPLE_EVERY == dialect.definitions["SAMPLE_EVERY"].id
+    assert all(other is first for other in others)
+    assert [str(p) for p in (tmp_path / "dialects").iterdir() if p.suffix == ".py"] == [first.__file__]
+
+
+def test_two_processes_may_make_it_at_once(tmp_path):
+    """Each finds the file whole or makes it; nothing is left beside it."""
+    code = "import sys; from wire.conftest import made; from trimtab.wire.generated import python_module;"
+    code += "print(python_module(made()).MAVLINK_MSG_ID_SAMPLE_EVERY)"
+    here = os.environ | {"TRIMTAB_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
+    both = [subprocess.Popen([sys.executable, "-c", code], env=here, stdout=subprocess.PIPE) for _ in range(2)]
+    said = {p.communicate(timeout=100)[0] for p in both}
+    assert len(said) == 1
+    assert said.pop().strip().isdigit()
+    (file,) = (p for p in (tmp_path / "dialects").iterdir() if p.is_file())
+    assert file.suffix == ".py"
 
 
 def test_without_a_cache_it_is_made_again(dialect, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "file"))
-    for name in [n for n in sys.modules if n.startswith("trimtab_dialect_")]:
-        monkeypatch.delitem(sys.modules, name)
+    forget(monkeypatch)
     assert dialect.definitions["INSTANT"].id == python_module(dialect).MAVLINK_MSG_ID_INSTANT

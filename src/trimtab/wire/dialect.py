@@ -61,7 +61,7 @@ class Dialect(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A field to be: numbers start to start + numbers of the leaf at path; length 0 for a leaf that is one number."""
+    """A field to be: numbers start to start + numbers of the leaf at path; scalar for a leaf that is one number."""
 
     path: str
     start: int

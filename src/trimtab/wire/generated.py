@@ -11,6 +11,7 @@ import io
 import os
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,6 +21,8 @@ from trimtab.core.errors import InputError
 from trimtab.wire.dialect import Dialect
 
 NAME = "trimtab"
+ONE_AT_A_TIME = threading.Lock()
+"""The generator prints, and what it prints is caught for the whole process."""
 
 
 def python_module(dialect: Dialect) -> ModuleType:
@@ -29,9 +32,9 @@ def python_module(dialect: Dialect) -> ModuleType:
 
     content = hashlib.sha256(f"{__version__}\n{dialect.text}".encode()).hexdigest()[:24]
     name = f"trimtab_dialect_{content}"
-    if name in sys.modules:
-        return sys.modules[name]
-    with contextlib.ExitStack() as stack:
+    with ONE_AT_A_TIME, contextlib.ExitStack() as stack:
+        if name in sys.modules:
+            return sys.modules[name]
         try:
             file = cache_folder("dialects") / f"{name}.py"
         except OSError:  # no cache: made again by each process
@@ -42,8 +45,8 @@ def python_module(dialect: Dialect) -> ModuleType:
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
         spec.loader.exec_module(module)
+        sys.modules[name] = module
     return module
 
 
@@ -52,9 +55,14 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
     own = Path(stack.enter_context(tempfile.TemporaryDirectory())) / file.name
     _generate(generator, dialect, own, "Python")
     with contextlib.suppress(OSError):  # a full or read-only cache
-        beside = file.with_name(f".{file.name}.{os.getpid()}")
-        beside.write_bytes(own.read_bytes())
-        beside.replace(file)
+        descriptor, beside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as copy:
+                copy.write(own.read_bytes())
+            os.replace(beside, file)
+        except OSError:
+            os.unlink(beside)
+            raise
         return file
     return own
 
@@ -64,7 +72,8 @@ def c_headers(dialect: Dialect, folder: Path) -> Path:
     generator = _generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _generate(generator, dialect, folder, "C")
+        with ONE_AT_A_TIME:
+            _generate(generator, dialect, folder, "C")
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         raise InputError(f"C headers in '{folder}'", problem, fix="choose a folder of yours") from None
