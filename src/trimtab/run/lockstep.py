@@ -1,8 +1,8 @@
 """Both ends of a line in step: virtual time stands still until the other end has answered.
 
 The vehicle's end says what has changed and closes the instant; the autopilot's end answers with the command of that
-instant. So the numbers are those of `simulate`, whatever the line does: what is lost is sent again, and an instant that
-comes twice is answered with the same command.
+instant. So the numbers are those of `simulate`, whatever the line does: an instant is flown when all its samples are
+there, what is lost is sent again, and an instant that comes twice is answered with the same command.
 Source: docs page, Lockstep.
 """
 
@@ -56,7 +56,7 @@ def _ask(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> Tak
     while monotonic() < given_up:
         for packet in vehicle.packets(endpoint, changed):
             link.send(packet)
-        link.send(endpoint.pack(endpoint.dialect.groups[INSTANT][0], [t]))
+        link.send(endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": len(changed)}))
         again = monotonic() + AGAIN
         while (left := again - monotonic()) > 0:
             for message in endpoint.feed(link.receive(left)):
@@ -83,8 +83,8 @@ def follow(pilot: Pilot, link: Link, endpoint: Endpoint, duration: int, period: 
             if message.name != instant:
                 pilot.take(message)
                 continue
-            (t,) = message.values
-            if t == done + period:
+            t, samples = message.get("t"), message.get("samples")
+            if t == done + period and pilot.waiting == samples:
                 pilot.fly(t)
                 yield t
                 done = t

@@ -35,8 +35,9 @@ class Pilot:
         self._sensor_of = {name: sensor for sensor, g in self.sensors.items() for name in g.names}
         self._waiting: dict[str, deque[Taken]] = {s: deque(maxlen=LONGEST_QUEUE) for s in self.sensors}
         self._at: dict[str, tuple[Any, ...]] = {
-            s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh", "valid")) for s in self.sensors
+            s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh")) for s in self.sensors
         }
+        self._last: dict[str, int] = {}
         self._now: Any = step.reads["t"]
         self.overflowed = self.heard = 0
         """Samples dropped because too many waited, and samples heard."""
@@ -47,19 +48,25 @@ class Pilot:
         if sensor is None:
             return False
         taken = self.sensors[sensor].take(message)
-        if taken is not None:
+        if taken is not None and taken.t != self._last.get(sensor):  # else it was sent twice
+            self._last[sensor] = taken.t
             waiting = self._waiting[sensor]
             self.overflowed += len(waiting) == LONGEST_QUEUE
             self.heard += 1
             waiting.append(taken)
         return True
 
+    @property
+    def waiting(self) -> int:
+        """Samples that wait for a step."""
+        return sum(map(len, self._waiting.values()))
+
     def fly(self, t: int, shift: int = 0) -> None:
         """One control period at integer time t; `shift` is added to the times of samples."""
         inputs = self.step.inputs
         inputs[self._now] = t
         for sensor, waiting in self._waiting.items():
-            time, age, fresh, valid = self._at[sensor]
+            time, age, fresh = self._at[sensor]
             inputs[fresh] = bool(waiting)
             if waiting:
                 waiting.popleft().write(inputs, shift)
