@@ -6,7 +6,7 @@ Source: docs page, Exchange.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from trimtab.wire.dialect import COMMAND, TIME, VALID, Dialect
+from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.message import Message
 
@@ -25,7 +25,7 @@ class Group:
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
         """group: as the dialect names it, e.g. "samples.imu" or "command"."""
-        self.names = dialect.groups[group]
+        self.group, self.names = group, dialect.groups[group]
         self._layouts: dict[str, _Layout] = {}
         self._parts: dict[str, tuple[Any, ...]] = {}
         for name in self.names:
@@ -37,6 +37,10 @@ class Group:
                 if place.path == f"{group}.{TIME}":
                     time = i
             self._layouts[name] = _Layout(slots, whole, time)
+
+    def at(self, dialect: Dialect, where: Where) -> "Group":
+        """The same messages for another vector."""
+        return Group(dialect, self.group, where)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
         """The packets of what stands in a vector; `shift` is added to its time."""
@@ -90,5 +94,3 @@ def command_group(dialect: Dialect, where: Where) -> Group:
     """The command's group."""
     return Group(dialect, COMMAND, where)
 
-
-__all__ = ["TIME", "VALID", "Group", "Taken", "command_group", "sample_groups"]

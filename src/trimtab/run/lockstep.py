@@ -12,6 +12,7 @@ from time import monotonic
 from trimtab.core.interfaces import Link
 from trimtab.run.exchange import Taken
 from trimtab.run.pilot import Pilot
+from trimtab.run.remote import HEARTBEAT
 from trimtab.run.virtual_vehicle import VirtualVehicle
 from trimtab.wire.dialect import INSTANT
 from trimtab.wire.mavlink import Endpoint
@@ -23,9 +24,6 @@ PATIENCE = 10.0
 FIRST = 120.0
 """Seconds that it may take to come up: it may have to be compiled."""
 
-
-HEARTBEAT = {"type": 18, "autopilot": 8, "system_status": 4}
-"""Of an onboard computer that is no flight controller, running."""
 
 
 class Silence(Exception):

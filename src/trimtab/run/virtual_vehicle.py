@@ -15,6 +15,8 @@ from trimtab.run.world_step import instants
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
+ACTING = ("uplink.", "actuators.")
+"""Outputs of a world that tell of the time before an instant."""
 NOWHERE = np.iinfo(np.int64).min
 
 
@@ -32,7 +34,13 @@ class VirtualVehicle:
             s: (writes[f"downlink.{s}.t"], writes[f"downlink.{s}.valid"]) for s in self.samples
         }
         self._sent: dict[str, Any] = dict.fromkeys(self.samples, NOWHERE)
-        self.t = 0
+        self.t = self.row_t = 0
+        self.row: Any = np.zeros(len(world.outputs))
+        """What was at `row_t`, the instant before t, acting included: as a log of `simulate` has it."""
+        self._acting = np.concatenate(
+            [np.atleast_1d(np.arange(len(world.outputs))[at]) for p, at in writes.items() if p.startswith(ACTING)]
+        )
+        self._seen_then: Any = np.zeros(len(world.outputs))
         self._began = False
 
     def instants(self) -> Iterator[int]:
@@ -50,7 +58,11 @@ class VirtualVehicle:
         inputs[at_t], inputs[at_h] = self.t, t - self.t
         inputs[at_first], inputs[at_held], inputs[at_fresh] = not self._began, held, fresh
         self.world.step()
-        self.t, self._began = t, True
+        outputs, row = self.world.outputs, self.row
+        row[:] = self._seen_then
+        row[self._acting] = outputs[self._acting]
+        self._seen_then[:] = outputs
+        self.row_t, self.t, self._began = self.t, t, True
 
     def changed(self) -> list[str]:
         """The sensors whose sample has changed since this was last asked."""
