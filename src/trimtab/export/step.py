@@ -23,6 +23,7 @@ class Exported(NamedTuple):
     source: str
     inputs: list[Member]
     outputs: list[Member]
+    params: list[Member]
 
 
 def export_step(
@@ -70,7 +71,7 @@ def export_step(
     parts.append(_function(f"{name}_init(const {name}_params *p, {name}_state *s)", bodies[0], ["p", "s"]))
     arguments = f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out"
     parts.append(_function(f"{name}_step({arguments})", bodies[1], ["p", "s", "in", "out"]))
-    return Exported(name, header, "\n".join(parts), IN, OUT)
+    return Exported(name, header, "\n".join(parts), IN, OUT, P)
 
 
 def _function(head: str, lines: list[str], unused: list[str]) -> str:

@@ -15,51 +15,64 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.export_c import autopilot_step
 
 ENTRY = """
-typedef struct {
-    autopilot_params p;
-    autopilot_state s;
-    autopilot_in in;
-    autopilot_out out;
-    double inputs[VECTORS_IN], outputs[VECTORS_OUT];
-} autopilot_held;
+#include <stddef.h>
 
-int64_t autopilot_size(void) { return sizeof(autopilot_held); }
-double *autopilot_inputs(autopilot_held *a) { return a->inputs; }
-double *autopilot_outputs(autopilot_held *a) { return a->outputs; }
-void autopilot_begin(autopilot_held *a)
+typedef struct {
+    NAME_params p;
+    NAME_state s;
+    NAME_in in;
+    NAME_out out;
+    double inputs[VECTORS_IN], outputs[VECTORS_OUT];
+} NAME_held;
+
+static const int64_t NAME_offsets[] = {OFFSETS};
+
+int64_t NAME_size(void) { return sizeof(NAME_held); }
+double *NAME_inputs(NAME_held *a) { return a->inputs; }
+double *NAME_outputs(NAME_held *a) { return a->outputs; }
+void *NAME_parameter(NAME_held *a, int64_t k) { return (char *)&a->p + NAME_offsets[k]; }
+void NAME_again(NAME_held *a) { NAME_init(&a->p, &a->s); }
+void NAME_begin(NAME_held *a)
 {
     memset(a, 0, sizeof *a);
-    autopilot_defaults(&a->p);
-    autopilot_init(&a->p, &a->s);
+    NAME_defaults(&a->p);
+    NAME_again(a);
 }
-void autopilot_fast(autopilot_held *a)
+void NAME_fast(NAME_held *a)
 {
     vectors_set_in(a->inputs, &a->in);
-    autopilot_step(&a->p, &a->s, &a->in, &a->out);
+    NAME_step(&a->p, &a->s, &a->in, &a->out);
     vectors_get_out(&a->out, a->outputs);
 }
 """
 
 
 class FastStep:
-    """An autopilot whose step is compiled: write `inputs`, call `step()`, read `outputs`.
+    """A block whose step is compiled: write `inputs`, call `step()`, read `outputs`.
 
     inputs, outputs: float64 arrays that the compiled code reads and writes in place; truth values are 0 and 1, times
     integers of 100 ns.  reads, writes: path -> where in them, e.g. ``inputs[reads["t"]] = now``.
     """
 
     def __init__(self, exported: Exported) -> None:
-        """Compile the C text of an exported autopilot; it is the text that `trimtab export` writes."""
-        library = load(build(_text(exported)))
-        library.autopilot_size.restype = ctypes.c_int64
-        self._held = ctypes.create_string_buffer(library.autopilot_size() + 64)
+        """Compile the C text of an exported block; it is the text that `trimtab export` writes."""
+        library, name = load(build(_text(exported))), exported.name
+        self.exported = exported
+        size, parameter = library[f"{name}_size"], library[f"{name}_parameter"]
+        size.restype = ctypes.c_int64
+        parameter.restype = ctypes.c_void_p
+        self._held = ctypes.create_string_buffer(size() + 64)
         start = -ctypes.addressof(self._held) % 64 + ctypes.addressof(self._held)
         self._at = ctypes.c_void_p(start)
-        self._begin = library.autopilot_begin
-        self._step = library.autopilot_fast
+        self._begin = library[f"{name}_begin"]
+        self._again = library[f"{name}_again"]
+        self._step = library[f"{name}_fast"]
         self.reads, self.writes = _places(exported.inputs), _places(exported.outputs)
-        self.inputs = self._view(library.autopilot_inputs, exported.inputs)
-        self.outputs = self._view(library.autopilot_outputs, exported.outputs)
+        self.inputs = self._view(library[f"{name}_inputs"], exported.inputs)
+        self.outputs = self._view(library[f"{name}_outputs"], exported.outputs)
+        self._parameters = {
+            m.path: _array(parameter(self._at, ctypes.c_int64(k)), m) for k, m in enumerate(exported.params)
+        }
         self.reset()
 
     def _view(self, where: Any, held: list[Member]) -> Any:
@@ -69,6 +82,10 @@ class FastStep:
     def reset(self) -> None:
         """Back to the state before the first step, with the scenario's parameters."""
         self._begin(self._at)
+
+    def reset_state(self) -> None:
+        """Back to the state before the first step, with the parameters as they are now."""
+        self._again(self._at)
 
     def step(self) -> None:
         """One control period: from `inputs` to `outputs`."""
@@ -82,6 +99,11 @@ class FastStep:
                 problem = f"the autopilot has no input {path!r}"
                 raise InputError("fast step", problem, choices=near, fix=f"give({{{near[0]!r}: …}})")
             self.inputs[self.reads[path]] = value
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Parameters by path, as arrays that the compiled code reads in place: ``parameters["law.k1"][...] = 2``."""
+        return self._parameters
 
     def result(self, path: str) -> Any:
         """An output by path."""
@@ -100,8 +122,15 @@ def fast_step(scenario: Scenario, *, seed: int = 0) -> FastStep:
 
 def _text(exported: Exported) -> str:
     source = exported.source.replace(f'#include "{exported.name}.h"\n', "")
-    vectors = vectors_source(exported)
-    return "\n".join([exported.header, vectors, source, ENTRY])
+    offsets = ", ".join(f"offsetof({exported.name}_params, {m.path})" for m in exported.params) or "0"
+    entry = ENTRY.replace("NAME", exported.name).replace("OFFSETS", offsets)
+    return "\n".join([exported.header, vectors_source(exported), source, entry])
+
+
+def _array(address: int, m: Member) -> Any:
+    dtype = np.dtype("?" if m.dtype == "bool" else f"{m.dtype[0]}{int(m.dtype[1:]) // 8}")
+    raw: Any = (ctypes.c_char * (m.size * dtype.itemsize)).from_address(address)
+    return np.frombuffer(raw, dtype).reshape(m.shape)
 
 
 def _places(held: list[Member]) -> dict[str, Any]:
