@@ -11,7 +11,7 @@ import click
 
 from trimtab import __version__
 from trimtab.core.errors import InputError
-from trimtab.live_cli import JSON, SCENARIO, fly, pairs, vehicle
+from trimtab.live_cli import FAULT, JSON, SCENARIO, fly, inject, pairs, vehicle
 from trimtab.scenarios import catalogue
 
 NAVIGATION = click.option(
@@ -103,6 +103,7 @@ def list_(scenario: str | None, as_json: bool) -> None:
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+@FAULT
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
@@ -117,6 +118,7 @@ def run(
     settings: dict[str, str],
     navigation: str | None,
     without: tuple[str, ...],
+    faults: tuple[str, ...],
     seed: int,
     duration: str | None,
     ideal: bool,
@@ -135,6 +137,7 @@ def run(
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
     trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
+    trimtab run hovercraft/forward --fault 'uplink off @ 5 s for 2 s' --plot cut.png
     """
     from trimtab.commands.fly_scenario import Request, fly
 
@@ -142,7 +145,7 @@ def run(
         settings["duration"] = duration
     if navigation is not None:
         settings["navigation"] = navigation
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend))
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults))
 
 
 @main.command()
@@ -301,7 +304,7 @@ def noise(as_json: bool, **asked: Any) -> None:
     calibrate_noise(Request(**asked, as_json=as_json))
 
 
-for verb in (vehicle, fly):
+for verb in (vehicle, fly, inject):
     main.add_command(verb)
 
 

@@ -14,6 +14,9 @@ FILE = click.Path(path_type=Path)
 KEY = click.option("--key", type=FILE, metavar="FILE", help="Key that signs the line.  [default: the vehicle's]")
 UNSIGNED = click.option("--unsigned", is_flag=True, help="No signatures; for lines within this machine.")
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers.")
+FAULT = click.option(
+    "--fault", "faults", multiple=True, metavar="TEXT", help="E.g. 'sensor:imu off @ 3 s for 1 s'; repeatable."
+)
 LOCKSTEP = click.option("--lockstep", is_flag=True, help="Virtual time: each end waits for the other.")
 
 
@@ -38,6 +41,7 @@ SET = click.option(
 @SCENARIO
 @click.option("--listen", required=True, metavar="URI", help="Line to be reached on, e.g. udp://:14550.")
 @SET
+@FAULT
 @LOCKSTEP
 @SEED
 @click.option("--duration", metavar="TIME", help="End this long after arming.  [default: until Ctrl-C]")
@@ -55,6 +59,7 @@ def vehicle(as_json: bool, **asked: Any) -> None:
     \b
     trimtab vehicle hovercraft/forward --listen udp://:14550
     trimtab vehicle hovercraft/forward --listen serial:///dev/ttyUSB0?baud=115200 --out there
+    trimtab vehicle hovercraft/forward --listen udp://:14550 --fault 'sensor:navigation stuck @ 8 s for 2 s'
     trimtab vehicle hovercraft/spin --listen loopback://spin --lockstep
     """
     from trimtab.commands.vehicle import Request
@@ -91,3 +96,27 @@ def fly(as_json: bool, **asked: Any) -> None:
 
     if not carry_out(Request(**asked, as_json=as_json)):
         sys.exit(1)
+
+
+@click.command()
+@SCENARIO
+@click.argument("fault", metavar="FAULT")
+@click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
+@SET
+@KEY
+@UNSIGNED
+@JSON
+def inject(as_json: bool, **asked: Any) -> None:
+    """Put a fault into a virtual vehicle while it flies.
+
+    FAULT is where, what, and how: WHERE WORD [by NUMBER] [@ TIME] [for TIME]; @ counts from now. The words: off, stuck,
+    garbage, wrong, slow, delayed, intermittent; where: sensor:NAME, downlink, uplink, actuators.
+
+    \b
+    trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550
+    trimtab inject hovercraft/forward 'actuators wrong by -2 @ 1 s for 500 ms' --link udp://127.0.0.1:14550
+    """
+    from trimtab.commands.inject import Request
+    from trimtab.commands.inject import inject as carry_out
+
+    carry_out(Request(**asked, as_json=as_json))

@@ -39,6 +39,13 @@ class Request(NamedTuple):
     out: Path | None = None
     as_json: bool = False
     backend: str = "auto"
+    faults: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What decides the programs."""
+        spoilt = [f"fault {text}" for text in self.faults]
+        return key_of(self.scenario, self.settings, [*self.without, *spoilt], self.ideal)
 
 
 class Flown(NamedTuple):
@@ -86,7 +93,7 @@ def _again(request: Request) -> Flown | None:
     """The runs from programs that were kept, or None."""
     if request.backend == "jax":
         return None
-    ready = recall(key_of(request.scenario, request.settings, request.without, request.ideal))
+    ready = recall(request.key)
     if ready is None:
         return None
     _outputs(request)
@@ -127,7 +134,7 @@ def _first(request: Request) -> Flown:
         flies_c = use_c(request.backend, compiled)
     if flies_c:
         files = [*loaded_files(), *read]
-        remember(key_of(request.scenario, request.settings, request.without, request.ideal), programs[0], files)
+        remember(request.key, programs[0], files)
         return _fly(programs[0], request.seed, started)
     real = simulate(scenario, seed=request.seed, backend="jax")
     ideal = simulate(scenario.ideal(), seed=request.seed, backend="jax") if request.ideal else None
@@ -150,6 +157,10 @@ def build(request: Request) -> "Scenario":
     scenario = with_settings(scenario, rest)
     for name in request.without:
         scenario = scenario.without(name)
+    if request.faults:
+        from trimtab.loop.faults import injected
+
+        scenario = injected(scenario, request.faults)
     scenario.check()
     return scenario
 

@@ -16,8 +16,8 @@ from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.signing import Key, create_key, key_path, load_key
 
-VEHICLE, AUTOPILOT = (1, 1), (1, 191)
-"""System and component of the two ends."""
+VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
+"""System and component of the ends."""
 DATAGRAMS = ("udp",)
 
 

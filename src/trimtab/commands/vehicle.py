@@ -28,6 +28,7 @@ class Request(NamedTuple):
     scenario: str
     listen: str
     settings: Mapping[str, str] = {}
+    faults: tuple[str, ...] = ()
     lockstep: bool = False
     seed: int = 0
     duration: str | None = None
@@ -39,7 +40,7 @@ class Request(NamedTuple):
 
 def vehicle(request: Request) -> None:
     """Compile it, open the line, run until told to stop."""
-    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+    scenario = build(Asked(request.scenario, request.settings, seed=request.seed, faults=request.faults))
     key = find_key(request.scenario, request.key, request.unsigned, request.listen, create=True)
     if request.out is not None:
         check_folder("--out", request.out)
@@ -60,10 +61,11 @@ def _free(log: Path) -> None:
 
 
 def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
+    from trimtab.loop.faults import switchable
     from trimtab.run.vehicle import Vehicle, on_real_link
 
     with waiting(f"compiling {scenario.name}"):
-        one = Vehicle(on_real_link(scenario), link, end, seed=request.seed)
+        one = Vehicle(switchable(on_real_link(scenario)), link, end, seed=request.seed)
     _say(request, f"{scenario.name} listens on {request.listen}; held until it is armed. Ctrl-C ends it.")
     with until_interrupted() as stop:
         served = one.serve(duration=duration, log=log, stop=stop, tell=lambda text: _say(request, text))
