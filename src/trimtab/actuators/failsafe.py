@@ -1,0 +1,211 @@
+"""Failsafe: what the vehicle does when nobody commands it, and who may.
+
+A block of the vehicle's firmware, between what comes out of the link and the actuators.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.drive import DriveCommand
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, leaves, part, period, quantity, record, replace
+from trimtab.core.signals import Sample
+from trimtab.core.time import FOREVER, ms, seconds
+
+MODES = ("disarmed", "computer", "manual", "failsafe")
+DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
+CAUSES = (
+    "start",
+    "arm request",
+    "disarm request",
+    "no command",
+    "no command since arming",
+    "takeover",
+    "takeover ended",
+    "pilot's radio lost",
+)
+START, ARM, DISARM, SILENCE, NEVER_CAME, TAKEOVER, RELEASED, RADIO = range(8)
+NEVER = -FOREVER
+
+
+@record
+class FailsafeInput:
+    """What the firmware has at one instant. Frames: those of the commands. Source: docs page, Failsafe."""
+
+    command: Sample = part("Newest command out of the link, as the receiving end of a channel holds it.")
+    manual: Any = part("What the safety pilot's sticks say, a record like the command's value.")
+    takeover: Scalar = quantity("1", "The pilot's mode switch stands at manual.", kind="flag", default=False)
+    radio: Scalar = quantity("1", "The pilot's transmitter is heard.", kind="flag", default=False)
+    arm: Scalar = quantity("1", "Somebody asks to arm.", kind="flag", default=False)
+    disarm: Scalar = quantity("1", "Somebody asks to disarm; goes before arm.", kind="flag", default=False)
+
+
+@record
+class FailsafeState:
+    """What the failsafe remembers. Frames: those of the commands. Source: docs page, Failsafe."""
+
+    mode: Scalar = quantity("1", "Who commands.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
+    latched: Scalar = quantity("1", "Tripped since the last arming.", kind="flag")
+    armed_at: Scalar = quantity("100 ns", "When it was last armed.", kind="time")
+    heard: Scalar = quantity("100 ns", "When the last good command since arming came.", kind="time")
+    newest: Scalar = quantity("100 ns", "When the newest good command since arming had been issued.", kind="time")
+    value: Any = part("That command.")
+    lift_until: Scalar = quantity("100 ns", "When the lift fan stops or stopped.", kind="time")
+    rejected: Scalar = quantity("1", "Commands refused so far: out of range, not finite, too old.", kind="count")
+
+
+@record
+class FailsafeOutput:
+    """What the firmware does with it. Frames: those of the commands. Source: docs page, Failsafe."""
+
+    command: Sample = part("For the actuators; not valid, and the safe value, where they must stand still.")
+    lift: Scalar = quantity("1", "Whether the lift fan turns.", kind="flag")
+    armed: Scalar = quantity("1", "Whether a command, or the pilot, may turn the fan.", kind="flag")
+    mode: Scalar = quantity("1", "Who commands.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
+    rejected: Scalar = quantity("1", "Commands refused so far.", kind="count")
+
+
+@record
+class Failsafe:
+    """Passes commands on while they come, and makes the vehicle safe when they don't.
+
+    No good command for `timeout`: the safe value at once, the lift fan off `lift_delay` later, latched until the next
+    request to arm. The safety pilot takes over at any time once armed, whatever the link and the latch do. Nothing acts
+    before arming, nor a command that came before it. A good command is new, says that it is valid, lies between `low`
+    and `high` (a number that is not finite doesn't) and is no older than `age_max`; others change nothing and are
+    counted, but a command that says it is not valid stops the vehicle at once.
+
+    Generic over the command: `safe`, `low` and `high` are records like its value. The rules in full: docs page.
+
+    Frames:  those of the commands.    Not modelled: the sources of requests.
+    Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
+    """
+
+    safe: Any = part("What stands still.", default=DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0))
+    low: Any = part("Least value that is believed.", default=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0))
+    high: Any = part("Greatest value that is believed.", default=DriveCommand(rudder_pulse=2.2e-3, speed_rpm=19200.0))
+    timeout: int = period("Longest silence of the computer.", default=ms(250))
+    lift_delay: int = period("From then until the lift fan stops.", default=seconds(1), low=0)
+    patience: int = period("How long it stays armed before a first command comes.", default=seconds(10))
+    age_max: Scalar = quantity("s", "Oldest command that is obeyed, by the vehicle's clock.", default=0.5, above=0)
+
+    def check(self) -> None:
+        """Refuse limits that don't fit the safe value."""
+        for name in ("low", "high"):
+            own, other = [p for p, _, _ in leaves(self.safe)], [p for p, _, _ in leaves(getattr(self, name))]
+            if own != other:
+                problem = f"has the numbers ({', '.join(other)}), safe has ({', '.join(own)})"
+                raise InputError(name, problem, fix=f"make it a {type(self.safe).__name__} too")
+        for path, value, _ in leaves(self.safe):
+            low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
+            if not ((low <= np.asarray(value)) & (np.asarray(value) <= high)).all():
+                problem = f"{value} does not lie between low, {low}, and high, {high}"
+                raise InputError(f"safe.{path}", problem, fix="move the limit, or the safe value")
+
+    def init(self) -> FailsafeState:
+        """Disarmed."""
+        none, never = np.int32(0), np.int64(NEVER)
+        return FailsafeState(
+            mode=np.int32(DISARMED),
+            cause=np.int32(START),
+            latched=np.bool_(False),
+            armed_at=never,
+            heard=never,
+            newest=never,
+            value=jax.tree.map(lambda v: jnp.asarray(v, np.float64), self.safe),
+            lift_until=never,
+            rejected=none,
+        )
+
+    def step(self, t: Any, state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
+        """What acts from integer time t on; may be called at any times that don't fall."""
+        before = state.mode
+        state = self._armed(t, state, given)
+        state = self._heard(t, state, given.command)
+        pilot = given.radio & given.takeover & self._in_range(given.manual)
+        state = self._moded(t, state, pilot, given)
+        manual, computer = state.mode == MANUAL, state.mode == COMPUTER
+        obeyed = computer & given.command.valid & (state.heard != NEVER)
+        value = _where(manual, given.manual, _where(obeyed, state.value, self.safe))
+        turns = manual | (computer & (state.heard != NEVER))
+        tripped = (state.mode == FAILSAFE) & (before != FAILSAFE)
+        state = replace(state, lift_until=jnp.where(turns | tripped, t + self.lift_delay, state.lift_until))
+        output = FailsafeOutput(
+            command=replace(given.command, value=value, valid=manual | obeyed),
+            lift=turns | ((state.mode == FAILSAFE) & (t < state.lift_until)),
+            armed=manual | computer,
+            mode=state.mode,
+            cause=state.cause,
+            rejected=state.rejected,
+        )
+        return state, output
+
+    def _armed(self, t: Any, s: FailsafeState, given: FailsafeInput) -> FailsafeState:
+        """After requests: armed anew, with no command heard yet, or disarmed."""
+        arm = jnp.asarray(given.arm) & ~jnp.asarray(given.disarm) & ((s.mode == DISARMED) | s.latched)
+        disarm = given.disarm & (s.mode != DISARMED)
+        mode = jnp.where(arm & (s.mode != MANUAL), COMPUTER, s.mode)
+        cause = jnp.where(arm, ARM, s.cause)
+        return replace(
+            s,
+            mode=jnp.where(disarm, DISARMED, mode).astype(np.int32),
+            cause=jnp.where(disarm, DISARM, cause).astype(np.int32),
+            latched=s.latched & ~arm & ~disarm,
+            armed_at=jnp.where(arm, t, s.armed_at),
+            heard=jnp.where(arm, NEVER, s.heard),
+            newest=jnp.where(arm, NEVER, s.newest),
+        )
+
+    def _heard(self, t: Any, s: FailsafeState, command: Sample) -> FailsafeState:
+        """After the newest command, if it is good."""
+        came = command.fresh & command.valid
+        good = came & self._in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
+        return replace(
+            s,
+            heard=jnp.where(good, t, s.heard),
+            newest=jnp.where(good, command.t, s.newest),
+            value=_where(good, command.value, s.value),
+            rejected=jnp.where(came & ~good & (s.rejected < 2**31 - 1), s.rejected + 1, s.rejected).astype(np.int32),
+        )
+
+    def _moded(self, t: Any, s: FailsafeState, pilot: Any, given: FailsafeInput) -> FailsafeState:
+        """After the pilot and the clock: the table of the docs page, row by row; the last that holds counts."""
+        mode, cause = s.mode, s.cause
+        radio, takeover = jnp.asarray(given.radio), jnp.asarray(given.takeover)
+        came = s.heard != NEVER
+        silent = jnp.where(came, t - s.heard, t - s.armed_at) >= jnp.where(came, self.timeout, self.patience)
+        was_manual = mode == MANUAL
+        released = was_manual & ~pilot
+        lost = released & ~(radio & ~takeover)
+        tripped = (mode == COMPUTER) & silent & came
+        bored = (mode == COMPUTER) & silent & ~came
+        takes = pilot & ((mode == COMPUTER) | (mode == FAILSAFE))
+        stays = released & ~lost & ~s.latched & came & ~silent
+        rows = (
+            (stays, COMPUTER, RELEASED),
+            (released & ~lost & ~stays, FAILSAFE, RELEASED),
+            (lost, FAILSAFE, RADIO),
+            (tripped, FAILSAFE, SILENCE),
+            (bored, DISARMED, NEVER_CAME),
+            (takes, MANUAL, TAKEOVER),
+        )
+        for holds, to, why in rows:
+            mode, cause = jnp.where(holds, to, mode), jnp.where(holds, why, cause)
+        latched = s.latched | (mode == FAILSAFE)
+        return replace(s, mode=mode.astype(np.int32), cause=cause.astype(np.int32), latched=latched)
+
+    def _in_range(self, value: Any) -> Any:
+        numbers = zip(leaves(self.low), leaves(value), leaves(self.high), strict=True)
+        inside = [jnp.all((low[1] <= number[1]) & (number[1] <= high[1])) for low, number, high in numbers]
+        return jnp.all(jnp.stack(inside))
+
+
+def _where(condition: Any, a: Any, b: Any) -> Any:
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -1,0 +1,95 @@
+"""A brushed motor with its propeller and encoder, on a battery that sags: what a speed regulator works against.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.integrate import rk4
+from trimtab.core.record import Scalar, period, quantity, record
+from trimtab.core.time import ms, to_seconds
+
+RPM = 30 / np.pi
+"""rpm per rad/s."""
+TURN_COUNTS = 2**16
+"""Where the counter starts anew."""
+
+
+@record
+class MotorInput:
+    """What drives the motor. Frames: positive drives forward. Source: docs page, Motor."""
+
+    duty: Scalar = quantity("1", "Share of the time that the battery is connected, negative in reverse.")
+    voltage: Scalar = quantity("V", "Of the battery under load.", default=7.2)
+
+
+@record
+class MotorState:
+    """Frames: positive turns forward. Source: docs page, Motor."""
+
+    speed: Scalar = quantity("rad/s", "Of the shaft.", default=np.float64(0.0))
+    turned: Scalar = quantity(
+        "1", "Counts of the encoder with fractions; starts anew as the counter does.", default=np.float64(0.0)
+    )
+
+
+@record
+class MotorOutput:
+    """Frames: positive turns forward. Source: docs page, Motor."""
+
+    speed_rpm: Scalar = quantity("rpm", "Of the shaft.")
+    count: Scalar = quantity("1", "The encoder's counter, 0 to 65535, as a 16-bit register has it.", kind="count")
+
+
+@record
+class Motor:
+    """Brushed motor with a straight torque curve, and a propeller whose torque goes with the square of the speed.
+
+        I dω/dt = T_stall (duty V/V_nominal − n/n_free) − k_prop n |n|
+
+    The propeller's torque balances the motor's at 12 000 rpm and full duty: T_stall (1 − 12/19.2) = k_prop 12².
+
+    Frames:  positive turns forward.
+    Valid:   continuous current.    Not modelled: friction, inductance, heating, inflow to the propeller, the
+             controller's brake (see Speed controller).
+    Source:  [1] chapter 4: 12 oz-in at stall, 19 200 rpm free, about 12 000 rpm loaded, 7.2 V, encoder of 100 cycles a
+             turn. The inertia is reconstructed, and so is the propeller's torque.
+    """
+
+    stall_torque: Scalar = quantity("N m", "At rest, full duty.", default=0.08474, above=0, source="[1] chapter 4")
+    free_rpm: Scalar = quantity("rpm", "Without a propeller.", default=19200.0, above=0, source="[1] chapter 4")
+    nominal_voltage: Scalar = quantity("V", "Of both figures.", default=7.2, above=0, source="[1] chapter 4")
+    inertia: Scalar = quantity("kg m^2", "Of rotor and propeller.", default=2.2e-5, above=0)
+    propeller: Scalar = quantity("N m/krpm^2", "Torque of the propeller per speed squared.", default=2.207e-4, low=0)
+    counts: Scalar = quantity("1", "Edges of the encoder in one turn.", default=400.0, above=0, source="[1] chapter 4")
+    period: int = period("How far one step goes.", default=ms(1))
+
+    def init(self) -> MotorState:
+        """At rest."""
+        return MotorState()
+
+    def acceleration(self, speed: Any, given: MotorInput) -> Any:
+        """Of the shaft (rad/s^2) at a speed (rad/s)."""
+        n = speed * (RPM * 1e-3)
+        torque = self.stall_torque * (given.duty * given.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
+        return (torque - self.propeller * n * abs(n)) / self.inertia
+
+    def duty(self, speed_rpm: Any, voltage: Any = 7.2) -> Any:
+        """The duty that holds a speed (rpm) with the battery at `voltage` (V)."""
+        n = speed_rpm * 1e-3
+        load = self.propeller * n * abs(n) / self.stall_torque + speed_rpm / self.free_rpm
+        return load * self.nominal_voltage / voltage
+
+    def step(self, t: Any, state: MotorState, given: MotorInput) -> tuple[MotorState, MotorOutput]:
+        """One period further with duty and voltage held."""
+
+        def rate(_: Any, x: MotorState) -> MotorState:
+            return MotorState(speed=self.acceleration(x.speed, given), turned=x.speed * (self.counts / (2 * np.pi)))
+
+        x = rk4(rate, to_seconds(t), state, to_seconds(self.period))
+        turned = x.turned - jnp.floor(x.turned / TURN_COUNTS) * TURN_COUNTS
+        new = MotorState(speed=x.speed, turned=turned)
+        return new, MotorOutput(speed_rpm=x.speed * RPM, count=jnp.floor(turned).astype(np.int32))

@@ -1,0 +1,102 @@
+"""Speed regulator of the thrust fan: counts of an encoder in, duty of the motor out. A block of the firmware.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, period, quantity, record
+from trimtab.core.time import ms, to_seconds
+
+
+@record
+class SpeedRegulatorInput:
+    """What the regulator has at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
+
+    wanted_rpm: Scalar = quantity("rpm", "Speed asked for, negative in reverse.")
+    count: Scalar = quantity("1", "The encoder's counter, of which the low 16 bits are read.", kind="count")
+
+
+@record
+class SpeedRegulatorState:
+    """What the regulator remembers. Frames: as its input. Source: docs page, Speed regulator."""
+
+    count: Scalar = quantity("1", "The counter one tick ago.", kind="count", default=np.int32(0))
+    integral: Scalar = quantity("1", "The integral's share of the duty.", default=np.float64(0.0))
+    still: Scalar = quantity(
+        "1", "Ticks in a row on which the fan was driven and did not turn that way.", kind="count", default=np.int32(0)
+    )
+    fault: Scalar = quantity(
+        "1", "The encoder is not believed: no duty until a stop is asked for.", kind="flag", default=np.bool_(False)
+    )
+    started: Scalar = quantity("1", "The counter has been read before.", kind="flag", default=np.bool_(False))
+
+
+@record
+class SpeedRegulatorOutput:
+    """What the regulator does. Frames: as its input. Source: docs page, Speed regulator."""
+
+    duty: Scalar = quantity("1", "Of the motor, -1 to 1, negative in reverse.")
+    speed_rpm: Scalar = quantity("rpm", "Measured over the last tick.")
+    saturated: Scalar = quantity("1", "The duty is at its limit.", kind="flag")
+    fault: Scalar = quantity("1", "The encoder is not believed.", kind="flag")
+
+
+@record
+class SpeedRegulator:
+    """PI on the speed of the fan, whose integral stands still while it would push the duty further past its limit.
+
+        n = rpm_per_count (count − count before)      e = wanted − n
+        duty = clip(kp e + I, from 0 to the limit, on the side of the wanted speed);   I ← I + ki e dt
+
+    A wanted speed of 0 lets the fan run out: duty 0 and an empty integral. A change of direction empties it too. Where
+    the fan is driven and the counter stands still, or runs the other way, for `stall`, the duty goes to 0 until a stop
+    is asked for: a broken encoder must not end in full thrust.
+
+    Frames:  positive pushes the vehicle forward.
+    Valid:   |speed| below 32 768 counts a tick.    Not modelled: the speed controller's brake.
+    Source:  [1] chapter 4 (PI in the firmware, encoder of 100 cycles a turn). Gains, tick and fault are reconstructed.
+    """
+
+    kp: Scalar = quantity("1/krpm", "Proportional gain, duty per speed.", default=0.08, low=0)
+    ki: Scalar = quantity("1/(krpm s)", "Integral gain.", default=0.6, low=0)
+    rpm_per_count: Scalar = quantity("rpm", "Speed at one count in one tick: 400 counts a turn.", default=15.0, above=0)
+    limit: Scalar = quantity("1", "Greatest duty.", default=1.0, above=0, high=1)
+    stall: Scalar = quantity("s", "Driven for so long without turning means a broken encoder.", default=0.5, above=0)
+    stall_duty: Scalar = quantity("1", "Duty from which on the fan counts as driven.", default=0.1, above=0)
+    period: int = period("Tick.", default=ms(10))
+
+    def init(self) -> SpeedRegulatorState:
+        """At rest."""
+        return SpeedRegulatorState()
+
+    def step(
+        self, t: Any, state: SpeedRegulatorState, given: SpeedRegulatorInput
+    ) -> tuple[SpeedRegulatorState, SpeedRegulatorOutput]:
+        """The duty from integer time t on; to be called once a period."""
+        dt = to_seconds(self.period)
+        moved = (given.count - state.count + 32768) % 65536 - 32768
+        speed = jnp.where(state.started, moved * self.rpm_per_count, 0.0)
+        wanted = jnp.where(jnp.isfinite(given.wanted_rpm), given.wanted_rpm, 0.0)
+        sign = jnp.sign(wanted)
+        error = (wanted - speed) * 1e-3
+        integral = jnp.where(state.integral * sign > 0, state.integral, 0.0)
+        wish = self.kp * error + integral
+        low, high = jnp.minimum(sign, 0.0) * self.limit, jnp.maximum(sign, 0.0) * self.limit
+        winds = ((wish > high) & (error > 0)) | ((wish < low) & (error < 0))
+        stands = (wish * sign > self.stall_duty) & (speed * sign <= 0)
+        still = jnp.where(stands, state.still + 1, 0)
+        fault = (state.fault | (still * dt >= self.stall)) & (sign != 0)
+        duty = jnp.where(fault, 0.0, jnp.clip(wish, low, high))
+        new = SpeedRegulatorState(
+            count=jnp.asarray(given.count, np.int32),
+            integral=jnp.where(winds | fault, integral, integral + self.ki * error * dt),
+            still=jnp.where(fault, 0, still).astype(np.int32),
+            fault=fault,
+            started=jnp.asarray(True),
+        )
+        saturated = ((wish > high) | (wish < low)) & (sign != 0) & ~fault
+        return new, SpeedRegulatorOutput(duty=duty, speed_rpm=speed, saturated=saturated, fault=fault)

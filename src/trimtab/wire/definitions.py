@@ -1,0 +1,147 @@
+"""Message definitions: MAVLink's XML read into what packing and parsing need.
+
+A payload holds the fields ordered by the size of their elements, largest first, otherwise as declared; extension fields
+follow as declared. CRC_EXTRA is made of the message's name and of its fields without extensions.
+Source: https://mavlink.io/en/guide/serialization.html.
+"""
+
+import struct
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+from trimtab.wire.checksum import crc
+
+CODES = {
+    "double": "d",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int8_t": "b",
+    "uint8_t": "B",
+    "char": "s",
+}
+SIZES = {name: struct.calcsize("<" + code) for name, code in CODES.items()}
+VERSION_FIELD = "uint8_t_mavlink_version"
+MAX_PAYLOAD = 255
+
+
+class Field(NamedTuple):
+    """One field of a message.
+
+    type: MAVLink's name of its elements' type.  length: 0 for a single number, else how many; text is `char`.
+    at, slots: where its values start among those of the message, and how many they are; text is one.
+    default: what stands there when nothing is given.
+    """
+
+    name: str
+    type: str
+    length: int
+    at: int
+    slots: int
+    unit: str
+    default: int
+    extension: bool
+
+
+class Definition(NamedTuple):
+    """A message: its fields in the order of the payload, and how its payload is packed.
+
+    crc_extra: what a sender with another definition has differently.  size: bytes of the payload, with extensions.
+    base: bytes without them.  ranges: for each value that is an integer, its lowest and highest; None for others.
+    """
+
+    name: str
+    id: int
+    fields: tuple[Field, ...]
+    crc_extra: int
+    packing: struct.Struct
+    base: int
+    where: Mapping[str, Field]
+    ranges: tuple[tuple[int, int] | None, ...]
+
+    def __repr__(self) -> str:
+        """Name and number: the rest is long."""
+        return f"<{self.name} {self.id}>"
+
+    @property
+    def size(self) -> int:
+        """Bytes of the payload, with extensions."""
+        return self.packing.size
+
+    @property
+    def blank(self) -> list[Any]:
+        """Values of a message in which nothing was given."""
+        values: list[Any] = []
+        for f in self.fields:
+            values += [b""] if f.type == "char" else [f.default] * f.slots
+        return values
+
+
+def read_definitions(text: str) -> dict[str, Definition]:
+    """Name -> definition of every message in the text of a MAVLink XML file; enumerations are passed over."""
+    root = ElementTree.fromstring(text)
+    version = int(root.findtext("version", "3"))
+    return {m.attrib["name"]: _definition(m, version) for m in root.iter("message")}
+
+
+def _definition(message: ElementTree.Element, version: int) -> Definition:
+    base, extensions, declared = [], [], []
+    target = base
+    for child in message:
+        if child.tag == "extensions":
+            target = extensions
+        elif child.tag == "field":
+            field = _field(child, version, target is extensions)
+            target.append(field)
+            declared.append(field)
+    base.sort(key=lambda f: -SIZES[f.type])
+    fields, at = [], 0
+    for f in [*base, *extensions]:
+        fields.append(f._replace(at=at))
+        at += f.slots
+    packing = struct.Struct("<" + "".join(_code(f) for f in fields))
+    name = message.attrib["name"]
+    return Definition(
+        name=name,
+        id=int(message.attrib["id"]),
+        fields=tuple(fields),
+        crc_extra=_crc_extra(name, base),
+        packing=packing,
+        base=sum(SIZES[f.type] * max(f.length, 1) for f in base),
+        where={f.name: f for f in fields},
+        ranges=tuple(_range(f.type) for f in fields for _ in range(f.slots)),
+    )
+
+
+def _field(element: ElementTree.Element, version: int, extension: bool) -> Field:
+    kind, _, length = element.attrib["type"].rstrip("]").partition("[")
+    default = 0
+    if kind == VERSION_FIELD:
+        kind, default = "uint8_t", version
+    count = int(length or 0)
+    slots = 1 if kind == "char" else max(count, 1)
+    return Field(element.attrib["name"], kind, count, 0, slots, element.get("units", ""), default, extension)
+
+
+def _code(field: Field) -> str:
+    return f"{max(field.length, 1)}{CODES[field.type]}" if field.length or field.type == "char" else CODES[field.type]
+
+
+def _crc_extra(name: str, base: list[Field]) -> int:
+    text = name.encode() + b" "
+    for f in base:
+        text += f"{f.type} {f.name} ".encode() + (bytes((f.length,)) if f.length else b"")
+    found = crc(text)
+    return (found & 0xFF) ^ (found >> 8)
+
+
+def _range(kind: str) -> tuple[int, int] | None:
+    if kind in ("double", "float", "char"):
+        return None
+    bits = 8 * SIZES[kind]
+    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

@@ -1,0 +1,170 @@
+"""A MAVLink dialect derived from the records that the two ends exchange, beside the standard messages.
+
+    SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
+    COMMAND           t, valid and the leaves of the value
+    INSTANT           t: closes a frame, when the two ends walk in step
+
+What does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid.
+
+Age and freshness are not sent: who receives a sample knows them better.
+Source: https://mavlink.io/en/guide/xml_schema.html.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.signals import Command, Frame
+from trimtab.wire.definitions import MAX_PAYLOAD, SIZES, Definition, read_definitions
+from trimtab.wire.names import field_name, message_name, plain, unique
+
+FIRST_ID = 0x747400
+"""Ids of derived messages start here ("tt", then a byte), far from those of published dialects."""
+MOST = 256
+TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
+STANDARD = Path(__file__).with_name("standard.xml")
+COMMAND, INSTANT = "command", "instant"
+TIME, VALID = "t", "valid"
+
+
+class Place(NamedTuple):
+    """Where one value of a message belongs: the path of a leaf, which of its numbers, and MAVLink's type for it."""
+
+    path: str
+    slot: int
+    type: str
+
+
+class Dialect(NamedTuple):
+    """All messages that two ends can exchange.
+
+    text: the definitions as MAVLink's XML.  definitions: every message by name; by_id: by number.
+    groups: path of a sample ("samples.imu"), "command" or "instant" -> the messages that carry it.
+    places: name of a derived message -> where each of its values belongs.
+    """
+
+    text: str
+    definitions: Mapping[str, Definition]
+    by_id: Mapping[int, Definition]
+    groups: Mapping[str, tuple[str, ...]]
+    places: Mapping[str, tuple[Place, ...]]
+
+    @property
+    def fingerprint(self) -> bytes:
+        """Eight bytes that differ between dialects; two ends compare them before they trust each other's numbers."""
+        return hashlib.sha256(self.text.encode()).digest()[:8]
+
+
+class _Piece(NamedTuple):
+    """A field to be: numbers start to start + numbers of the leaf at path; scalar for a leaf that is one number."""
+
+    path: str
+    start: int
+    numbers: int
+    scalar: bool
+    type: str
+    unit: str
+    doc: str
+
+    @property
+    def size(self) -> int:
+        return self.numbers * SIZES[self.type]
+
+
+def dialect_of(frame_like: Frame, command_like: Command) -> Dialect:
+    """The dialect in which frames and commands of these structures travel.
+
+    Args:
+        frame_like, command_like: of the structure that the two ends agree on; the numbers in them don't matter.
+
+    Raises InputError where there are more messages than ids.
+    """
+    wanted: dict[str, tuple[str, list[list[_Piece]]]] = {}
+    for sensor, sample in frame_like.samples.items():
+        wanted[f"samples.{sensor}"] = (message_name(f"sample_{sensor}"), _parts(sample, f"samples.{sensor}"))
+    wanted[COMMAND] = (message_name(COMMAND), _parts(command_like, COMMAND))
+    now = _Piece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
+    wanted[INSTANT] = (message_name(INSTANT), [[now]])
+    standard = STANDARD.read_text("utf-8")
+    taken = set(read_definitions(standard))
+    groups: dict[str, tuple[str, ...]] = {}
+    contents: dict[str, list[_Piece]] = {}
+    for group in sorted(wanted):
+        name, parts = wanted[group]
+        several = [name] if len(parts) == 1 else [f"{name}_{k + 1}" for k in range(len(parts))]
+        groups[group] = tuple(unique(n, taken) for n in several)
+        contents |= dict(zip(groups[group], parts, strict=True))
+    if len(contents) > MOST:
+        problem = f"{len(contents)} messages are more than the {MOST} numbers kept for them"
+        raise InputError("dialect", problem, fix="measure with fewer sensors, or put their values into one")
+    return _dialect(standard, groups, contents)
+
+
+def _parts(carried: Any, path: str) -> list[list[_Piece]]:
+    """Time, validity and the leaves of the value, in as many payloads as they need."""
+    head, rest = [], []
+    for below, value, declared in leaves(carried):
+        if not isinstance(declared, Quantity):
+            continue
+        piece = _piece(f"{path}.{below}", value, declared)
+        if below in (TIME, VALID):
+            head.append(piece)
+        elif below.startswith("value"):
+            rest.append(piece)
+    parts: list[list[_Piece]] = [[*head]]
+    for piece in rest:
+        while piece.numbers:
+            room = (MAX_PAYLOAD - sum(p.size for p in parts[-1])) // SIZES[piece.type]
+            if not room or (room < piece.numbers and len(parts[-1]) > len(head) and piece.size <= MAX_PAYLOAD // 2):
+                parts.append([*head])
+                continue
+            fits = min(room, piece.numbers)
+            parts[-1].append(piece._replace(numbers=fits))
+            piece = piece._replace(start=piece.start + fits, numbers=piece.numbers - fits)
+    return parts
+
+
+def _piece(path: str, value: Any, declared: Quantity) -> _Piece:
+    shape = np.shape(value)
+    dtype = np.dtype(declared.dtype())
+    kind = TYPES.get(dtype.kind) or TYPES[f"{dtype.kind}{dtype.itemsize}"]
+    return _Piece(path, 0, int(np.prod(shape, dtype=int)), shape == (), kind, declared.unit, declared.doc)
+
+
+def _dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[str, list[_Piece]]) -> Dialect:
+    numbers = {name: FIRST_ID + k for k, name in enumerate(sorted(contents))}
+    lines, named, carried = [], {}, {name: group for group, names in groups.items() for name in names}
+    for name in sorted(contents):
+        named[name] = _named(contents[name])
+        lines += _message(name, numbers[name], carried[name], named[name])
+    text = standard.replace("  </messages>", "\n".join([*lines, "  </messages>"]))
+    definitions = read_definitions(text)
+    places = {
+        name: tuple(
+            Place(fields[f.name].path, fields[f.name].start + k, f.type)
+            for f in definitions[name].fields
+            for k in range(f.slots)
+        )
+        for name, fields in named.items()
+    }
+    return Dialect(text, definitions, {d.id: d for d in definitions.values()}, groups, places)
+
+
+def _named(pieces: list[_Piece]) -> dict[str, _Piece]:
+    taken: set[str] = set()
+    return {unique(field_name(p.path), taken): p for p in pieces}
+
+
+def _message(name: str, number: int, group: str, fields: dict[str, _Piece]) -> list[str]:
+    lines = [f'    <message id="{number}" name="{name}">']
+    lines.append(f"      <description>{plain(f'trimtab: {group}')}</description>")
+    for own, p in fields.items():
+        kind = p.type if p.scalar else f"{p.type}[{p.numbers}]"
+        unit = "" if p.unit == "1" else f' units="{plain(p.unit)}"'
+        lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain(p.doc)}</field>')
+    return [*lines, "    </message>"]

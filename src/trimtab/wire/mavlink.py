@@ -1,0 +1,233 @@
+"""One end of a MAVLink 2 line: packs what it sends, parses and checks what it hears.
+
+    0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  checksum (2)  [link stamp (6) tag (6)]
+
+The tag is the first 48 bits of SHA-256 over the key and all that stands before it. Zeros at the end of a payload are
+left out. Nothing that is heard raises: what is refused is counted.
+Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/guide/message_signing.html.
+"""
+
+import hashlib
+import hmac
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from trimtab.core.errors import InputError, closest
+from trimtab.wire.checksum import checksum
+from trimtab.wire.counts import Counts
+from trimtab.wire.definitions import Definition
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.message import Message, arrange, fitted
+from trimtab.wire.signing import Key
+from trimtab.wire.stamps import Stamps
+
+VERSION_2, VERSION_1 = 0xFD, 0xFE
+SIGNED = 1
+HEADER = struct.Struct("<BBBBBBBHB")
+OVERHEAD, TAG = HEADER.size + 2, 13
+NO_FRAME, NOT_YET = -1, 0
+
+
+class Endpoint:
+    """What a system and component sends and hears over one line. One thread at a time.
+
+    key: signs all that is sent, and all that is not signed by it is refused. Without one, `unsigned` must be asked for:
+    whoever reaches the line can then command the vehicle.
+    datagrams: each `feed` is a whole packet, so that a frame cut off in one is not looked for in the next.
+    """
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        system: int,
+        component: int,
+        key: Key | None = None,
+        unsigned: bool = False,
+        *,
+        link: int = 0,
+        datagrams: bool = False,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        """Open one end; with a key that has a file, its time stamps are kept beside it until close()."""
+        _check(system, component, link, key, unsigned)
+        self.dialect, self.system, self.component, self.link = dialect, system, component, link
+        self.counts = Counts()
+        self._datagrams = datagrams
+        self._rest = b""
+        self._sequence = 0
+        self._heard: dict[tuple[int, int], int] = {}
+        self._keyed = None if key is None else hashlib.sha256(key.secret)
+        store = None
+        if key is not None and key.path is not None:
+            store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
+        self.stamps = Stamps(store, clock) if key else None
+
+    def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] = ()) -> bytes:
+        """The bytes of a message.
+
+        Args:
+            name: of a message of the dialect.
+            values: fields by name, those left out are zero; or all values in the order of the payload.
+
+        Numbers that a type can't hold are put to the nearest that it can, and counted. A message or field that does not
+        exist is refused with InputError.
+        """
+        definition = self.dialect.definitions.get(name)
+        if definition is None:
+            near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
+            raise InputError("wire", f"there is no message {name!r}", choices=near, fix=f"write {near[0]!r}")
+        given = (
+            arrange(definition, values) if isinstance(values, Mapping) else values if len(values) else definition.blank
+        )
+        try:
+            payload = definition.packing.pack(*given)
+        except (struct.error, OverflowError, TypeError, ValueError):
+            payload = definition.packing.pack(*fitted(definition, given))
+            self.counts.clamped += 1
+        return self._frame(definition, payload.rstrip(b"\0") or b"\0")
+
+    def _frame(self, definition: Definition, payload: bytes) -> bytes:
+        flags = SIGNED if self._keyed else 0
+        number = definition.id
+        head = (VERSION_2, len(payload), flags, 0, self._sequence, self.system, self.component)
+        frame = HEADER.pack(*head, number & 0xFFFF, number >> 16) + payload
+        frame += checksum(frame[1:], definition.crc_extra)
+        self._sequence = (self._sequence + 1) & 0xFF
+        if self.stamps is not None:
+            frame += bytes((self.link,)) + self.stamps.next().to_bytes(6, "little")
+            frame += self._tag(frame)
+        self.counts.sent += 1
+        return frame
+
+    def _tag(self, frame: bytes) -> bytes:
+        assert self._keyed is not None
+        digest = self._keyed.copy()
+        digest.update(frame)
+        return digest.digest()[:6]
+
+    def feed(self, data: bytes | None) -> list[Message]:
+        """The messages that are complete and accepted with these bytes, in order; never raises."""
+        if not data:
+            return []
+        buffer, at, found = self._rest + data, 0, []
+        size = len(buffer)
+        while at < size:
+            first = buffer[at]
+            if first == VERSION_2:
+                used = self._take(buffer, at, found)
+            elif first == VERSION_1:
+                used = self._take_old(buffer, at)
+            else:
+                used = NO_FRAME
+            if used == NOT_YET:
+                break
+            self.counts.garbage += used == NO_FRAME
+            at += max(used, 1)
+        self._rest = buffer[at:]
+        if self._datagrams:
+            self.counts.garbage += len(self._rest)
+            self._rest = b""
+        return found
+
+    def _take(self, buffer: bytes, at: int, found: list[Message]) -> int:
+        """How many bytes the frame at `at` has; NO_FRAME; or NOT_YET if more bytes are needed to tell."""
+        if len(buffer) - at < HEADER.size:
+            return NOT_YET
+        _, length, flags, compat, sequence, system, component, low, high = HEADER.unpack_from(buffer, at)
+        definition = self.dialect.by_id.get(low | high << 16)
+        if flags & ~SIGNED or (length > definition.size if definition else compat):
+            return NO_FRAME
+        size = OVERHEAD + length + (TAG if flags else 0)
+        if len(buffer) - at < size:
+            return NOT_YET
+        frame = buffer[at : at + size]
+        if definition is None:
+            return self._pass_over(buffer, at, size, flags)
+        end = HEADER.size + length
+        if checksum(frame[1:end], definition.crc_extra) != frame[end : end + 2]:
+            self.counts.checksum += 1
+            return NO_FRAME
+        if self._is_welcome(frame, flags, system, component):
+            self._count_lost(system, component, sequence)
+            payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
+            values = definition.packing.unpack(payload)
+            link, signed = (frame[-TAG], self._keyed is not None) if flags else (0, False)
+            found.append(Message(definition.name, values, definition, system, component, link, sequence, signed))
+            self.counts.accepted += 1
+        return size
+
+    def _is_welcome(self, frame: bytes, flags: int, system: int, component: int) -> bool:
+        if self.stamps is not None:
+            if not flags:
+                self.counts.unsigned += 1
+                return False
+            if not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
+                self.counts.wrong_signature += 1
+                return False
+        if system == self.system and component == self.component:
+            self.counts.reflected += 1
+            return False
+        if self.stamps is not None:
+            stream, stamp = (system, component, frame[-TAG]), int.from_bytes(frame[-12:-6], "little")
+            if not self.stamps.is_new(stream, stamp):
+                self.counts.replayed += 1
+                return False
+            self.stamps.accept(stream, stamp)
+        return True
+
+    def _pass_over(self, buffer: bytes, at: int, size: int, flags: int) -> int:
+        """An unknown message: its checksum can't be told, so it must be signed, or end where another frame starts."""
+        if self._keyed and flags:
+            frame = buffer[at : at + size]
+            whole = hmac.compare_digest(self._tag(frame[:-6]), frame[-6:])
+        else:
+            whole = at + size == len(buffer) or buffer[at + size] in (VERSION_1, VERSION_2)
+        self.counts.unknown += whole
+        return size if whole else NO_FRAME
+
+    def _take_old(self, buffer: bytes, at: int) -> int:
+        """A frame of MAVLink 1, which is refused: it has no signature."""
+        if len(buffer) - at < 6:
+            return NOT_YET
+        length, definition = buffer[at + 1], self.dialect.by_id.get(buffer[at + 5])
+        if definition is None or length > definition.base:
+            return NO_FRAME
+        if len(buffer) - at < length + 8:
+            return NOT_YET
+        end = at + 6 + length
+        if checksum(buffer[at + 1 : end], definition.crc_extra) != buffer[end : end + 2]:
+            return NO_FRAME
+        self.counts.downgraded += 1
+        return length + 8
+
+    def _count_lost(self, system: int, component: int, sequence: int) -> None:
+        last = self._heard.get((system, component), sequence - 1)
+        missed = (sequence - last - 1) & 0xFF
+        if missed < 128:  # else it came late
+            self.counts.lost += missed
+            self._heard[system, component] = sequence
+
+    def keep(self) -> None:
+        """Store time stamps ahead; call it every few seconds where waiting for a disk does no harm."""
+        if self.stamps is not None:
+            self.stamps.keep()
+
+    def close(self) -> None:
+        """Give back what the endpoint holds on disk."""
+        if self.stamps is not None:
+            self.stamps.close()
+
+
+def _check(system: int, component: int, link: int, key: Key | None, unsigned: bool) -> None:
+    for what, value, low in (("system", system, 1), ("component", component, 1), ("link", link, 0)):
+        if not low <= value <= 255:
+            raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")
+    if key is None and not unsigned:
+        problem = "there is no key, so that anybody could command the vehicle"
+        raise InputError(
+            "wire", problem, fix="give a key: create_key(key_path('VEHICLE')), or unsigned=True on loopback"
+        )
+    if key is not None and (unsigned or len(key.secret) != 32):
+        problem = "unsigned was asked for with a key" if unsigned else f"the key has {len(key.secret)} bytes, not 32"
+        raise InputError("wire", problem, fix="leave out unsigned, or the key; load keys by load_key()")

@@ -1,0 +1,131 @@
+"""Time stamps of signed packets: those sent never repeat, not even after a restart; those received are taken once.
+
+A stamp counts 10 us since 2015. What is stored beside the key lies a minute ahead, so that it is written seldom; after
+a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
+
+Refused as replayed: a stamp that is not newer than the last of its stream (system, component, link); one of a stream
+not yet heard that is not newer than this end's own stamp when it started; any that is over a minute behind this end.
+A peer whose clock lags is refused until it has heard this end once: every MAVLink implementation moves its own stamp
+up to those that it accepts.
+Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
+what was recorded in the minute before a restart could be sent again; here it can't.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from trimtab.core.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # no such locks on this system: two processes with one identity are not told apart
+    fcntl = None
+
+EPOCH = 1_420_070_400
+"""1 January 2015, in seconds of Unix time."""
+PER_SECOND = 100_000
+MARGIN = 60 * PER_SECOND
+LARGEST = 2**48 - 1
+DIGITS = 20
+
+
+def running_clock() -> Callable[[], float]:
+    """Unix time now, carried on by the monotonic clock."""
+    began, at = time.time(), time.monotonic()
+    return lambda: began + time.monotonic() - at
+
+
+class Stamps:
+    """The stamps of one sender, and the newest of each stream that it hears."""
+
+    def __init__(self, store: Path | None = None, clock: Callable[[], float] | None = None) -> None:
+        """Start above what is stored and above now; `store` None keeps nothing. The file stays locked until close()."""
+        self._clock = clock or running_clock()
+        self._file = None if store is None else _open(store)
+        self._ceiling = 0 if self._file is None or store is None else _read(self._file, store)
+        self.last = max(self._ceiling, self._now())
+        self._floor = self.last
+        self._streams: dict[tuple[int, int, int], int] = {}
+        self.unsaved = 0
+        """How often the stamp ahead could not be written, e.g. because the disk is full."""
+
+    def _now(self) -> int:
+        return min(max(int((self._clock() - EPOCH) * PER_SECOND), 0), LARGEST)
+
+    def next(self) -> int:
+        """A stamp greater than all before."""
+        self._raise_to(min(max(self.last + 1, self._now()), LARGEST))
+        return self.last
+
+    def keep(self) -> None:
+        """Store ahead of time if half the margin is used up: call it now and then where waiting does no harm."""
+        if self._file is not None and self.last + MARGIN // 2 > self._ceiling:
+            self._write()
+
+    def is_new(self, stream: tuple[int, int, int], stamp: int) -> bool:
+        """Whether a stamp of (system, component, link) may be taken; nothing is remembered before `accept`."""
+        if stamp < max(self.last, self._now()) - MARGIN:
+            return False
+        return stamp > self._streams.get(stream, self._floor)
+
+    def accept(self, stream: tuple[int, int, int], stamp: int) -> None:
+        """Remember the stamp of a packet whose signature was right; this end's own moves up to it."""
+        self._streams[stream] = stamp
+        self._raise_to(max(self.last, stamp))
+
+    def close(self) -> None:
+        """Store exactly where the stamps stand, and give the file back."""
+        if self._file is not None:
+            self._write(0)
+            os.close(self._file)
+            self._file = None
+
+    def _raise_to(self, stamp: int) -> None:
+        self.last = stamp
+        if self._file is not None and stamp >= self._ceiling:
+            self._write()
+
+    def _write(self, margin: int = MARGIN) -> None:
+        assert self._file is not None
+        ceiling = min(self.last + margin, LARGEST)
+        try:
+            os.pwrite(self._file, f"{ceiling:0{DIGITS}d}\n".encode(), 0)
+            os.fsync(self._file)
+        except OSError:
+            self.unsaved += 1
+            ceiling = self.last + PER_SECOND  # try again in a second
+        self._ceiling = ceiling
+
+
+def _open(store: Path) -> int:
+    where = f"time stamps '{store}'"
+    try:
+        store.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        file = os.open(store, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    except OSError as error:
+        problem = f"cannot be written: {error.strerror or error}"
+        raise InputError(where, problem, fix="keep the key file in a folder of yours") from None
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(file)
+        problem = "another process sends with this key, system, component and link; each would refuse the other's"
+        raise InputError(where, problem, fix="stop it, or give this one another component or link number") from None
+    return file
+
+
+def _read(file: int, store: Path) -> int:
+    text = os.pread(file, 64, 0).strip()
+    if not text:
+        return 0
+    with contextlib.suppress(ValueError):
+        found = int(text)
+        if 0 <= found <= LARGEST:
+            return found
+    os.close(file)
+    problem = f"holds {text[:32]!r} and no stamp"
+    raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

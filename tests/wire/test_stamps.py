@@ -1,0 +1,129 @@
+import os
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from wire.line import NOW, Clock, stamp_at
+
+from trimtab.core.errors import InputError
+from trimtab.wire.stamps import LARGEST, MARGIN, Stamps
+
+STREAM = (9, 1, 0)
+
+
+def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(clock):
+    stamps = Stamps(clock=clock)
+    clock.now += 2
+    assert stamps.next() == stamp_at(clock.now)
+    assert [stamps.next() for _ in range(3)] == [stamp_at(clock.now) + k for k in (1, 2, 3)]
+    clock.now -= 1000
+    assert stamps.next() == stamp_at(NOW + 2) + 4
+
+
+@given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.integers(0, 4), st.booleans()), max_size=30))
+def test_no_stamp_repeats_whatever_the_clock_does_over_restarts(tmp_path_factory, story):
+    """Each chapter: the clock jumps, some packets leave, then the process is killed or closed."""
+    store, clock, sent = tmp_path_factory.mktemp("s") / "a.time", Clock(), []
+    for jump, packets, killed in story:
+        clock.now += jump
+        stamps = Stamps(store, clock)
+        sent += [stamps.next() for _ in range(packets)]
+        if killed:
+            os.close(stamps._file)
+        else:
+            stamps.close()
+    assert sent == sorted(set(sent))
+
+
+def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch):
+    store, writes, real = tmp_path / "a.time", [], os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda *a: writes.append(a) or real(*a))
+    stamps = Stamps(store, clock)
+    for _ in range(10_000):
+        clock.now += 0.02
+        stamps.next()
+    assert store.stat().st_mode & 0o777 == 0o600
+    assert 200 / 60 <= len(writes) <= 200 / 60 + 2
+    stamps.close()
+
+
+def test_kept_ahead_of_time_no_packet_waits_for_the_disk(tmp_path, clock, monkeypatch):
+    stamps = Stamps(tmp_path / "a.time", clock)
+    stamps.keep()
+    monkeypatch.setattr(stamps, "_write", lambda: pytest.fail("a packet waited"))
+    for _ in range(29):
+        clock.now += 1
+        stamps.next()
+    monkeypatch.undo()
+    clock.now += 2
+    stamps.next()
+    ceiling = stamps._ceiling
+    stamps.keep()
+    assert stamps._ceiling > ceiling
+    stamps.close()
+
+
+def test_a_full_disk_is_counted_and_stamps_go_on(tmp_path, clock, monkeypatch):
+    stamps = Stamps(tmp_path / "a.time", clock)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    found = []
+    for _ in range(300):
+        clock.now += 1
+        found.append(stamps.next())
+    assert found == sorted(set(found))
+    assert 0 < stamps.unsaved <= 300
+    stamps.close()
+
+
+def test_two_of_one_identity_are_refused(tmp_path, clock):
+    first = Stamps(tmp_path / "a.time", clock)
+    with pytest.raises(InputError, match="another process sends with this key"):
+        Stamps(tmp_path / "a.time", clock)
+    first.close()
+    Stamps(tmp_path / "a.time", clock).close()
+
+
+def test_a_file_that_holds_no_stamp_is_refused(tmp_path):
+    store = tmp_path / "a.time"
+    store.write_text("yesterday")
+    with pytest.raises(InputError, match=r"rm '.*a\.time'"):
+        Stamps(store)
+
+
+def test_a_folder_that_can_not_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="keep the key file in a folder of yours"):
+        Stamps(tmp_path / "file" / "a.time")
+
+
+def test_what_is_new_is_told_by_stream(clock):
+    stamps = Stamps(clock=clock)
+    start = stamps.last
+    assert not stamps.is_new(STREAM, start)
+    assert stamps.is_new(STREAM, start + 1)
+    assert stamps.is_new(STREAM, start + 1)  # asking changes nothing
+    stamps.accept(STREAM, start + 5)
+    assert [stamps.is_new(STREAM, start + k) for k in (4, 5, 6)] == [False, False, True]
+    assert stamps.is_new((9, 1, 1), start + 1)
+    assert stamps.last == start + 5
+
+
+def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
+    stamps = Stamps(clock=clock)
+    stamps.accept(STREAM, stamps.last + 1)
+    clock.now += 3600
+    now = stamp_at(clock.now)
+    assert not stamps.is_new(STREAM, now - MARGIN - 1)
+    assert stamps.is_new(STREAM, now - MARGIN)
+    assert not stamps.is_new((8, 1, 0), now - MARGIN - 1)
+
+
+def test_the_end_of_time_does_not_overflow(clock):
+    stamps = Stamps(clock=clock)
+    stamps.accept(STREAM, LARGEST)
+    assert stamps.next() == LARGEST
+    assert not stamps.is_new(STREAM, LARGEST)
