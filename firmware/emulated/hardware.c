@@ -27,8 +27,6 @@ void board_pulse(int channel, uint16_t counts) {
     if (channel >= 0 && channel < CHANNELS) compare[channel] = counts;
 }
 
-uint16_t board_encoder(void) { return (uint16_t)motor_o.count; }
-
 const world_out *emulated_world(void) { return &world_o; }
 
 void hardware_begin(void) {
@@ -63,6 +61,11 @@ static void turn_motor(int64_t now) {
         motor_i.given.duty = (motor_real)pulse_duty_of(compare[THRUST]);
         motor_step(&motor_p, &motor_s, &motor_i, &motor_o);
     }
+}
+
+uint16_t board_encoder(int64_t at) {
+    turn_motor(at);
+    return (uint16_t)motor_o.count;
 }
 
 void hardware_work(vehicle *v, int64_t now) {

@@ -21,10 +21,22 @@ static uint64_t stamp_of(const mavlink_message_t *m) {
     return stamp;
 }
 
-/* Whether the library takes the frame, and what the library does not ask: that it is not our own, which has the same key;
-   that its stamp is from after the start, for the library lets a sender it has not heard yet start up to a minute back;
-   and that a sender it has heard is not over a minute behind. */
-static bool admitted(link *l, size_t n, mavlink_message_t *message) {
+/* What the library does not ask: that it is not our own, which has the same key; that its stamp is from after the start, for
+   the library lets a sender it has not heard yet start up to a minute back; and that it is not over a minute behind. */
+static bool is_new(link *l, const mavlink_message_t *message) {
+    if (message->sysid == SYSTEM && message->compid == COMPONENT) {
+        l->counts.reflected++;
+        return false;
+    }
+    uint64_t stamp = stamp_of(message);
+    bool new = stamp > l->floor && stamp + 60 * STAMPS_PER_SECOND >= l->signing.timestamp;
+    l->counts.replayed += !new;
+    return new;
+}
+
+/* Whether the frame of n bytes gets in; how many of its bytes are done with. */
+static bool admitted(link *l, size_t n, mavlink_message_t *message, size_t *done) {
+    *done = n;
     if (!(l->in.bytes[2] & MAVLINK_IFLAG_SIGNED)) {
         l->counts.unsigned_frames++;
         return false;
@@ -32,29 +44,21 @@ static bool admitted(link *l, size_t n, mavlink_message_t *message) {
     uint8_t verdict = MAVLINK_FRAMING_INCOMPLETE;
     for (size_t i = 0; i < n; ++i)
         verdict = mavlink_frame_char_buffer(&l->parsing, &l->status, l->in.bytes[i], message, NULL);
-    if (verdict != MAVLINK_FRAMING_OK) {
-        bool old = l->signing.last_status == MAVLINK_SIGNING_STATUS_REPLAY ||
-                   l->signing.last_status == MAVLINK_SIGNING_STATUS_OLD_TIMESTAMP;
-        if (old) l->counts.replayed++;
-        else l->counts.forged++;
-        return false;
-    }
-    if (message->sysid == SYSTEM && message->compid == COMPONENT) {
-        l->counts.reflected++;
-        return false;
-    }
-    uint64_t stamp = stamp_of(message);
-    if (stamp <= l->floor || stamp + 60 * STAMPS_PER_SECOND < l->signing.timestamp) {
+    if (verdict == MAVLINK_FRAMING_OK) return is_new(l, message);
+    if (l->signing.last_status == MAVLINK_SIGNING_STATUS_REPLAY ||
+        l->signing.last_status == MAVLINK_SIGNING_STATUS_OLD_TIMESTAMP) {
         l->counts.replayed++;
         return false;
     }
-    return true;
+    *done = n - FRAME_SIGNATURE; /* if it was cut off there, another frame begins where its signature should be */
+    l->counts.forged++;
+    return false;
 }
 
 bool link_next(link *l, int64_t now, mavlink_message_t *message) {
-    for (size_t n; (n = frame_ready(&l->in)) > 0;) {
-        bool good = admitted(l, n, message);
-        frame_drop(&l->in, n);
+    for (size_t n, done; (n = frame_ready(&l->in)) > 0;) {
+        bool good = admitted(l, n, message, &done);
+        frame_drop(&l->in, done);
         if (!good) continue;
         l->counts.accepted++;
         l->stamp = l->signing.timestamp;

@@ -26,8 +26,8 @@ void board_wait(void);
 /* Set the width of a servo channel's pulses, in counts of 1/PULSE_HZ s (pulse.h), from the next frame on. */
 void board_pulse(int channel, uint16_t counts);
 
-/* The counter of the thrust fan's encoder, 16 bits. */
-uint16_t board_encoder(void);
+/* The counter of the thrust fan's encoder, 16 bits, as a timer caught it at time `at`, which is not later than now. */
+uint16_t board_encoder(int64_t at);
 
 /* Pulse widths (us) from the safety pilot's receiver; false where it hears nothing. */
 bool board_radio(uint16_t us[RADIO_CHANNELS]);

@@ -57,16 +57,24 @@ static void guard(vehicle *v, int64_t now) {
     v->believed = true;
 }
 
-/* Regulator and servos, each in its time; but where the failsafe stops the fan, it stops at once. */
+static void regulate(vehicle *v, int64_t at) {
+    v->regulator_in.t = at;
+    v->regulator_in.given.wanted_rpm = v->failsafe_out.command.value.speed_rpm;
+    v->regulator_in.given.count = board_encoder(at);
+    speed_regulator_step(&v->regulator_params, &v->regulator_state, &v->regulator_in, &v->regulator_out);
+    v->duty = (double)v->regulator_out.duty;
+}
+
+/* Regulator and servos, each in its time; but where the failsafe stops the fan, it stops at once. The regulator measures
+   speed by counts in a period, so a late tick makes up for the periods it missed; after a second it begins anew. */
 static void drive(vehicle *v, int64_t now) {
     bool stop = !v->failsafe_out.command.valid && v->duty != 0;
-    if (due(now, &v->next_regulator, REGULATOR) || stop) {
-        v->regulator_in.t = now;
-        v->regulator_in.given.wanted_rpm = v->failsafe_out.command.value.speed_rpm;
-        v->regulator_in.given.count = board_encoder();
-        speed_regulator_step(&v->regulator_params, &v->regulator_state, &v->regulator_in, &v->regulator_out);
-        v->duty = v->failsafe_out.command.valid ? (double)v->regulator_out.duty : 0;
+    if (now - v->next_regulator > SECOND) {
+        speed_regulator_init(&v->regulator_params, &v->regulator_state);
+        v->next_regulator = now / REGULATOR * REGULATOR;
     }
+    for (; v->next_regulator <= now; v->next_regulator += REGULATOR) regulate(v, v->next_regulator);
+    if (!v->failsafe_out.command.valid) v->duty = 0;
     if (due(now, &v->next_servo, SERVO) || stop) {
         set_pulses(v);
         station_servos(v, now);
