@@ -95,3 +95,10 @@ def test_parameters_are_read_in_place():
         return float(world.result("truth.north"))
 
     assert coast() == pytest.approx(0.099, rel=1e-6)
+    world.give({"held": True, "t": 990_000, "h": 10_000})
+    before = {p: world.result(p).copy() for p in world.writes if p.startswith("truth.")}
+    world.step()
+    assert {p: world.result(p) for p in before} == before
+    world.give({"held": False, "t": 1_000_000})
+    world.step()
+    assert world.result("truth.north") > before["truth.north"]

@@ -110,7 +110,7 @@ def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkey
     forget(monkeypatch)
     with ThreadPoolExecutor(4) as pool:
         first, *others = pool.map(lambda _: python_module(dialect), range(4))
-    assert first.MAVLINK_MSG_ID_SAMPLE_EVERY == dialect.definitions["SAMPLE_EVERY"].id
+    assert dialect.definitions["SAMPLE_EVERY"].id == first.MAVLINK_MSG_ID_SAMPLE_EVERY
     assert all(other is first for other in others)
     assert [str(p) for p in (tmp_path / "dialects").iterdir() if p.suffix == ".py"] == [first.__file__]
 

@@ -26,6 +26,7 @@ class Scenario:
     initial: Any = part("First state of the vehicle.")
     duration: int = period("Length of a run.", default=seconds(15))
     targets: Any = part("Where signals should go, for the metrics.", default=())
+    failsafe: Any = part("What the vehicle does when nobody commands it, in flight; none in a simulation.", default=())
     truth_sensor: Any = part("What the ideal twin measures instead of the sensors.", default=PlanarNavigation())
     name: str = option("Name in the catalogue.", default="scenario")
 

@@ -57,6 +57,7 @@ class FastStep:
     def __init__(self, exported: Exported) -> None:
         """Compile the C text of an exported block; it is the text that `trimtab export` writes."""
         library, name = load(build(_text(exported))), exported.name
+        self.exported = exported
         size, parameter = library[f"{name}_size"], library[f"{name}_parameter"]
         size.restype = ctypes.c_int64
         parameter.restype = ctypes.c_void_p

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric, part, quantity, record
+from trimtab.core.record import numeric, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame
 from trimtab.core.time import Clock, to_seconds
 from trimtab.export.step import Exported, export_step
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.structure import tree_where
 from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
 
@@ -27,6 +28,7 @@ class Turn:
     t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
     h: Any = quantity("100 ns", "Time from then to now.", kind="time")
     first: Any = quantity("1", "Now is the first instant: there was no command yet.", kind="flag")
+    held: Any = quantity("1", "The vehicle is held: its true state stays as it is.", kind="flag")
     fresh: Any = quantity("1", "Whether the command is a new one.", kind="flag")
     command: Any = part("The command.")
 
@@ -80,14 +82,14 @@ def world_step(scenario: Scenario, *, name: str = "world", real: str = "f64", se
         key=Key(np.uint32(seed), np.uint32(run)),
     )
     none = np.bool_(False)
-    given = Turn(t=np.int64(0), h=np.int64(0), first=none, fresh=none, command=command)
+    given = Turn(t=np.int64(0), h=np.int64(0), first=none, held=none, fresh=none, command=command)
 
     def init(p: Given) -> Any:
         return start(p.world, p.autopilot, p.initial, p.key)[0]
 
     def passed(p: Given, s: Any, turn: Turn) -> Any:
         s = p.world.act(Clock(turn.t), s, turn.command, turn.fresh)
-        return p.world.advance(turn.t, s, turn.h)
+        return replace(s, x=tree_where(turn.held, s.x, p.world.advance(turn.t, s, turn.h).x))
 
     def step(p: Given, s: Any, turn: Turn) -> Any:
         after = jax.lax.cond(turn.first, lambda: s, lambda: _typed(passed(p, s, turn), s))

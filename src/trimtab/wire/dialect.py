@@ -2,7 +2,7 @@
 
     SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
     COMMAND           t, valid and the leaves of the value
-    INSTANT           t: closes a frame, when the two ends walk in step
+    INSTANT           t and the number of samples: closes a frame, when the two ends walk in step
 
 What does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid.
 
@@ -89,7 +89,8 @@ def dialect_of(frame_like: Frame, command_like: Command) -> Dialect:
         wanted[f"samples.{sensor}"] = (message_name(f"sample_{sensor}"), _parts(sample, f"samples.{sensor}"))
     wanted[COMMAND] = (message_name(COMMAND), _parts(command_like, COMMAND))
     now = _Piece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
-    wanted[INSTANT] = (message_name(INSTANT), [[now]])
+    count = _Piece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
+    wanted[INSTANT] = (message_name(INSTANT), [[now, count]])
     standard = STANDARD.read_text("utf-8")
     taken = set(read_definitions(standard))
     groups: dict[str, tuple[str, ...]] = {}

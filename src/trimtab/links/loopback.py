@@ -1,0 +1,79 @@
+"""Packets between two programs of one user on one machine, or within one program: ``loopback://NAME``."""
+
+import contextlib
+import os
+import re
+import socket
+import stat
+import tempfile
+from pathlib import Path
+
+from trimtab.core.errors import InputError
+from trimtab.links.dial import Answering, Calling
+from trimtab.links.stream import StreamLink
+from trimtab.links.uri import Address
+
+
+def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
+    """Connect to who listens under a name, there already or not; or listen under it, for one at a time.
+
+    Unix sockets that keep packets apart, in a folder that only its owner may enter.
+    """
+    address.only()
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,40}", address.place) or address.path:
+        raise address.refuse(
+            f"{address.place + address.path!r} is not a name of 1 to 40 letters, digits, '_', '-', '.'"
+        )
+    place = folder() / f"{address.place}.link"
+    if not listen:
+        _make(address).close()
+        return StreamLink(Calling(lambda: _make(address), str(place)))
+    lock = _claimed(address, place)
+    listener = _make(address)
+    try:
+        place.unlink(missing_ok=True)
+        listener.bind(str(place))
+    except OSError as error:
+        listener.close()
+        os.close(lock)
+        raise address.refuse(f"it can't be listened at ({error})", "another name, or a shorter TMPDIR") from None
+
+    def closed() -> None:
+        place.unlink(missing_ok=True)
+        os.close(lock)
+
+    return StreamLink(Answering(listener, closed=closed))
+
+
+def folder() -> Path:
+    """Where the sockets lie: in XDG_RUNTIME_DIR or the temporary folder; refused where others may enter it."""
+    user = os.getuid()
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    found = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"
+    with contextlib.suppress(FileExistsError):
+        found.mkdir(mode=0o700, parents=True)
+    seen = found.lstat()
+    if not stat.S_ISDIR(seen.st_mode) or seen.st_uid != user or seen.st_mode & 0o077:
+        problem = "others than its owner may enter it"
+        raise InputError(f"folder of loopback links '{found}'", problem, fix=f"chmod 700 {found}, or remove it")
+    return found
+
+
+def _claimed(address: Address, place: Path) -> int:
+    """A lock that is held while someone listens, and that the system gives back when they die."""
+    import fcntl  # not on every system
+
+    lock = os.open(place.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise address.refuse("someone listens under this name already", f"{address.text}-2") from None
+    return lock
+
+
+def _make(address: Address) -> socket.socket:
+    try:
+        return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    except (OSError, AttributeError):
+        raise address.refuse("this system has no Unix sockets that keep packets", "udp://127.0.0.1:14550") from None

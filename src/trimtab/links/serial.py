@@ -1,0 +1,89 @@
+"""A serial line: ``serial:///dev/ttyUSB0?baud=115200``; eight bits, no parity, one stop bit, no flow control."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from trimtab.links.stream import StreamLink
+from trimtab.links.uri import Address
+
+DEFAULT_BAUD = 115200
+DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")
+
+
+def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
+    """Open a serial line; both its ends are alike, so `listen` changes nothing. Refused where there is no such device.
+
+    A device that is unplugged later is opened again as soon as its path is back.
+    """
+    del listen
+    if address.place or not address.path:
+        raise address.refuse("the path of a device starts with a third '/'")
+    speed = _speed(address)
+    line = _Line(address.path, speed)
+    try:
+        os.close(line.dial())
+    except OSError as error:
+        raise _refused(address, error) from None
+    return StreamLink(line)
+
+
+class _Line:
+    """Opens the device."""
+
+    def __init__(self, path: str, speed: int) -> None:
+        self._path, self._speed = path, speed
+
+    def dial(self) -> int:
+        """The device, raw and empty."""
+        import termios  # not on every system
+
+        fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            termios.tcsetattr(fd, termios.TCSANOW, _raw(termios, termios.tcgetattr(fd), self._speed))
+            termios.tcflush(fd, termios.TCIFLUSH)
+        except termios.error as error:
+            os.close(fd)
+            raise OSError(*error.args) from None
+        except OSError:
+            os.close(fd)
+            raise
+        return fd
+
+    def awaits(self) -> tuple[int, int]:
+        """Nothing tells when a device is back."""
+        return -1, 0
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _raw(termios: Any, flags: list[Any], speed: int) -> list[Any]:
+    """Settings under which every byte passes as it is."""
+    flags[:4] = 0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0
+    flags[4] = flags[5] = speed
+    flags[6][termios.VMIN], flags[6][termios.VTIME] = 1, 0
+    return flags
+
+
+def _speed(address: Address) -> int:
+    """The system's number for the baud rate."""
+    text = address.only("baud").get("baud", str(DEFAULT_BAUD))
+    try:
+        import termios
+    except ImportError:
+        raise address.refuse("this system has no termios", "write udp://HOST:PORT") from None
+    speeds = {n[1:]: int(value) for n, value in vars(termios).items() if n[0] == "B" and n[1:].isdigit() and value}
+    if text not in speeds:
+        problem = f"{text!r} is not a baud rate of this system"
+        raise address.refuse(problem, choices=sorted(speeds, key=int))
+    return speeds[text]
+
+
+def _refused(address: Address, error: OSError) -> Exception:
+    """What to do about a device that can't be opened."""
+    found = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
+    fix = f"serial://{found[0]}?baud={DEFAULT_BAUD}" if found else "plug the device in; ls /dev/tty* shows it"
+    if isinstance(error, PermissionError):
+        fix = "sudo usermod -a -G dialout $USER, and log in again"
+    return address.refuse(f"the device can't be opened ({error.strerror})", fix, choices=found[:12])

@@ -1,0 +1,54 @@
+"""A TCP connection: ``tcp://HOST:PORT``, e.g. the serial port of an emulated microcontroller on a socket."""
+
+import contextlib
+import socket
+from typing import Any
+
+from trimtab.links.dial import Answering, Calling
+from trimtab.links.stream import StreamLink
+from trimtab.links.uri import Address
+
+GONE_MS = 5000
+"""A peer that acknowledges nothing for this long counts as gone."""
+
+
+def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
+    """Connect to a peer, there already or not; or listen for one at a time, on this machine only without a host."""
+    address.only()
+    family, place = resolve(address, socket.SOCK_STREAM)
+    if not listen:
+        return StreamLink(Calling(lambda: _prompt(socket.socket(family, socket.SOCK_STREAM)), place))
+    listener = bound(address, socket.socket(family, socket.SOCK_STREAM), place)
+    return StreamLink(Answering(listener, _prompt))
+
+
+def resolve(address: Address, kind: int) -> tuple[int, Any]:
+    """Address family and the address that connect() and bind() take; refused where the host has none."""
+    host, port = address.host_and_port()
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise address.refuse(f"the host {host!r} is not known ({error})") from None
+    return family, place
+
+
+def bound(address: Address, found: socket.socket, place: Any) -> socket.socket:
+    """The socket, bound to a place; refused where that can't be."""
+    if found.type == socket.SOCK_STREAM:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind(place)
+    except (OSError, OverflowError) as error:
+        found.close()
+        fix = f"another port, or who has it: ss -lnp | grep {place[1]}"
+        raise address.refuse(f"it can't be listened at ({error})", fix) from None
+    return found
+
+
+def _prompt(found: socket.socket) -> socket.socket:
+    """No waiting for more to send, and a peer that vanished is noticed."""
+    with contextlib.suppress(OSError, AttributeError):
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_MS)
+    return found

@@ -1,0 +1,109 @@
+"""Datagrams: ``udp://HOST:PORT``; the listening end answers everyone it has heard within ten seconds."""
+
+import contextlib
+import select
+import socket
+import time
+from typing import Any
+
+from trimtab.core.interfaces import LinkStatistics
+from trimtab.links.counts import Counts
+from trimtab.links.dial import tuned
+from trimtab.links.tcp import bound, resolve
+from trimtab.links.uri import Address
+
+HEARD_WITHIN = 10.0
+"""A peer that was silent for longer (s) is not answered, and not connected."""
+MOST_PEERS = 16
+"""At once; a flood of senders can't push out those who were there before."""
+LARGEST = 65535
+
+
+def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
+    """Send to one place and hear only that; or listen, on this machine only unless a host is written."""
+    address.only()
+    family, place = resolve(address, socket.SOCK_DGRAM)
+    if listen:
+        return UdpLink(tuned(bound(address, socket.socket(family, socket.SOCK_DGRAM), place)))
+    found = tuned(socket.socket(family, socket.SOCK_DGRAM))
+    try:
+        found.connect(place)
+    except OSError as error:
+        found.close()
+        raise address.refuse(f"there is no way there ({error.strerror})") from None
+    return UdpLink(found, place)
+
+
+class UdpLink:
+    """Packets to and from one peer, or all who have been heard lately. One thread receives, another may send.
+
+    Args:
+        found: bound, or connected to `peer`; it doesn't block.
+        peer: the one to send to, heard or not; None: those who are heard.
+    """
+
+    def __init__(self, found: socket.socket, peer: Any = None) -> None:
+        self._socket, self._counts, self._fixed = found, Counts(), peer is not None
+        self._heard: dict[Any, float] = {}
+        self._poll = select.poll()
+        self._poll.register(found, select.POLLIN)
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """What it has carried; connected: someone was heard within ten seconds."""
+        return self._counts.statistics(bool(self.peers))
+
+    @property
+    def peers(self) -> tuple[Any, ...]:
+        """The addresses of those who were heard within ten seconds."""
+        oldest = time.monotonic() - HEARD_WITHIN
+        return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
+
+    def receive(self, timeout: float) -> bytes | None:
+        """The next packet; None when `timeout` seconds have passed without one."""
+        deadline = time.monotonic() + timeout
+        while self._socket.fileno() >= 0:
+            left = max(deadline - time.monotonic(), 0.0)
+            with contextlib.suppress(OSError):
+                if self._poll.poll(left * 1e3):
+                    packet, peer = self._socket.recvfrom(LARGEST)
+                    if packet and self._knows(peer):
+                        return self._counts.received(packet)
+            if time.monotonic() >= deadline:
+                return None
+        return None
+
+    def send(self, packet: bytes) -> bool:
+        """Send to the peer, or to each who was heard within ten seconds; False where none got it."""
+        given = 0
+        if self._fixed:
+            given = self._give(packet, None)
+        else:
+            for peer in self.peers:
+                given += self._give(packet, peer)
+        return self._counts.sent(len(packet)) if given else self._counts.drop()
+
+    def fileno(self) -> int:
+        """For select(); -1 once it is closed."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Give the transport back."""
+        self._socket.close()
+
+    def _give(self, packet: bytes, peer: Any) -> int:
+        try:
+            return int((self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0)
+        except OSError:  # full buffer, no way there, or the last packet was refused: all mean that it is lost
+            return 0
+
+    def _knows(self, peer: Any) -> bool:
+        """Note that a peer was heard; whether there was room for it."""
+        now, live = time.monotonic(), self.peers
+        if peer not in live:
+            if len(live) >= MOST_PEERS:
+                return False
+            self._heard = {p: at for p, at in self._heard.items() if p in live}
+            self._counts.connections += not live
+        self._heard[peer] = now
+        return True

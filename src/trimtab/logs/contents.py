@@ -1,0 +1,122 @@
+"""What an MCAP file holds, up to its end or to wherever it was cut; within a cut chunk, what can be decompressed.
+
+Source: MCAP format specification 0 (mcap.dev/spec), section "Records".
+"""
+
+import dataclasses
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any
+
+from trimtab.core.errors import InputError
+
+MAGIC = b"\x89MCAP0\r\n"
+"""At both ends of a file."""
+FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
+RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
+
+
+@dataclasses.dataclass
+class Contents:
+    """Metadata records by name, and times (ns) and texts of the messages by topic. cut: the file has no end."""
+
+    cut: bool
+    metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+    times: dict[str, list[int]] = dataclasses.field(default_factory=dict)
+    texts: dict[str, list[bytes]] = dataclasses.field(default_factory=dict)
+    channels: dict[int, str] = dataclasses.field(default_factory=dict)
+
+
+class _Damaged(Exception):
+    """Something is there that no writer writes."""
+
+
+def contents_of(path: Any, data: bytes) -> Contents:
+    """All of a file that begins as MCAP files do; refused where it is damaged and not merely cut."""
+    found = Contents(cut=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
+    try:
+        for opcode, start, stop in _records(data, len(MAGIC)):
+            if opcode == DATA_END:
+                _check_sum(data, start)
+            if opcode == FOOTER:
+                break
+            _add(found, opcode, data[start:stop], whole=stop <= len(data))
+    except Exception as error:  # of a cut file the rest is the rest; decoders raise what they like
+        if not found.cut:
+            problem = f"is damaged: {error or type(error).__name__}"
+            raise InputError(f"log file '{path}'", problem, fix="make it again, or copy it again") from None
+    return found
+
+
+def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and stop of each record's content; the last may stop beyond the end."""
+    while at + RECORD.size <= len(data):
+        opcode, length = RECORD.unpack_from(data, at)
+        at += RECORD.size
+        yield opcode, at, at + length
+        at += length
+
+
+def _check_sum(data: bytes, start: int) -> None:
+    (wanted,) = struct.unpack_from("<I", data, start)
+    if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
+        raise _Damaged("its check sum is another")
+
+
+def _add(found: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
+    """Take in a record; of one that is cut off only a chunk has something to give."""
+    if opcode == CHUNK:
+        inner = _unpacked(content) if whole else _begun(content)
+        for kind, start, stop in _records(inner, 0):
+            if stop <= len(inner):
+                _add(found, kind, inner[start:stop], whole=True)
+        return
+    if not whole:
+        return
+    if opcode == MESSAGE:
+        channel, _, time, _ = MESSAGE_HEAD.unpack_from(content)
+        topic = found.channels[channel]
+        found.times[topic].append(time)
+        found.texts[topic].append(content[MESSAGE_HEAD.size :])
+    elif opcode in (CHANNEL, METADATA):
+        _describe(found, opcode, content)
+
+
+def _describe(found: Contents, opcode: int, content: bytes) -> None:
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Channel, Metadata
+
+    stream = ReadDataStream(BytesIO(content))
+    if opcode == METADATA:
+        item = Metadata.read(stream)
+        found.metadata[item.name] = item.metadata
+        return
+    channel = Channel.read(stream)
+    if channel.id not in found.channels:
+        found.channels[channel.id] = channel.topic
+        found.times[channel.topic], found.texts[channel.topic] = [], []
+
+
+def _unpacked(content: bytes) -> bytes:
+    """The records in a chunk."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Chunk
+    from mcap.stream_reader import get_chunk_data_stream
+
+    stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))), validate_crc=True)
+    return stream.read(length)
+
+
+def _begun(content: bytes) -> bytes:
+    """Of a chunk that is cut off, what its first bytes still say; no check sum covers that."""
+    at = CHUNK_HEAD.size
+    (length,) = struct.unpack_from("<I", content, at)
+    compression = content[at + 4 : at + 4 + length]
+    data = content[at + 4 + length + 8 :]
+    if compression == b"zstd":
+        import zstandard
+
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    return b"" if compression else data

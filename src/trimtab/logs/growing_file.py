@@ -1,0 +1,185 @@
+"""An MCAP file that grows chunk by chunk: each is on the disk whole, or the file is as it was before.
+
+What was not written, for want of room, leaves no trace, so that a file with a gap is a sound file.
+
+Source: MCAP format specification 0 (mcap.dev/spec).
+"""
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from itertools import starmap
+from typing import Any
+
+import numpy as np
+
+from trimtab.logs.contents import CHUNK, CHUNK_HEAD, MAGIC, MESSAGE, RECORD
+from trimtab.logs.messages import Topic
+
+MESSAGE_INDEX = 0x07
+MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+LEVEL = 1
+"""Of zstd: a third of the time of its usual level, and hardly larger for numbers."""
+
+Message = tuple[int, int, int, bytes]
+"""Channel, sequence number, time (ns), text."""
+
+
+class GrowingFile:
+    """The file of a log while it is written.
+
+    Args:
+        file: descriptor of an empty file, open for writing.
+        metadata: records by name, which come first and as they are, so that a text search finds them.
+        topics: what messages there will be; the channel of the k-th is k + 1.
+    """
+
+    def __init__(self, file: int, metadata: dict[str, dict[str, str]], topics: Sequence[Topic]) -> None:
+        """Write what comes before the first message; raises OSError where that can't be."""
+        from mcap import records
+
+        self._file, self._size, self._sum = file, 0, 0
+        self._chunks: list[Any] = []
+        self._counts: dict[int, int] = {}
+        self._metadata: list[Any] = []
+        numbered = list(enumerate(topics, 1))
+        self._schemas = [records.Schema(id=k, data=t.text, encoding="jsonschema", name=t.schema) for k, t in numbered]
+        self._channels = [
+            records.Channel(id=k, topic=t.name, message_encoding="json", metadata={}, schema_id=k) for k, t in numbered
+        ]
+        self._first = self._last = 0
+        self._append(MAGIC + _bytes([records.Header(profile="", library="trimtab")]))
+        self.describe(metadata)
+        self._append(_bytes([*self._schemas, *self._channels]))
+
+    def describe(self, metadata: dict[str, dict[str, str]]) -> None:
+        """Add metadata records; of two with one name the later counts. Raises OSError where there is no room."""
+        from mcap.records import Metadata, MetadataIndex
+
+        for name, content in metadata.items():
+            text, at = _bytes([Metadata(name=name, metadata=content)]), self._size
+            self._append(text)
+            self._metadata.append(MetadataIndex(offset=at, length=len(text), name=name))
+
+    def write(self, messages: Sequence[Message]) -> None:
+        """Add messages as one chunk; raises OSError, with the file as it was, where it can't."""
+        from mcap.records import ChunkIndex
+
+        parts = list(starmap(_record, messages))
+        raw = b"".join(parts)
+        packed = _compressor()(raw)
+        times = [time for _, _, time, _ in messages]
+        first, last = min(times), max(times)
+        head = CHUNK_HEAD.pack(first, last, len(raw), zlib.crc32(raw)) + struct.pack("<I", 4) + b"zstd"
+        head += struct.pack("<Q", len(packed))
+        chunk = RECORD.pack(CHUNK, len(head) + len(packed)) + head + packed
+        indices, offsets = _indices(messages, parts, self._size + len(chunk))
+        at, inside = self._size, sum(map(len, indices))
+        self._append(chunk + b"".join(indices))
+        index = ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=at,
+            compression="zstd",
+            compressed_size=len(packed),
+            message_end_time=last,
+            message_index_length=inside,
+            message_index_offsets=offsets,
+            message_start_time=first,
+            uncompressed_size=len(raw),
+        )
+        self._chunks.append(index)
+        self._first = min(self._first, first) if self._counts else first
+        self._last = max(last, self._last)
+        for channel, _, _, _ in messages:
+            self._counts[channel] = self._counts.get(channel, 0) + 1
+
+    def finish(self) -> None:
+        """Write the summary and the end; raises OSError where there is no room."""
+        from mcap import records
+        from mcap.opcode import Opcode
+
+        end = _bytes([records.DataEnd(data_section_crc=self._sum)])
+        start = self._size + len(end)
+        counted = records.Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=self._last,
+            message_start_time=self._first,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+        groups = [
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [counted]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ]
+        text, places = b"", []
+        for opcode, held in groups:
+            part = _bytes(held)
+            place = {"group_start": start + len(text), "group_length": len(part)}
+            places.append(records.SummaryOffset(group_opcode=opcode, **place))
+            text += part
+        offsets = start + len(text)
+        text += _bytes(places)
+        footer = _bytes([records.Footer(summary_start=start, summary_offset_start=offsets, summary_crc=0)])[:-4]
+        footer += struct.pack("<I", zlib.crc32(text + footer))
+        self._append(end + text + footer + MAGIC)
+
+    def _append(self, data: bytes) -> None:
+        """Put bytes on the disk, all of them or none."""
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[os.pwrite(self._file, rest, self._size + len(data) - len(rest)) :]
+            os.fsync(self._file)
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, self._size)
+            raise
+        self._size += len(data)
+        self._sum = zlib.crc32(data, self._sum)
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file."""
+        return self._size
+
+
+def _compressor() -> Callable[[bytes], bytes]:
+    import zstandard
+
+    return zstandard.ZstdCompressor(level=LEVEL).compress
+
+
+def _record(channel: int, sequence: int, time: int, text: bytes) -> bytes:
+    return MESSAGE_RECORD.pack(MESSAGE, 22 + len(text), channel, sequence, time, time) + text
+
+
+def _bytes(held: Sequence[Any]) -> bytes:
+    from mcap.data_stream import RecordBuilder
+
+    builder = RecordBuilder()
+    for item in held:
+        item.write(builder)
+    return builder.end()
+
+
+def _indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
+    """The index of each channel in a chunk, and where in the file it will be; at: where the first will be."""
+    channels = np.array([m[0] for m in messages])
+    starts = np.cumsum([0, *map(len, parts[:-1])])
+    pairs = np.stack([np.array([m[2] for m in messages], np.uint64), starts.astype(np.uint64)], axis=1)
+    made, offsets = [], {}
+    for channel in np.unique(channels).tolist():
+        body = pairs[channels == channel].astype("<u8").tobytes()
+        offsets[channel] = at
+        made.append(RECORD.pack(MESSAGE_INDEX, 6 + len(body)) + struct.pack("<HI", channel, len(body)) + body)
+        at += len(made[-1])
+    return made, offsets

@@ -1,0 +1,155 @@
+"""What is in a log's file, as text: the description of its signals, and a JSON message for each topic and instant.
+
+Numbers survive exactly: JSON texts of floats are the shortest that read back to the same bits, infinities are ``1e999``
+and ``-1e999`` (valid JSON, read as infinite everywhere), NaN is ``null``.
+"""
+
+import dataclasses
+import json
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import Quantity
+from trimtab.logs.log import Log, plain
+from trimtab.logs.schema import Fields, schema_of, topics_of
+
+RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
+"""Names of the two metadata records, and the version of what is written."""
+EVENTS = "/events"
+"""Topic of texts with a time; their schema is one that Foxglove lists as a log."""
+EVENT_SCHEMA = {
+    "title": "foxglove.Log",
+    "type": "object",
+    "properties": {
+        "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
+        "level": {"type": "integer"},
+        "message": {"type": "string"},
+        "name": {"type": "string"},
+        "file": {"type": "string"},
+        "line": {"type": "integer"},
+    },
+}
+NS_PER_TICK = 100
+NS_PER_SECOND = 1_000_000_000
+
+
+class Topic(NamedTuple):
+    """A topic of a log's file: its fields, its schema, and the schema's JSON text."""
+
+    name: str
+    fields: Fields
+    schema: str
+    text: bytes
+
+
+def topics(log: Log) -> list[Topic]:
+    """The topics of a log, in the order in which its messages are written."""
+    found = []
+    for name, fields in topics_of(log.paths).items():
+        schema = schema_of(log, name, fields)
+        found.append(Topic(name, fields, schema["title"], json.dumps(schema, ensure_ascii=False).encode()))
+    return found
+
+
+def run_of(log: Log) -> dict[str, str]:
+    """The metadata record of the run: each value as JSON text."""
+    return {key: dump(value) for key, value in log.metadata.items()}
+
+
+def layout_of(log: Log) -> dict[str, str]:
+    """The metadata record of the signals: types, shapes, declarations, last values and the number of instants."""
+    signals = {p: {"dtype": a.dtype.str, "shape": list(a.shape[1:])} for p, a in log.signals.items()}
+    final = {p: {"dtype": np.asarray(v).dtype.str, "value": plain(p, v)} for p, v in log.final.items()}
+    declared = {p: plain(p, dataclasses.asdict(d)) for p, d in log.declared.items()}
+    parts = {"rows": len(log), "signals": signals, "declared": declared, "final": final}
+    return {"format": FORMAT, **{name: dump(part) for name, part in parts.items()}}
+
+
+def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
+    """The messages of a topic, one an instant: a template filled with the ready texts of the numbers.
+
+    That is much faster than json.dumps, and a number that stands still is turned to text once.
+    """
+    columns: list[list[str]] = []
+    template = _template(_tree(log, fields), rows, columns)
+    return [(template % row).encode() for row in zip(*columns, strict=True)]
+
+
+def event_text(ticks: int, text: str) -> bytes:
+    """The message of an event."""
+    sec, nsec = divmod(ticks * NS_PER_TICK, NS_PER_SECOND)
+    about = {"timestamp": {"sec": sec, "nsec": nsec}, "level": 2, "message": text, "name": "trimtab"}
+    return json.dumps(about | {"file": "", "line": 0}, ensure_ascii=False).encode()
+
+
+def dump(value: Any) -> str:
+    """JSON text of free-form values; a number that JSON lacks becomes {"$float": "nan"}, to be told from None."""
+    return json.dumps(_mark(value), allow_nan=False, ensure_ascii=False)
+
+
+def load(text: str) -> Any:
+    """The value of such a text."""
+    return json.loads(text, object_hook=lambda d: float(d["$float"]) if d.keys() == {"$float"} else d)
+
+
+def quantity_of(fields: dict[str, Any]) -> Quantity:
+    """A declaration out of a layout."""
+    given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
+    return Quantity(**given)
+
+
+def values_of(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
+    """One signal out of the decoded messages of its topic."""
+    for key in keys:
+        messages = [message[key] for message in messages]
+    return messages
+
+
+def _mark(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"$float": str(value)}
+    if isinstance(value, dict):
+        return {k: _mark(v) for k, v in value.items()}
+    return [_mark(v) for v in value] if isinstance(value, list) else value
+
+
+def _tree(log: Log, fields: Fields) -> dict[str, Any]:
+    """The arrays of a topic, nested as its messages are."""
+    root: dict[str, Any] = {}
+    for path, keys in fields.items():
+        node = root
+        for key in keys[:-1]:
+            node = node.setdefault(key, {})
+        node[keys[-1]] = log.signals[path]
+    return root
+
+
+def _template(node: Any, rows: slice, columns: list[list[str]]) -> str:
+    """The JSON text of a node with %s for each number, whose texts are appended to columns in the same order."""
+    if isinstance(node, dict):
+        inner = (json.dumps(k).replace("%", "%%") + ":" + _template(v, rows, columns) for k, v in node.items())
+        return "{" + ",".join(inner) + "}"
+    if node.ndim == 1:
+        columns.append(_texts(node[rows]))
+        return "%s"
+    columns.extend(_texts(column) for column in node[rows].T)
+    return "[" + ",".join(["%s"] * node.shape[1]) + "]"
+
+
+def _texts(column: np.ndarray) -> list[str]:
+    if column.dtype.kind == "b":
+        return ["true" if value else "false" for value in column.tolist()]
+    if column.dtype.kind != "f":
+        return list(map(repr, column.tolist()))
+    bits = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
+    new = np.flatnonzero(np.diff(bits, prepend=~bits[:1]))
+    different = column[new]
+    texts = list(map(repr, different.tolist()))
+    for i in np.flatnonzero(~np.isfinite(different)).tolist():
+        texts[i] = "null" if np.isnan(different[i]) else "1e999" if different[i] > 0 else "-1e999"
+    if len(new) == len(column):
+        return texts
+    counts = np.diff(new, append=len(column)).tolist()
+    return [text for text, count in zip(texts, counts, strict=True) for _ in range(count)]

@@ -1,0 +1,198 @@
+"""A bounded ring in shared memory: rows of numbers, and short texts, from one process to one other.
+
+The writing side never waits: when the ring is full, a row is dropped and counted, and the gap in the sequence numbers
+shows the reading side where. Either may die at any moment without the other's noticing: what was put stays readable.
+"""
+
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from multiprocessing import resource_tracker, shared_memory
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+COLUMNS, ROWS, EVENTS, WRITTEN, TAKEN, DROPPED, TOLD, HEARD, UNTOLD = range(9)
+"""Places in the head: the sizes; then what the writing side (written, dropped, told, untold) and the reading side
+(taken, heard) have counted."""
+HEAD = 128
+TEXT, TEXT_BYTES = 256, 232
+"""Bytes of an event's place, and how many of them its text may take."""
+SETTLE = 1e-4
+"""Seconds in which what one core has stored is seen by all others, whatever their memory's order."""
+SHARED = Path("/dev/shm")
+
+
+class Event(NamedTuple):
+    """A text. before: sequence number of the first row that was put after it."""
+
+    before: int
+    text: str
+
+
+class Ring:
+    """One side of a ring; made by `Ring.create`, and joined from another process by `Ring.attach`.
+
+    One thread may put, and one thread may take.
+    """
+
+    def __init__(self, memory: shared_memory.SharedMemory, sizes: tuple[int, int, int]) -> None:
+        """Lay the ring out in memory; sizes: columns, rows, events."""
+        columns, rows, events = sizes
+        places = rows * (columns + 1)
+        start = HEAD + 8 * places
+        self.columns, self.rows, self.events = sizes
+        self._memory, buffer = memory, _buffer(memory)
+        self._head = buffer[:HEAD].cast("q")
+        block = np.frombuffer(buffer, np.float64, places, HEAD).reshape(rows, columns + 1)
+        self._sequences, self._numbers = block[:, 0].view(np.int64), block[:, 1:]
+        self._marks = buffer[HEAD:start].cast("q")
+        self._texts = buffer[start : start + TEXT * events]
+        self._written = self._sequence = self._head[WRITTEN]
+
+    @classmethod
+    def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
+        """A new ring, whose memory is touched already.
+
+        Args:
+            name: under which the other side finds it; chosen when empty.
+            columns: numbers in a row.
+            rows: how many it holds until the first is dropped.
+            events: how many texts it holds.
+        """
+        if min(columns, rows, events) < 1:
+            problem = f"{columns} columns, {rows} rows, {events} events"
+            raise InputError("ring", problem, fix="give at least one of each")
+        size = HEAD + 8 * rows * (columns + 1) + TEXT * events
+        if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
+            problem = f"{size / 1e6:.1f} MB do not fit into {SHARED}"
+            raise InputError(
+                "ring", problem, fix="give fewer rows, or more shared memory, e.g. docker run --shm-size=1g"
+            )
+        try:
+            memory = shared_memory.SharedMemory(name or None, create=True, size=size)
+        except FileExistsError:
+            raise InputError("ring", f"there is one named {name!r}", fix="give another name, or none") from None
+        with _buffer(memory)[:HEAD].cast("q") as head:
+            head[COLUMNS], head[ROWS], head[EVENTS] = columns, rows, events
+        ring = cls(memory, (columns, rows, events))
+        ring._numbers[:] = 0.0
+        return ring
+
+    @classmethod
+    def attach(cls, name: str) -> "Ring":
+        """The ring of a name, from another process."""
+        try:
+            memory = _join(name)
+        except FileNotFoundError:
+            raise InputError("ring", f"there is none named {name!r}", fix="create it first") from None
+        with _buffer(memory)[:HEAD].cast("q") as head:
+            sizes = head[COLUMNS], head[ROWS], head[EVENTS]
+        return cls(memory, sizes)
+
+    @property
+    def name(self) -> str:
+        """Under which the other side finds it."""
+        return self._memory.name
+
+    @property
+    def dropped(self) -> int:
+        """Rows for which there was no room."""
+        return self._head[DROPPED]
+
+    @property
+    def untold(self) -> int:
+        """Texts for which there was no room."""
+        return self._head[UNTOLD]
+
+    @property
+    def waiting(self) -> int:
+        """Rows that were put and not yet taken."""
+        return self._head[WRITTEN] - self._head[TAKEN]
+
+    def put(self, row: Any) -> bool:
+        """Hand a row over, float64 (columns,); False where it had to be dropped. Waits for nobody."""
+        head, n, sequence = self._head, self._written, self._sequence
+        self._sequence = sequence + 1
+        if n - head[TAKEN] >= self.rows:
+            head[DROPPED] += 1
+            return False
+        k = n % self.rows
+        self._numbers[k] = row
+        self._marks[k * (self.columns + 1)] = sequence
+        self._written = head[WRITTEN] = n + 1
+        return True
+
+    def event(self, text: str) -> bool:
+        """Hand a text over, cut at TEXT_BYTES; False where it had to be dropped."""
+        head = self._head
+        n = head[TOLD]
+        if n - head[HEARD] >= self.events:
+            head[UNTOLD] += 1
+            return False
+        data = text.encode("utf-8", "replace")[:TEXT_BYTES]
+        at = n % self.events * TEXT
+        self._texts[at : at + 16] = self._sequence.to_bytes(8, "little") + len(data).to_bytes(8, "little")
+        self._texts[at + 16 : at + 16 + len(data)] = data
+        head[TOLD] = n + 1
+        return True
+
+    def take(self) -> tuple[Any, Any]:
+        """All rows that wait: their sequence numbers (n,) int64, and copies of the rows (n, columns)."""
+        first, last = self._head[TAKEN], self._head[WRITTEN]
+        time.sleep(SETTLE)
+        places = np.arange(first, last) % self.rows
+        taken = self._sequences[places], self._numbers[places]
+        self._head[TAKEN] = last
+        return taken
+
+    def hear(self) -> list[Event]:
+        """All texts that wait."""
+        first, last = self._head[HEARD], self._head[TOLD]
+        time.sleep(SETTLE)
+        found = []
+        for n in range(first, last):
+            at = n % self.events * TEXT
+            before, size = (int.from_bytes(self._texts[at + i : at + i + 8], "little") for i in (0, 8))
+            found.append(Event(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
+        self._head[HEARD] = last
+        return found
+
+    def close(self) -> None:
+        """Leave the ring; it stays until `unlink`, or until whoever made it has ended."""
+        if self._memory.buf is None:
+            return
+        del self._sequences, self._numbers
+        for view in (self._head, self._marks, self._texts):
+            view.release()
+        self._memory.close()
+
+    def unlink(self) -> None:
+        """Take the name away; memory goes when nobody is in the ring any more."""
+        self._memory.unlink()
+
+    def __enter__(self) -> "Ring":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+
+def _buffer(memory: shared_memory.SharedMemory) -> Any:
+    return memory.buf
+
+
+def _join(name: str) -> shared_memory.SharedMemory:
+    """Shared memory of another process, which that process alone will tidy away."""
+    if sys.version_info >= (3, 13):
+        return shared_memory.SharedMemory(name, track=False)
+    tracked: Callable[..., Any] = resource_tracker.register
+    resource_tracker.register = lambda *_args: None
+    try:
+        return shared_memory.SharedMemory(name)
+    finally:
+        resource_tracker.register = tracked

@@ -1,0 +1,159 @@
+"""A log written while flying: by another process, out of a ring, so that no disk can keep the flight waiting."""
+
+import contextlib
+import json
+import os
+import platform
+import select
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab import __version__
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
+from trimtab.logs.log import Log
+from trimtab.logs.messages import EVENTS, dump, layout_of, run_of
+from trimtab.logs.ring import Ring
+
+Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
+"""Path, shape of one instant's value, type, declaration."""
+COUNTS: dict[str, Quantity] = {
+    "log.dropped": Quantity("1", "Rows before this one for which the ring had no room.", kind="count"),
+    "log.unwritten": Quantity("1", "Rows before this one for which the disk had no room.", kind="count"),
+}
+"""What the writer adds to each row."""
+START_S, END_S = 30.0, 30.0
+"""How long the writer may take to start and to end."""
+
+
+class Written(NamedTuple):
+    """What became of a log.
+
+    rows: in the file.  dropped: the ring had no room.  unwritten: the disk had no room, or the row was not later than
+    the one before.  size: bytes.  cpu_s: processor time of the writer.  whole: whether the file has its end.
+    """
+
+    rows: int
+    dropped: int
+    unwritten: int
+    size: int
+    cpu_s: float
+    whole: bool
+
+
+class Stream:
+    """The writer of a log, seen from the process that flies; nothing here waits, or fails, until `close`."""
+
+    def __init__(self, path: Path, process: "subprocess.Popen[bytes]") -> None:
+        """Keep what `start_writer` has started."""
+        self.path, self._process = path, process
+
+    @property
+    def alive(self) -> bool:
+        """Whether the writer is running."""
+        return self._process.poll() is None
+
+    @property
+    def pid(self) -> int:
+        """Of the writer's process."""
+        return self._process.pid
+
+    def close(self, final: Mapping[str, Any] | None = None) -> Written | None:
+        """End the log and wait until it is on the disk; None where the writer had died.
+
+        Args:
+            final: path -> value at the end, see `Log`.
+        """
+        values = {} if final is None else {p: np.asarray(v) for p, v in final.items()}
+        text = dump({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
+        try:
+            said, _ = self._process.communicate(json.dumps({"final": text}).encode() + b"\n", timeout=END_S)
+            return Written(**json.loads(said.splitlines()[-1]))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+        except (OSError, ValueError, IndexError):
+            with contextlib.suppress(OSError):
+                self._process.communicate()
+        return None
+
+
+def start_writer(
+    path: str | os.PathLike[str], ring: Ring, *, signals: Sequence[Signal], metadata: Mapping[str, Any]
+) -> Stream:
+    """Start a process that writes what is put into a ring to a log file, four times a second or more often.
+
+    A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in order.
+
+    Args:
+        path: a new file.
+        ring: made by this process.
+        signals: what a row holds after its time.
+        metadata: of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the time of
+            day are put in front.
+
+    Raises:
+        InputError: signals that don't fit the ring, a file that is there already or can't be written.
+    """
+    target, empty = Path(path), _empty(signals, metadata)
+    width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals)
+    if width != ring.columns:
+        problem = f"its rows have {ring.columns} numbers, the time and these signals have {width}"
+        raise InputError("ring", problem, fix=f"Ring.create(columns={width})")
+    about = {"path": str(target), "ring": ring.name, "run": run_of(empty), "layout": layout_of(empty)}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "trimtab.logs.stream_writer"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        start_new_session=True,
+    )
+    _wait(process, json.dumps(about).encode() + b"\n")
+    return Stream(target, process)
+
+
+def provenance() -> dict[str, str]:
+    """What computed: the version, and the class of machine within which results are the same to the bit."""
+    return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
+
+
+def _empty(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
+    """The log before its first row."""
+    taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
+    if taken:
+        problem = f"signal {taken[0]!r} has a name of the log's own"
+        raise InputError("log", problem, fix=f"name it e.g. 'flight.{taken[0]}'")
+    arrays = {path: np.empty((0, *shape), dtype) for path, shape, dtype, _ in signals}
+    declared = {path: quantity for path, _, _, quantity in signals if quantity is not None}
+    began = {"started": datetime.now(UTC).isoformat(timespec="seconds")}
+    nothing = np.empty(0, np.int64)
+    return Log(
+        t=nothing.astype(np.float64),
+        ticks=nothing,
+        signals=arrays | dict.fromkeys(COUNTS, nothing),
+        declared=declared | COUNTS,
+        metadata=provenance() | began | dict(metadata),
+    )
+
+
+def _wait(process: "subprocess.Popen[bytes]", about: bytes) -> None:
+    """Give the writer its orders; refuses what it refuses."""
+    said = b""
+    with contextlib.suppress(OSError):
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(about)
+        process.stdin.flush()
+        if select.select([process.stdout], [], [], START_S)[0]:
+            said = process.stdout.readline()
+    answer = json.loads(said) if said else {"part": "log", "problem": "its writer did not start", "fix": ""}
+    if answer:
+        process.kill()
+        process.communicate()
+        raise InputError(answer["part"], answer["problem"], fix=answer["fix"])

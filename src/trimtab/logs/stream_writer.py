@@ -1,0 +1,226 @@
+"""The process that writes a log while something flies; `logs.stream` starts it.
+
+It reads its orders, one line of JSON, from standard input; another line there, or the end of it, ends the log. That end
+comes by itself when the flying process dies.
+"""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import to_seconds
+from trimtab.logs.growing_file import GrowingFile, Message
+from trimtab.logs.log import Log
+from trimtab.logs.messages import (
+    EVENT_SCHEMA,
+    EVENTS,
+    LAYOUT,
+    NS_PER_TICK,
+    RUN,
+    Topic,
+    dump,
+    event_text,
+    load,
+    message_texts,
+    quantity_of,
+    topics,
+)
+from trimtab.logs.ring import Event, Ring
+
+LOOK_S, CHUNK_S = 0.05, 0.2
+"""How often the ring is emptied, and how often what came is put on the disk."""
+ROWS = 1000
+"""At most in a chunk."""
+NICE = 5
+
+
+class Recorder:
+    """Rows and texts of a ring, into a file.
+
+    Args:
+        ring: the reading side.
+        file: descriptor of a new file.
+        run, layout: the metadata records, as text.
+    """
+
+    def __init__(self, ring: Ring, file: int, run: dict[str, str], layout: dict[str, str]) -> None:
+        """Write the head of the file; raises OSError where that can't be."""
+        self._ring, self._run, self._layout = ring, run, layout
+        self._signals: dict[str, Any] = load(layout["signals"])
+        self._declared = {path: quantity_of(d) for path, d in load(layout["declared"]).items()}
+        empty = self._log(np.empty((0, ring.columns)), np.empty(0), np.empty(0))
+        self._topics = topics(empty)
+        events = Topic(EVENTS, {}, EVENT_SCHEMA["title"], json.dumps(EVENT_SCHEMA).encode())
+        self._file = GrowingFile(file, {RUN: run, LAYOUT: layout}, [*self._topics, events])
+        self._rows: list[Any] = []
+        self._dropped: list[Any] = []
+        self._events: list[tuple[int, str]] = []
+        self._last, self._taken, self._written, self._unwritten, self._lost = -1, 0, 0, 0, 0
+        self._full = ""
+
+    def take(self) -> None:
+        """Empty the ring."""
+        heard = self._ring.hear()
+        sequences, rows = self._ring.take()
+        later = np.maximum.accumulate(np.append(self._last, rows[:, 0]))
+        good = rows[:, 0] > later[:-1]
+        self._unwritten += int((~good).sum())
+        self._events += [(self._time(event, sequences, rows), event.text) for event in heard]
+        dropped = sequences - np.arange(self._taken, self._taken + len(rows))
+        self._taken += len(rows)
+        if good.any():
+            self._last = int(rows[good][-1, 0])
+            self._rows.append(rows[good])
+            self._dropped.append(dropped[good])
+
+    def _time(self, event: Event, sequences: Any, rows: Any) -> int:
+        before = int(np.searchsorted(sequences, event.before))
+        return int(rows[before - 1, 0]) if before else max(self._last, 0)
+
+    def write(self) -> None:
+        """Put all that was taken on the disk."""
+        rows = np.concatenate([np.empty((0, self._ring.columns)), *self._rows])
+        dropped = np.concatenate([np.empty(0, np.int64), *self._dropped])
+        self._rows, self._dropped = [], []
+        for first in range(0, len(rows), ROWS):
+            self._chunk(rows[first : first + ROWS], dropped[first : first + ROWS])
+        if self._events:
+            self._chunk(rows[:0], dropped[:0])
+
+    def _chunk(self, rows: Any, dropped: Any) -> None:
+        log = self._log(rows, dropped, np.full(len(rows), self._unwritten))
+        said = [f"the log has a gap of {self._lost} rows: {self._full}"] if self._full else []
+        events = [*self._events, *((int(rows[0, 0]), text) for text in said if len(rows))]
+        messages = [*self._messages(log), *self._told(events)]
+        if not messages:
+            return
+        try:
+            self._file.write(messages)
+        except OSError as error:
+            self._fail(error, len(rows))
+            return
+        self._written += len(rows)
+        self._events = []
+        if self._full and len(rows):
+            _say(f"writes again, after a gap of {self._lost} rows")
+            self._full, self._lost = "", 0
+
+    def _fail(self, error: OSError, rows: int) -> None:
+        """Count what there was no room for; the flight goes on."""
+        if not self._full:
+            _say(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
+        self._full = error.strerror or str(error)
+        self._lost += rows
+        self._unwritten += rows
+        self._events = self._events[-self._ring.events :]
+
+    def _messages(self, log: Log) -> list[Message]:
+        texts = [message_texts(log, topic.fields, slice(None)) for topic in self._topics]
+        times = (log.ticks * NS_PER_TICK).tolist()
+        return [
+            (channel, self._written + i, time, held[i])
+            for i, time in enumerate(times)
+            for channel, held in enumerate(texts, 1)
+        ]
+
+    def _told(self, events: list[tuple[int, str]]) -> list[Message]:
+        channel = len(self._topics) + 1
+        return [(channel, 0, ticks * NS_PER_TICK, event_text(ticks, text)) for ticks, text in events]
+
+    def _log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
+        """Rows as signals in their own types."""
+        ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
+        for path, about in self._signals.items():
+            if path in ("log.dropped", "log.unwritten"):
+                continue
+            size = int(np.prod(about["shape"]))
+            with np.errstate(invalid="ignore"):
+                values = rows[:, at : at + size].astype(about["dtype"])
+            arrays[path] = values.reshape(len(rows), *about["shape"])
+            at += size
+        arrays |= {"log.dropped": dropped.astype(np.int64), "log.unwritten": unwritten.astype(np.int64)}
+        return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declared=self._declared)
+
+    def end(self, final: str | None) -> dict[str, Any]:
+        """Write all that is left, and the end. final: last values as JSON text; None where nobody said goodbye."""
+        if final is None:
+            self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
+        self.take()
+        self.write()
+        counts = {"rows": self._written, "dropped": self._ring.dropped, "unwritten": self._unwritten}
+        about = {name: dump(value) for name, value in (counts | {"closed": final is not None}).items()}
+        layout = {**self._layout, "rows": dump(self._written), "final": final or "{}"}
+        whole = True
+        try:
+            self._file.describe({RUN: {**self._run, "log": dump(counts), "closed": about["closed"]}, LAYOUT: layout})
+            self._file.finish()
+        except OSError as error:
+            whole = False
+            _say(f"has no end ({error.strerror}); what was written can be read")
+        return counts | {"size": self._file.size, "cpu_s": time.process_time(), "whole": whole}
+
+
+def main() -> None:
+    """Follow the orders on standard input."""
+    _behave()
+    orders = json.loads(sys.stdin.buffer.readline())
+    try:
+        ring = Ring.attach(orders["ring"])
+        try:
+            file = os.open(orders["path"], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            recorder = Recorder(ring, file, orders["run"], orders["layout"])
+        except OSError as error:
+            fix = "give the path of a new file, in a folder of yours"
+            problem = f"cannot be written: {error.strerror or error}"
+            raise InputError(f"log file '{orders['path']}'", problem, fix=fix) from None
+    except InputError as error:
+        print(json.dumps({"part": error.part, "problem": error.problem, "fix": error.fix}), flush=True)
+        return
+    print("{}", flush=True)
+    said = follow(recorder)
+    result = recorder.end(said)
+    with contextlib.suppress(OSError):  # whoever asked may be gone
+        os.write(sys.stdout.fileno(), json.dumps(result).encode() + b"\n")
+    ring.close()
+
+
+def follow(recorder: Recorder) -> str | None:
+    """Write until there is a word on standard input, or its end; gives the last values that it names, or None."""
+    due = time.monotonic() + CHUNK_S
+    while not select.select([sys.stdin.buffer], [], [], LOOK_S)[0]:
+        recorder.take()
+        if time.monotonic() >= due:
+            recorder.write()
+            due = time.monotonic() + CHUNK_S
+    line = os.read(sys.stdin.fileno(), 2**20)
+    while line and not line.endswith(b"\n"):
+        more = os.read(sys.stdin.fileno(), 2**20)
+        line = line + more if more else b""
+    return json.loads(line)["final"] if line else None
+
+
+def _behave() -> None:
+    """Outlive whoever stops the flight, and take no processor time from it."""
+    for name in ("SIGINT", "SIGHUP", "SIGTERM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    if hasattr(os, "sched_setscheduler"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICE)
+
+
+def _say(text: str) -> None:
+    print(f"log: {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Numbers of a compiled step as messages of the wire, and back.
+
+Source: docs page, Exchange.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from trimtab.wire.dialect import COMMAND, TIME, Dialect
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.message import Message
+
+Where = Callable[[str], int | slice]
+"""Path of a leaf -> where its numbers stand in a vector."""
+
+
+class _Layout(NamedTuple):
+    slots: list[int]
+    whole: list[bool]
+    time: int
+
+
+class Group:
+    """The messages that carry one sample, or the command, between a vector of numbers and a line."""
+
+    def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
+        """group: as the dialect names it, e.g. "samples.imu" or "command"."""
+        self.group, self.names = group, dialect.groups[group]
+        self._layouts: dict[str, _Layout] = {}
+        self._parts: dict[str, tuple[Any, ...]] = {}
+        for name in self.names:
+            slots, whole, time = [], [], -1
+            for i, place in enumerate(dialect.places[name]):
+                at = where(place.path)
+                slots.append(at.start + place.slot if isinstance(at, slice) else at)
+                whole.append(place.type != "double")
+                if place.path == f"{group}.{TIME}":
+                    time = i
+            self._layouts[name] = _Layout(slots, whole, time)
+
+    def at(self, dialect: Dialect, where: Where) -> "Group":
+        """The same messages for another vector."""
+        return Group(dialect, self.group, where)
+
+    def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
+        """The packets of what stands in a vector; `shift` is added to its time."""
+        packets = []
+        for name, layout in self._layouts.items():
+            numbers = vector[layout.slots].tolist()
+            values = [int(v) if whole else v for v, whole in zip(numbers, layout.whole, strict=True)]
+            values[layout.time] += shift
+            packets.append(endpoint.pack(name, values))
+        return packets
+
+    def take(self, message: Message) -> "Taken | None":
+        """What a message brings, when it is the last part; None while parts of the same time are missing."""
+        layout = self._layouts[message.name]
+        time = message.values[layout.time]
+        if len(self.names) == 1:
+            return Taken(time, layout.slots, message.values, layout.time)
+        held = self._parts
+        for name in [n for n, v in held.items() if v[self._layouts[n].time] != time]:
+            del held[name]
+        held[message.name] = message.values
+        if len(held) < len(self.names):
+            return None
+        slots = [s for n in self.names for s in self._layouts[n].slots]
+        values = tuple(v for n in self.names for v in held[n])
+        held.clear()
+        return Taken(time, slots, values, self._layouts[self.names[0]].time)
+
+
+class Taken(NamedTuple):
+    """A whole sample or command from the line. t: its time, by the sender's clock."""
+
+    t: int
+    slots: Sequence[int]
+    values: Sequence[Any]
+    time: int
+
+    def write(self, vector: Any, shift: int = 0) -> None:
+        """Put it into a vector; `shift` is added to its time."""
+        vector[self.slots] = self.values
+        vector[self.slots[self.time]] = self.t + shift
+
+
+def sample_groups(dialect: Dialect, where: Where) -> dict[str, Group]:
+    """Sensor -> its group."""
+    prefix = "samples."
+    return {g[len(prefix) :]: Group(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
+
+
+def command_group(dialect: Dialect, where: Where) -> Group:
+    """The command's group."""
+    return Group(dialect, COMMAND, where)
+

@@ -1,0 +1,211 @@
+"""fly: an autopilot in real time against a vehicle at the far end of a line.
+
+One thread: it waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
+a row to the log's process. Nothing in it waits for a disk, a console or a network.
+Source: docs page, Fly.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import monotonic_ns
+from typing import NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import Link
+from trimtab.core.record import Quantity
+from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
+from trimtab.logs.stream import Written
+from trimtab.loop.scenario import Scenario
+from trimtab.run.fast_step import FastStep, fast_step
+from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.pilot import Pilot, dialect_for
+from trimtab.run.program import described
+from trimtab.run.real_time import NS, Deadlines, Granted, real_time
+from trimtab.run.remote import Remote
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.mavlink import Endpoint
+
+AHEAD = seconds("0.5")
+"""How far behind the loop may be before it gives up catching up and goes on from now."""
+MOST = 64
+"""Packets taken in one period, so that a flood can't stop the loop."""
+SERVO_FRAME = ms(20)
+"""Commands are sent no more often than a servo takes them."""
+OWN: Mapping[str, tuple[str, Quantity]] = {
+    "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
+    "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
+    "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
+    "loop.skipped": ("i8", Quantity("1", "Periods so far that were passed over.", kind="count")),
+    "link.samples": ("i8", Quantity("1", "Samples heard so far.", kind="count")),
+    "link.silence": ("f8", Quantity("s", "Time since the vehicle was last heard.")),
+    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
+    "link.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+    "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
+    "vehicle.armed": ("?", Quantity("1", "The vehicle says that it is armed.", kind="flag")),
+}
+"""What a row of a flight's log has besides frame and outputs."""
+
+
+class Flight(NamedTuple):
+    """What became of a flight. armed: when the vehicle first said so (100 ns), None if never."""
+
+    t: int
+    armed: int | None
+    granted: Granted
+    deadlines: Deadlines
+    pilot: Pilot
+    remote: Remote
+    log: Written | None
+
+
+class Flyer:
+    """The autopilot's end of a line; `fly` runs it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        link: Link,
+        endpoint: Callable[[Dialect], Endpoint],
+        *,
+        seed: int = 0,
+        step: FastStep | None = None,
+    ) -> None:
+        """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
+        scenario.check()
+        self.scenario, self.link, self.seed = scenario, link, seed
+        dialect = dialect_for(scenario)
+        self.endpoint = endpoint(dialect)
+        self.pilot = Pilot(scenario, dialect, step or fast_step(scenario, seed=seed))
+        self.remote = Remote(self.endpoint, link)
+        self.deadlines = Deadlines(scenario.autopilot.period)
+        self.skipped = 0
+        self.armed_at: int | None = None
+
+    def connect(self, patience: float = 10.0) -> None:
+        """Wait for the vehicle, and for its clock; refused where nobody answers in time."""
+        given_up = monotonic_ns() + int(patience * 1e9)
+        while not self.remote.ready:
+            now = monotonic_ns()
+            if now > given_up:
+                raise InputError("--link", self.remote.why_not(), fix=f"trimtab vehicle {self.scenario.name} --listen …")
+            self.remote.due(now // NS)
+            data = self.link.receive(0.02)
+            if data is not None:
+                self._hear(data)
+
+    def _hear(self, data: bytes) -> None:
+        now = monotonic_ns() // NS
+        for message in self.endpoint.feed(data):
+            if not self.pilot.take(message):
+                self.remote.take(message, now)
+
+    def fly(
+        self,
+        *,
+        duration: int | None = None,
+        log: Path | None = None,
+        wanted_real_time: bool = True,
+        stop: Callable[[], bool] = lambda: False,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> Flight:
+        """Arm as soon as there is an estimate, fly for `duration` (100 ns) from then on, disarm.
+
+        Args:
+            duration: the scenario's when None.
+            log: file of the flight's log.
+            wanted_real_time: ask the system for real-time scheduling and locked memory.
+            stop: asked every period.
+            tell: is given lines for people.
+        """
+        length = self.scenario.duration if duration is None else duration
+        book = self._open(log) if log else None
+        self.remote.tell = lambda text: self._say(text, book, tell)
+        try:
+            with real_time(wanted_real_time) as granted:
+                t = self._loop(length, book, stop)
+        finally:
+            self.remote.disarm()
+            written = book.close() if book else None
+        return Flight(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
+
+    def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool]) -> int:
+        period = self.scenario.autopilot.period
+        every = -(-max(period, SERVO_FRAME) // period)
+        kept = self.deadlines = Deadlines(period)
+        k = t = 0
+        while not stop() and (self.armed_at is None or t - self.armed_at < length):
+            t = k * period
+            woke = self._wait(k)
+            now = kept.start // NS + t
+            ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            began = monotonic_ns()
+            self.pilot.fly(t, -ahead)
+            stepped = monotonic_ns()
+            if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
+                for packet in self.pilot.commands(self.endpoint, ahead):
+                    self.link.send(packet)
+            self._look(t, now)
+            if book is not None:
+                book.put(t, self._own(now, woke - kept.start - t * NS, stepped - began))
+            kept.done(k, woke, began, stepped)
+            k = self._next(k)
+        return t
+
+    def _wait(self, k: int) -> int:
+        """Take what comes until deadline k; returns when that was (ns)."""
+        taken = 0
+        while True:
+            left = self.deadlines.remaining(k)
+            data = self.link.receive(max(left, 0.0))
+            if data is not None:
+                self._hear(data)
+            taken += 1
+            if left <= 0 and (data is None or taken > MOST):
+                return monotonic_ns()
+
+    def _next(self, k: int) -> int:
+        """The period after k: the next one, or, far behind, the one that is due now."""
+        behind = -round(self.deadlines.remaining(k + 1) * UNITS_PER_SECOND)
+        if behind < AHEAD:
+            return k + 1
+        passed = behind // self.deadlines.period
+        self.skipped += passed
+        return k + 1 + passed
+
+    def _look(self, t: int, now: int) -> None:
+        """Arm when there is something to fly with; keep the line."""
+        if self.armed_at is None and self.remote.armed:
+            self.armed_at = t
+        elif self.armed_at is None and self.pilot.ready:
+            self.remote.arm()
+        self.remote.due(now)
+
+    def _own(self, now: int, late: int, step: int) -> tuple[float, ...]:
+        remote, kept = self.remote, self.deadlines
+        return (
+            late * 1e-9,
+            step * 1e-9,
+            kept.own + kept.scheduler,
+            self.skipped,
+            self.pilot.heard,
+            (now - (remote.heard or now)) / UNITS_PER_SECOND,
+            remote.offset(now) / UNITS_PER_SECOND,
+            self.endpoint.counts.refused,
+            self.link.fileno() >= 0,
+            remote.armed,
+        )
+
+    def _say(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+        tell(text)
+        if book is not None:
+            book.event(text)
+
+    def _open(self, path: Path) -> FlightLog:
+        step = self.pilot.step
+        sources = [
+            Source(step.inputs, step.exported.inputs, lambda p: None if p == "t" else f"downlink{p[7:]}"),
+            Source(step.outputs, step.exported.outputs, lambda p: p),
+        ]
+        about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
+        period = to_seconds(self.scenario.autopilot.period)
+        return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})

@@ -1,0 +1,157 @@
+"""A virtual vehicle in wall-clock time, behind a real transport, with its firmware's duties.
+
+Source: docs page, Vehicle.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.interfaces import Link
+from trimtab.core.record import Quantity, replace
+from trimtab.links.wire import Wire
+from trimtab.logs.stream import Written
+from trimtab.loop.scenario import Scenario
+from trimtab.run.duties import STATION_MODES, Duties
+from trimtab.run.exchange import Taken
+from trimtab.run.firmware_step import failsafe_of
+from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.histogram import Histogram
+from trimtab.run.program import described
+from trimtab.run.virtual_vehicle import VirtualVehicle
+from trimtab.run.wall_clock import NS, WallClock
+from trimtab.run.world_step import compiled_world
+from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.wire.events import ParameterSet
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.parameters import Parameters
+from trimtab.wire.protocol import Severity
+from trimtab.wire.station import Station
+
+OWN: Mapping[str, tuple[str, Quantity]] = {
+    "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
+    "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
+    "wire.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+}
+"""What a row of the vehicle's log has besides the world's and the failsafe's."""
+
+
+class Served(NamedTuple):
+    """What became of a virtual vehicle. released: when it was first armed (100 ns), None if never."""
+
+    t: int
+    released: int | None
+    mode: str
+    cause: str
+    late: Histogram
+    log: Written | None
+
+
+def on_real_link(scenario: Scenario) -> Scenario:
+    """The scenario with wires in place of simulated channels: delays and losses are those of the real line."""
+    return replace(scenario, world=replace(scenario.world, downlink=Wire(), uplink=Wire()))
+
+
+class Vehicle:
+    """A world, its duties and its end of a line; `serve` runs it."""
+
+    def __init__(
+        self, scenario: Scenario, link: Link, endpoint: Callable[[Dialect], Endpoint], *, seed: int = 0
+    ) -> None:
+        """Compile it. endpoint: makes the vehicle's end for a dialect."""
+        self.scenario, self.link = scenario, link
+        world, frame, command = compiled_world(scenario, seed=seed)
+        dialect = dialect_of(frame, command)
+        self.endpoint = endpoint(dialect)
+        self.body = VirtualVehicle(scenario, dialect, world)
+        self.duties = Duties(failsafe_of(scenario, command), command, world)
+        self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
+        self.station = Station(self.endpoint, Parameters(scenario.world, "world"), STATION_MODES)
+        self.clock = WallClock()
+        self.late = Histogram()
+        self.released: int | None = None
+        self._newest: Taken | None = None
+
+    def _hear(self, data: bytes) -> None:
+        now = self.clock.now()
+        for message in self.endpoint.feed(data):
+            if message.name in self._command.names:
+                self._newest = self._command.take(message) or self._newest
+                continue
+            handled = self.station.handle(message, now)
+            for packet in handled.replies:
+                self.link.send(packet)
+            for event in handled.events:
+                if isinstance(event, ParameterSet):
+                    self.body.world.parameters[event.path].flat[event.slot] = event.value
+                else:
+                    self.duties.ask(event, now)
+
+    def serve(
+        self,
+        *,
+        duration: int | None = None,
+        log: Path | None = None,
+        log_period: int = 10_000,
+        stop: Callable[[], bool] = lambda: False,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> Served:
+        """Run until `duration` (100 ns) after its release, or until stop() says so.
+
+        Args:
+            duration: None runs on without end.
+            log: file of the vehicle's own log, with the truth.
+            log_period: how often a row is written.
+            stop: asked at every instant.
+            tell: is given lines for people.
+        """
+        book = self._open(log) if log else None
+        self.clock = WallClock()
+        try:
+            for t in self.body.instants():
+                if stop() or (duration is not None and self.released is not None and t - self.released >= duration):
+                    break
+                self._instant(t, book, log_period, tell)
+        finally:
+            written = book.close(self._final()) if book else None
+        return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
+
+    def _instant(self, t: int, book: FlightLog | None, log_period: int, tell: Callable[[str], None]) -> None:
+        woke = self.clock.wait(t, self.link, self._hear)
+        late = woke - self.clock.start - t * NS
+        self.late.add(late)
+        self.body.turn(t, fresh=True, held=self.released is None)
+        for packet in self.body.packets(self.endpoint, self.body.changed()):
+            self.link.send(packet)
+        if book is not None and t and self.body.row_t % log_period == 0:
+            book.put(self.body.row_t, (self.released is None, late * 1e-9, self.endpoint.counts.refused))
+        taken, self._newest = self._newest, None
+        if self.duties.act(t, taken):
+            self._tell(t, book, tell)
+        self.station.status = self.duties.status
+        for packet in self.station.due(t):
+            self.link.send(packet)
+
+    def _tell(self, t: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+        if self.released is None and self.duties.flying:
+            self.released = t
+        text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
+        severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
+        self.station.say(severity, text)
+        tell(f"{t * 1e-7:9.3f} s  {text}")
+        if book is not None:
+            book.event(text)
+
+    def _open(self, path: Path) -> FlightLog:
+        world, failsafe = self.body.world, self.duties.step
+        sources = [
+            Source(self.body.row, world.exported.outputs, lambda p: p),
+            Source(failsafe.outputs, failsafe.exported.outputs, lambda p: f"firmware.{p}"),
+        ]
+        return FlightLog(path, sources, OWN, described(self.scenario) | {"side": "vehicle", "backend": "c"})
+
+    def _final(self) -> dict[str, Any]:
+        world = self.body.world
+        return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}

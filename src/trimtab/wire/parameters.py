@@ -1,0 +1,133 @@
+"""The parameters of a vehicle as ground stations know them: names of 16 characters, values of 32 bits.
+
+A name is made of the path: initials of what leads to a parameter, then its own name, "world.vehicle.mass" -> WV_MASS;
+a long one is cut word by word. Where two meet, or one still is too long, it ends in five digits of its path's hash.
+Source: https://mavlink.io/en/services/parameter.html (values as C casts).
+"""
+
+import hashlib
+import math
+import re
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import Quantity, leaves
+from trimtab.wire.names import unique
+
+LONGEST = 16
+FLOAT = struct.Struct("<f")
+WORD = 4
+"""To how many letters the words of a long name are cut."""
+
+
+class Parameter(NamedTuple):
+    """One number: its name on the wire, the leaf and which of its numbers, and what was declared of it."""
+
+    name: str
+    path: str
+    slot: int
+    declared: Quantity
+
+
+class Changed(NamedTuple):
+    """What became of a wish to change a parameter: its path and number, the value now, and why not, if refused."""
+
+    parameter: Parameter
+    value: float
+    refused: str
+
+
+class Parameters:
+    """Numbers of a tree of records, in the order of their declaration, by name and by index."""
+
+    def __init__(self, tree: Any, path: str = "") -> None:
+        """Every quantity at or below a record, e.g. a scenario's world; `path` is put before all paths."""
+        found = [
+            (where, slot if np.shape(value) else None, declared, float(number))
+            for where, value, declared in leaves(tree, path)
+            if isinstance(declared, Quantity)
+            for slot, number in enumerate(np.ravel(np.asarray(value, float)))
+        ]
+        names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in found])
+        self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, found, strict=True))
+        self.values = [value for *_, value in found]
+        self._index = {p.name: k for k, p in enumerate(self.listed)}
+
+    def table(self) -> dict[str, tuple[str, int]]:
+        """Name -> path of the leaf, and which of its numbers."""
+        return {p.name: (p.path, p.slot) for p in self.listed}
+
+    def find(self, name: str, index: int) -> int | None:
+        """The index of what a ground station asks for: by name where index is negative."""
+        if index < 0:
+            return self._index.get(name)
+        return index if index < len(self.listed) else None
+
+    def change(self, index: int, value: float, why_not: str = "") -> Changed:
+        """Put a value in place if what was declared allows it, and nothing else speaks against it.
+
+        One that reads the same on the wire stays as it is, with all its digits.
+        """
+        own = self.listed[index]
+        if as_float(self.values[index]) == value:
+            return Changed(own, self.values[index], "")
+        refused = why_not or _refusal(own.declared, value)
+        if not refused:
+            self.values[index] = value
+        return Changed(own, self.values[index], refused)
+
+
+def parameter_names(paths: Sequence[str]) -> list[str]:
+    """A name for each path, in the same order; no two are equal."""
+    plain = [_name(path) for path in paths]
+    often = Counter(plain)
+    taken: set[str] = set()
+    hashed = (name if often[name] == 1 else _hashed(path) for name, path in zip(plain, paths, strict=True))
+    return [unique(name, taken) for name in hashed]
+
+
+def _name(path: str) -> str:
+    *leading, own = re.sub(r"[^A-Za-z0-9_.]", "_", path).upper().split(".")
+    if own.isdigit() and leading:
+        own = f"{leading.pop()}_{own}"
+    before = "".join(word[0] for part in leading for word in part.split("_") if word)[-6:]
+    for name in (own, "_".join(word[:WORD] for word in own.split("_"))):
+        whole = f"{before}_{name}" if before else name
+        if len(whole) <= LONGEST:
+            return whole
+    return _hashed(path)
+
+
+def _hashed(path: str) -> str:
+    own = re.sub(r"[^A-Za-z0-9_]", "_", path.rpartition(".")[2]).upper()
+    return f"{own[: LONGEST - 6]}_{hashlib.sha256(path.encode()).hexdigest()[:5].upper()}"
+
+
+def as_float(value: float) -> float:
+    """A number as 32 bits hold it."""
+    try:
+        return FLOAT.unpack(FLOAT.pack(value))[0]
+    except OverflowError:
+        return math.copysign(math.inf, value)
+
+
+def _refusal(declared: Quantity, value: float) -> str:
+    if not math.isfinite(value):
+        return "is not a number"
+    if declared.kind not in ("real", "angle") and value != int(value):
+        return "must be a whole number"
+    if declared.kind == "flag" and value not in (0, 1):
+        return "must be 0 or 1"
+    if declared.modes and not 0 <= value < len(declared.modes):
+        return f"must be from 0 to {len(declared.modes) - 1}"
+    if declared.above is not None and not value > declared.above:
+        return f"must be above {declared.above:g}"
+    if declared.low is not None and value < declared.low:
+        return f"must be at least {declared.low:g}"
+    if declared.high is not None and value > declared.high:
+        return f"must be at most {declared.high:g}"
+    return ""

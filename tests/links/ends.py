@@ -1,0 +1,44 @@
+"""Two ends of a link that tests join: finding a port, meeting, collecting a stream."""
+
+import socket
+import time
+
+PATIENCE = 20.0
+"""Seconds; only a failure takes this long."""
+EVERY_BYTE = bytes(range(256))
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def collect(link, n, patience=PATIENCE):
+    """n bytes, in however many pieces."""
+    found, end = b"", time.monotonic() + patience
+    while len(found) < n and time.monotonic() < end:
+        found += link.receive(0.05) or b""
+    return found
+
+
+def deliver(sender, receiver, packet):
+    """Send until it was taken, and give what arrives."""
+    end = time.monotonic() + PATIENCE
+    while not sender.send(packet) and time.monotonic() < end:
+        receiver.receive(0.01)
+    return collect(receiver, len(packet))
+
+
+def meet(a, b):
+    """Exchange a byte each way, however often that has to be tried."""
+    end = time.monotonic() + PATIENCE
+    seen = set()
+    while seen != {"a", "b"} and time.monotonic() < end:
+        a.send(b"?")
+        b.send(b"!")
+        seen |= {name for name, link in (("a", a), ("b", b)) if link.receive(0.02)}
+    assert seen == {"a", "b"}
+    for link in (a, b):
+        while link.receive(0.05):
+            pass

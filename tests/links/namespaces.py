@@ -1,0 +1,68 @@
+"""Two hosts in network namespaces of their own, joined by a virtual cable; gone when their processes are."""
+
+import shutil
+import subprocess
+
+NEAR, FAR = "10.98.0.1", "10.98.0.2"
+
+
+def why_not():
+    """Why this machine makes no namespaces; empty where it does."""
+    missing = [name for name in ("unshare", "nsenter", "ip") if shutil.which(name) is None]
+    if missing:
+        return f"network namespaces need {', '.join(missing)}"
+    tried = subprocess.run(
+        ["unshare", "-rn", "ip", "link", "add", "va", "type", "veth", "peer", "name", "vb"],
+        capture_output=True,
+        text=True,
+    )
+    return f"this machine makes no network namespaces: {tried.stderr.strip()}" if tried.returncode else ""
+
+
+class Hosts:
+    """`near` with the address NEAR and `far` with FAR; needs no root, but user namespaces."""
+
+    def __init__(self):
+        self._holders = [self._hold(["unshare", "-rn"])]
+        self._holders.append(self._hold([*self._enter(0), "unshare", "-n"]))
+        self.run(0, "ip", "link", "add", "va", "type", "veth", "peer", "name", "vb", "netns", str(self._pid(1)))
+        for host, (cable, place) in enumerate((("va", NEAR), ("vb", FAR))):
+            self.run(host, "ip", "addr", "add", f"{place}/24", "dev", cable)
+            for name in ("lo", cable):
+                self.run(host, "ip", "link", "set", name, "up")
+        self._started = []
+
+    def _hold(self, before):
+        """A process that stays in the namespace that `before` makes; ready once it has spoken."""
+        holder = subprocess.Popen([*before, "sh", "-c", "echo $$; exec sleep 600"], stdout=subprocess.PIPE, text=True)
+        assert holder.stdout.readline()
+        return holder
+
+    def _pid(self, host):
+        return self._holders[host].pid
+
+    def _enter(self, host):
+        return ["nsenter", "--preserve-credentials", "-U", "-n", "-t", str(self._pid(host))]
+
+    def run(self, host, *words):
+        """Run a program to its end on host 0 (near) or 1 (far); what it printed."""
+        done = subprocess.run([*self._enter(host), *words], capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def start(self, host, *words):
+        """Start a program there, and wait for its first line."""
+        started = subprocess.Popen([*self._enter(host), *words], stdout=subprocess.PIPE, text=True)
+        self._started.append(started)
+        assert started.stdout.readline(), "it ended without a word"
+        return started
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (*self._started, *reversed(self._holders)):
+            process.terminate()
+        for process in (*self._started, *self._holders):
+            process.wait(10)
+            process.stdout.close()

@@ -1,0 +1,21 @@
+import socket
+
+import pytest
+from links.ends import free_port
+
+from trimtab.links.dial import Calling
+
+
+def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():
+    """The system may give the calling socket the very port that it calls: TCP then connects it to itself."""
+    port = free_port()
+
+    def make():
+        found = socket.socket()
+        found.bind(("127.0.0.1", port))
+        return found
+
+    calling = Calling(make, ("127.0.0.1", port))
+    with pytest.raises(OSError, match="connect"):
+        assert [calling.dial() for _ in range(1000)] == [-1] * 1000
+    calling.close()

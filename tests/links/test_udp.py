@@ -1,0 +1,63 @@
+import socket
+import time
+
+from links.ends import PATIENCE, free_port
+
+from trimtab.links import udp
+from trimtab.links.open_link import open_link
+from trimtab.links.udp import MOST_PEERS
+
+
+def test_udp_answers_those_it_has_heard_lately_and_nobody_else(monkeypatch):
+    uri = f"udp://:{free_port(socket.SOCK_DGRAM)}"
+    server = open_link(uri, listen=True)
+    assert server.send(b"to nobody") is False
+    peers = [open_link(uri) for _ in range(3)]
+    for peer in peers[:2]:
+        peer.send(b"here")
+        assert server.receive(PATIENCE) == b"here"
+    assert server.send(b"to two")
+    assert [peer.receive(PATIENCE) for peer in peers[:2]] == [b"to two"] * 2
+    assert peers[2].receive(0.05) is None
+    real = time.monotonic
+    monkeypatch.setattr(udp.time, "monotonic", lambda: real() + 9.0)
+    assert len(server.peers) == 2
+    peers[0].send(b"again")
+    assert server.receive(PATIENCE) == b"again"
+    monkeypatch.setattr(udp.time, "monotonic", lambda: real() + 11.0)
+    assert len(server.peers) == 1
+    assert server.send(b"to one")
+    assert peers[0].receive(PATIENCE) == b"to one"
+    assert peers[1].receive(0.05) is None
+    monkeypatch.setattr(udp.time, "monotonic", lambda: real() + 30.0)
+    assert not server.statistics.connected
+    assert server.send(b"late") is False
+    peers[1].send(b"back")
+    assert server.receive(PATIENCE) == b"back"
+    assert (server.statistics.reconnects, server.statistics.connected) == (1, True)
+    for link in (server, *peers):
+        link.close()
+
+
+def test_udp_strangers_do_not_push_out_who_was_there():
+    uri = f"udp://:{free_port(socket.SOCK_DGRAM)}"
+    server = open_link(uri, listen=True)
+    peers = [open_link(uri) for _ in range(MOST_PEERS + 3)]
+    for peer in peers:
+        peer.send(b"here")
+        server.receive(0.2)
+    assert len(server.peers) == MOST_PEERS
+    assert server.send(b"x")
+    assert peers[0].receive(PATIENCE) == b"x"
+    assert peers[-1].receive(0.05) is None
+    for link in (server, *peers):
+        link.close()
+
+
+def test_udp_hears_only_whom_it_calls():
+    port = free_port(socket.SOCK_DGRAM)
+    client = open_link(f"udp://127.0.0.1:{port}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(b"command", ("127.0.0.1", client._socket.getsockname()[1]))
+        assert client.receive(0.1) is None
+    client.close()

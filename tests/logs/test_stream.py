@@ -1,0 +1,305 @@
+"""A log that is written while something flies: the same as one written afterwards, whatever dies on the way."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.logs.ring import Ring
+from trimtab.logs.stream import provenance, start_writer
+
+SIGNALS = [
+    ("downlink.imu.value.acceleration", (3,), np.float64, Quantity("m/s^2", "Felt.", shape=(3,))),
+    ("downlink.imu.t", (), np.int64, Quantity("100 ns", "When.", kind="time")),
+    ("downlink.imu.valid", (), np.bool_, Quantity("1", "Whether.", kind="flag")),
+    ("law.mode", (), np.int32, Quantity("1", "Which.", kind="mode", modes=("damp", "turn"))),
+    ("law.demand.FX", (), np.float64, Quantity("N", "Surge.")),
+]
+WIDTH = 8
+METADATA = {"scenario": "hovercraft/spin", "seed": 7, "parameters": {"world.vehicle.mass": 2.6}}
+FLYING = """
+import sys, time
+import numpy as np
+from test_stream import METADATA, SIGNALS, WIDTH, rows_of
+from trimtab.logs.ring import Ring
+from trimtab.logs.stream import start_writer
+ring = Ring.create(columns=WIDTH)
+stream = start_writer(sys.argv[1], ring, signals=SIGNALS, metadata=METADATA)
+rows = rows_of(100_000)
+print(stream.pid, flush=True)
+for k, row in enumerate(rows):
+    ring.put(row)
+    if k % 100 == 0:
+        print(k, flush=True)
+        time.sleep(0.1)
+"""
+
+
+def rows_of(n: int) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(n, WIDTH)) * 10.0 ** rng.integers(-300, 300, (n, WIDTH))
+    rows[:, 0] = np.arange(n) * 10_000
+    rows[:, 4] = np.where(np.arange(n) < 5, -(2.0**62), np.arange(n) * 10_000)
+    rows[:, 5] = np.arange(n) >= 5
+    rows[:, 6] = np.arange(n) // 50 % 2
+    rows[::7, 7] = np.nan
+    rows[::11, 7] = -0.0
+    return rows
+
+
+def log_of(rows: np.ndarray) -> Log:
+    ticks = rows[:, 0].astype(np.int64)
+    arrays, at = {}, 1
+    for path, shape, dtype, _ in SIGNALS:
+        size = int(np.prod(shape))
+        arrays[path] = rows[:, at : at + size].astype(dtype).reshape(len(rows), *shape)
+        at += size
+    return Log(to_seconds(ticks), ticks, arrays, {path: q for path, _, _, q in SIGNALS if q}, METADATA)
+
+
+def same(found: Log, rows: np.ndarray) -> None:
+    """Every signal, to the bit."""
+    expected = log_of(rows)
+    np.testing.assert_array_equal(found.ticks, expected.ticks)
+    for path in expected.paths:
+        assert found[path].dtype == expected[path].dtype
+        np.testing.assert_array_equal(found[path], expected[path])
+        if found[path].dtype.kind == "f":
+            assert (np.signbit(found[path]) == np.signbit(expected[path])).all()
+
+
+@pytest.fixture
+def ring():
+    made = Ring.create(columns=WIDTH, rows=512, events=8)
+    yield made
+    made.close()
+    made.unlink()
+
+
+def until(condition, seconds: float = 20.0) -> None:
+    limit = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < limit, "it did not come"
+        time.sleep(0.02)
+
+
+def flown(path: Path, ring: Ring, rows: np.ndarray):
+    """All rows, as fast as they are taken."""
+    stream = start_writer(path, ring, signals=SIGNALS, metadata=METADATA)
+    for row in rows:
+        until(lambda: ring.waiting < ring.rows)
+        ring.put(row)
+    return stream
+
+
+def test_it_is_what_write_mcap_would_have_written(tmp_path, ring):
+    rows = rows_of(1500)
+    stream = flown(tmp_path / "flight.mcap", ring, rows)
+    assert stream.alive
+    ring.event("target reached")
+    written = stream.close({"truth.heading": 0.5})
+    assert not stream.alive
+    assert written is not None
+    assert (written.rows, written.dropped, written.unwritten, written.whole) == (1500, 0, 0, True)
+    assert written.size == (tmp_path / "flight.mcap").stat().st_size
+    log = read_mcap(tmp_path / "flight.mcap")
+    same(log, rows)
+    assert "truncated" not in log.metadata
+    assert log.metadata["closed"] is True
+    assert log.metadata["events"] == [{"t": log.t[-1], "text": "target reached"}]
+    assert {k: log.metadata[k] for k in METADATA} == METADATA
+    assert {k: log.metadata[k] for k in provenance()} == provenance()
+    assert dict(log.final) == {"truth.heading": 0.5}
+    assert log.declared["law.mode"].modes == ("damp", "turn")
+    write_mcap(log_of(rows), tmp_path / "after.mcap")
+    assert schemas(tmp_path / "after.mcap").items() <= schemas(tmp_path / "flight.mcap").items()
+
+
+def schemas(path: Path) -> dict[str, bytes]:
+    with open(path, "rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return {c.topic: summary.schemas[c.schema_id].data for c in summary.channels.values()}
+
+
+def test_others_can_read_it(tmp_path, ring):
+    """By the mcap library alone, with its checks and by way of its index; and its metadata by a text search."""
+    rows = rows_of(700)
+    flown(tmp_path / "flight.mcap", ring, rows).close()
+    with open(tmp_path / "flight.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = list(reader.iter_messages(topics=["/law"]))
+        summary = reader.get_summary()
+        assert sum(1 for _ in reader.iter_messages()) == 3 * 700
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == 3 * 700
+    assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (0, 699_000_000)
+    assert [m.log_time for _, _, m in found] == list(range(0, 700_000_000, 1_000_000))
+    assert [json.loads(m.data)["mode"] for _, _, m in found] == rows[:, 6].astype(int).tolist()
+    head = (tmp_path / "flight.mcap").read_bytes()[:4000]
+    assert b"hovercraft/spin" in head
+    assert b"world.vehicle.mass" in head
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("cut") / "flight.mcap"
+    with Ring.create(columns=WIDTH, rows=512) as ring:
+        flown(path, ring, rows_of(1200)).close()
+        ring.unlink()
+    return path.read_bytes()
+
+
+@settings(max_examples=150)
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_cut_anywhere_gives_all_up_to_the_cut(tmp_path_factory, data, share):
+    """All chunks that end before the cut, as the file's own index has them; refused only without the description."""
+    path = tmp_path_factory.mktemp("cut") / "cut.mcap"
+    path.write_bytes(data[: int(share * len(data))])
+    (path.parent / "whole.mcap").write_bytes(data)
+    with open(path.parent / "whole.mcap", "rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    whole = [c for c in summary.chunk_indexes if c.chunk_start_offset + c.chunk_length <= path.stat().st_size]
+    least = 1 + max((c.message_end_time for c in whole), default=-1_000_000) // 1_000_000
+    described = summary.metadata_indexes[1].offset + summary.metadata_indexes[1].length
+    if path.stat().st_size < described:
+        with pytest.raises(InputError, match=r"is cut before its first sample|not an MCAP"):
+            read_mcap(path)
+        return
+    cut = read_mcap(path)
+    assert cut.metadata["truncated"] is True
+    assert cut.metadata["seed"] == 7
+    assert len(cut) >= least
+    same(cut, rows_of(1200)[: len(cut)])
+
+
+def test_a_refusal_says_what_is_left(tmp_path, data):
+    (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"trimtab.layout") + 40])
+    with pytest.raises(InputError, match="all that is left says scenario hovercraft/spin, seed 7"):
+        read_mcap(tmp_path / "cut.mcap")
+
+
+@pytest.mark.parametrize("victim", ["flight", "writer"])
+def test_what_is_killed_leaves_all_but_the_last_half_second(tmp_path, victim):
+    path = tmp_path / "flight.mcap"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    command = [sys.executable, "-c", FLYING, str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
+    assert process.stdout is not None
+    writer = int(process.stdout.readline())
+    put: list[tuple[float, int]] = []
+    while not put or put[-1][1] < 1500:
+        line = process.stdout.readline()
+        put.append((time.monotonic(), int(line)))
+    killed = time.monotonic()
+    os.kill(process.pid if victim == "flight" else writer, signal.SIGKILL)
+    if victim == "writer":
+        assert int(process.stdout.readline()) > put[-1][1]  # the flight goes on
+        process.kill()
+    process.communicate()
+    if victim == "flight":
+        until(lambda: read_mcap(path).metadata.get("closed") is False)
+    log = read_mcap(path)
+    safe = max(k for t, k in put if t <= killed - 0.5)
+    assert len(log) > safe
+    same(log, rows_of(100_000)[: len(log)])
+    if victim == "flight":
+        assert "truncated" not in log.metadata
+        assert log.metadata["events"][-1]["text"] == "the flying process is gone, without a word"
+    else:
+        assert log.metadata["truncated"] is True
+
+
+def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
+    """The room for the file is bounded from outside, then given back."""
+    rows = rows_of(3000)
+    path = tmp_path / "flight.mcap"
+    stream = flown(path, ring, rows[:500])
+    until(lambda: len(read_mcap(path)) == 500)
+    _, hard = resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (path.stat().st_size + 100, -1))
+    for row in rows[500:1000]:
+        until(lambda: ring.waiting < ring.rows)
+        ring.put(row)
+    until(lambda: "can't be written" in capfd.readouterr().err)
+    resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (hard, hard))
+    for row in rows[1000:]:
+        until(lambda: ring.waiting < ring.rows)
+        assert ring.put(row)
+    written = stream.close()
+    assert written is not None
+    assert written.whole
+    assert written.dropped == 0
+    assert 0 < written.unwritten <= 2500
+    assert written.rows == 3000 - written.unwritten
+    assert f"a gap of {written.unwritten} rows" in capfd.readouterr().err
+    log = read_mcap(path)
+    gap = int(np.argmax(np.diff(log.ticks) > 10_000)) + 1
+    assert gap == 500
+    same(log, np.concatenate([rows[:500], rows[500 + written.unwritten :]]))
+    assert log["log.unwritten"].tolist() == [0] * 500 + [written.unwritten] * (2500 - written.unwritten)
+    assert "gap" in log.metadata["events"][0]["text"]
+    assert log.metadata["log"] == {"rows": written.rows, "dropped": 0, "unwritten": written.unwritten}
+
+
+def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
+    rows = rows_of(2000)
+    stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
+    os.kill(stream.pid, signal.SIGSTOP)
+    kept = [ring.put(row) for row in rows[:600]]
+    os.kill(stream.pid, signal.SIGCONT)
+    until(lambda: ring.waiting == 0)
+    ring.put(rows[600])
+    written = stream.close()
+    assert written is not None
+    assert written.dropped == ring.dropped == kept.count(False) == 88
+    log = read_mcap(tmp_path / "flight.mcap")
+    assert log["log.dropped"].tolist() == [0] * 512 + [88]
+    same(log, rows[[*range(512), 600]])
+
+
+def test_times_that_do_not_rise_are_left_out_and_counted(tmp_path, ring):
+    rows = rows_of(6)
+    rows[3, 0] = rows[1, 0]
+    stream = flown(tmp_path / "flight.mcap", ring, rows)
+    written = stream.close()
+    assert written is not None
+    assert (written.rows, written.unwritten) == (5, 1)
+    same(read_mcap(tmp_path / "flight.mcap"), np.delete(rows, 3, axis=0))
+
+
+def test_what_cannot_be_written_is_refused_before_the_flight(tmp_path, ring):
+    (tmp_path / "old.mcap").write_text("an old flight")
+    with pytest.raises(InputError, match="File exists"):
+        start_writer(tmp_path / "old.mcap", ring, signals=SIGNALS, metadata={})
+    assert (tmp_path / "old.mcap").read_text() == "an old flight"
+    with pytest.raises(InputError, match="No such file"):
+        start_writer(tmp_path / "no" / "flight.mcap", ring, signals=SIGNALS, metadata={})
+    with pytest.raises(InputError, match="have 8 numbers, the time and these signals have 7"):
+        start_writer(tmp_path / "new.mcap", ring, signals=SIGNALS[:-1], metadata={})
+    with pytest.raises(InputError, match="a name of the log's own"):
+        start_writer(tmp_path / "new.mcap", ring, signals=[("log.x", (7,), np.float64, None)], metadata={})
+
+
+def test_closing_after_the_writer_died_says_so(tmp_path, ring):
+    stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
+    os.kill(stream.pid, signal.SIGKILL)
+    until(lambda: not stream.alive)
+    assert stream.close() is None
+    assert read_mcap(tmp_path / "flight.mcap").metadata["truncated"] is True
