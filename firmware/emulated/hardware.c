@@ -77,6 +77,7 @@ void hardware_work(vehicle *v, int64_t now) {
         world_i.t = world_i.command.t = world_at;
         world_i.h = t - world_at;
         world_i.fresh = true;
+        world_i.held = !v->released;
         world_step(&world_p, &world_s, &world_i, &world_o);
         if (!world_i.first) ++part;
         world_i.first = false;

@@ -67,7 +67,7 @@ static void hear_timesync(vehicle *v, int64_t now, const mavlink_message_t *mess
     SEND(v, timesync, sync);
 }
 
-static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t *message) {
+static void hear_drive_command(vehicle *v, const mavlink_message_t *message) {
     mavlink_command_t c;
     mavlink_msg_command_decode(message, &c);
     failsafe_in *in = &v->failsafe_in;
@@ -76,12 +76,11 @@ static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t 
     in->given.command.fresh = true;
     in->given.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
     in->given.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
-    v->heard_at = now;
 }
 
 void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message) {
     switch (message->msgid) {
-    case MAVLINK_MSG_ID_COMMAND: hear_drive_command(v, now, message); break;
+    case MAVLINK_MSG_ID_COMMAND: hear_drive_command(v, message); break;
     case MAVLINK_MSG_ID_TIMESYNC: hear_timesync(v, now, message); break;
     case MAVLINK_MSG_ID_COMMAND_LONG: hear_command_long(v, message); break;
     default: break; /* heartbeats, and what is for others */

@@ -53,8 +53,9 @@ static void guard(vehicle *v, int64_t now) {
     in->given.command.age = (failsafe_real)((double)(now - in->given.command.t) * 1e-7);
     failsafe_step(&v->failsafe_params, &v->failsafe_state, in, &v->failsafe_out);
     in->given.command.fresh = in->given.arm = in->given.disarm = false;
-    if (v->believed && v->failsafe_out.mode != mode) station_changed(v);
-    v->believed = true;
+    if (v->begun && v->failsafe_out.mode != mode) station_changed(v);
+    v->begun = true;
+    v->released |= v->failsafe_out.armed;
 }
 
 static void regulate(vehicle *v, int64_t at) {

@@ -34,10 +34,10 @@ typedef struct {
     double duty;
     uint16_t pulses[CHANNELS];
     int64_t next_tick, next_servo, next_regulator, next_second, last_status;
-    int64_t heard_at; /* when the last command came */
     uint8_t asked_system, asked_component;
     bool asked;       /* to arm or disarm: answered after the tick */
-    bool believed;    /* the failsafe has run since the start */
+    bool begun;       /* the failsafe has run since the start */
+    bool released;    /* armed once since the start; an emulated vehicle is held until then */
     vehicle_load load;
 } vehicle;
 

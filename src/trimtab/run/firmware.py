@@ -12,21 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand, FanDrive
-from trimtab.actuators.failsafe import Failsafe, FailsafeInput
+from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, part, quantity, record, replace
-from trimtab.core.signals import Sample
+from trimtab.core.signals import Command
 from trimtab.core.time import to_seconds
 from trimtab.export.members import identifier
 from trimtab.export.microcontroller import FIRMWARE as START
 from trimtab.export.microcontroller import TARGETS
 from trimtab.export.preamble import FREE
 from trimtab.export.step import Exported, export_step
-from trimtab.links.wire import Wire
 from trimtab.loop.scenario import Scenario
+from trimtab.run.firmware_step import failsafe_of, failsafe_step
+from trimtab.run.vehicle import on_real_link
 from trimtab.run.world_step import Built, world_step
 from trimtab.wire.dialect import Dialect, dialect_of
 from trimtab.wire.generated import c_headers
@@ -41,7 +41,7 @@ REALS = {"single": "f32", "double": "f64"}
 
 
 @record
-class At:
+class Now:
     """What a block of the firmware is given. Source: docs page, Firmware."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
@@ -75,7 +75,7 @@ def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "
     scenario = emulated(scenario)
     built = world_step(scenario, real=real, seed=seed)
     dialect = dialect_of(built.frame, built.command)
-    texts = {f"exported/{name}": text for made in (built.text, *duties(real)) for name, text in _files(made)}
+    texts = {f"exported/{name}": text for made in (built.text, *duties(scenario, built.command, real)) for name, text in _files(made)}
     texts["emulated/samples.h"] = SAMPLES_HEADER
     texts["emulated/samples.c"] = samples_source(built, dialect)
     texts["emulated/instants.h"] = _instants(scenario)
@@ -97,18 +97,15 @@ def emulated(scenario: Scenario) -> Scenario:
         problem = f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
         raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
     drive = replace(actuators, frame=actuators.period)
-    return replace(scenario, world=replace(scenario.world, uplink=Wire(), downlink=Wire(), actuators=drive))
+    scenario = on_real_link(scenario)
+    return replace(scenario, world=replace(scenario.world, actuators=drive))
 
 
-def duties(real: str) -> list[Exported]:
+def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
     """The blocks of the firmware, and the motor, as C."""
-    zero, no = np.float64(0.0), np.bool_(False)
-    value = DriveCommand(rudder_pulse=zero, speed_rpm=zero)
-    command = Sample(value=value, t=np.int64(0), age=zero, fresh=no, valid=no)
-    heard = FailsafeInput(command=command, manual=value, takeover=no, radio=no, arm=no, disarm=no)
+    zero = np.float64(0.0)
     wanted = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
     blocks = {
-        "failsafe": (Failsafe(), heard, "Who commands, and what happens when nobody does."),
         "speed_regulator": (SpeedRegulator(), wanted, "Speed of the thrust fan: counts in, duty out; every 10 ms."),
         "motor": (Motor(), MotorInput(duty=zero, voltage=zero), "Motor, propeller and encoder of the thrust fan."),
     }
@@ -116,12 +113,15 @@ def duties(real: str) -> list[Exported]:
     def init(p: Any) -> Any:
         return p.init()
 
-    def step(p: Any, s: Any, at: At) -> Any:
-        return p.step(at.t, s, at.given)
+    def step(p: Any, s: Any, now: Now) -> Any:
+        return p.step(now.t, s, now.given)
 
     return [
-        export_step(name, doc, numeric(block), init, step, At(t=np.int64(0), given=given), real)
-        for name, (block, given, doc) in blocks.items()
+        failsafe_step(failsafe_of(scenario, command), command, real=real),
+        *(
+            export_step(name, doc, numeric(block), init, step, Now(t=np.int64(0), given=given), real)
+            for name, (block, given, doc) in blocks.items()
+        ),
     ]
 
 
