@@ -178,8 +178,8 @@ static void work_done(vehicle *v) {
     station_say(v, SEVERITY_INFO, l.text);
 }
 
-void station_status(vehicle *v, int64_t now) {
-    heartbeat(v);
-    statistics(v, now);
-    if (now / SECOND % 5 == 0) work_done(v);
+void station_status(vehicle *v, int64_t now, int part) {
+    if (part == 0) heartbeat(v);
+    if (part == 1) statistics(v, now);
+    if (part == 2 && now / SECOND % 5 == 0) work_done(v);
 }

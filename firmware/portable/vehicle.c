@@ -82,16 +82,20 @@ static void drive(vehicle *v, int64_t now) {
     }
 }
 
+/* Once a second each, but not in one tick. */
+static void quarter(vehicle *v, int64_t now) {
+    int k = (int)(now / (SECOND / 4) % 4);
+    if (k < 3) station_status(v, now, k);
+    else if (link_heard(&v->link)) board_remember(v->link.signing.timestamp + AHEAD);
+}
+
 static void tick(vehicle *v, int64_t now) {
     guard(v, now);
     if (v->asked) station_answer(v);
     drive(v, now);
     hardware_work(v, now);
     link_tick(&v->link, now);
-    if (due(now, &v->next_second, SECOND)) {
-        station_status(v, now);
-        if (link_heard(&v->link)) board_remember(v->link.signing.timestamp + AHEAD);
-    }
+    if (due(now, &v->next_quarter, SECOND / 4)) quarter(v, now);
 }
 
 static bool listen(vehicle *v, int64_t now) {

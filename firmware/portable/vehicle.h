@@ -33,7 +33,7 @@ typedef struct {
     speed_regulator_out regulator_out;
     double duty;
     uint16_t pulses[CHANNELS];
-    int64_t next_tick, next_servo, next_regulator, next_second, last_status;
+    int64_t next_tick, next_servo, next_regulator, next_quarter, last_status;
     uint8_t asked_system, asked_component;
     bool asked;       /* to arm or disarm: answered after the tick */
     bool begun;       /* the failsafe has run since the start */
@@ -50,10 +50,11 @@ void vehicle_work(vehicle *v);
 void hardware_begin(void);
 void hardware_work(vehicle *v, int64_t now);
 
-/* Parts of vehicle_work, in station.c: one message that was accepted; what is said each second; a line for people. */
+/* Parts of vehicle_work, in station.c: one message that was accepted; what is said each second, in three
+   parts; a line for people. */
 void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message);
 void station_answer(vehicle *v);
-void station_status(vehicle *v, int64_t now);
+void station_status(vehicle *v, int64_t now, int part);
 void station_servos(vehicle *v, int64_t now);
 void station_say(vehicle *v, uint8_t severity, const char *text);
 void station_changed(vehicle *v);

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.core.errors import InputError
@@ -25,7 +26,7 @@ from trimtab.export.microcontroller import TARGETS
 from trimtab.export.preamble import FREE
 from trimtab.export.step import Exported, export_step
 from trimtab.loop.scenario import Scenario
-from trimtab.run.firmware_step import failsafe_of, failsafe_step
+from trimtab.run.firmware_step import failsafe_step
 from trimtab.run.vehicle import on_real_link
 from trimtab.run.world_step import Built, world_step
 from trimtab.wire.dialect import Dialect, dialect_of
@@ -103,6 +104,7 @@ def emulated(scenario: Scenario) -> Scenario:
 
 def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
     """The blocks of the firmware, and the motor, as C."""
+    failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else Failsafe()
     zero = np.float64(0.0)
     wanted = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
     blocks = {
@@ -117,7 +119,7 @@ def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
         return p.step(now.t, s, now.given)
 
     return [
-        failsafe_step(failsafe_of(scenario, command), command, real=real),
+        failsafe_step(failsafe, command, real=real),
         *(
             export_step(name, doc, numeric(block), init, step, Now(t=np.int64(0), given=given), real)
             for name, (block, given, doc) in blocks.items()
