@@ -160,8 +160,8 @@ def test_costs_of_the_firmware(elf, written, tmp_path):
     assert text < 90_000
     assert data + bss < 80_000
     assert stack < 2048
-    assert longest * 62.5 < 62_500  # within a millisecond even of this slow board
-    assert load * 62.5 < 20_000
+    assert longest * 62.5 < 90_000  # five messages signed and sent in one tick, an interrupt for each byte
+    assert load * 62.5 < 8_000
 
 
 @pytest.mark.slow
