@@ -11,11 +11,8 @@ import click
 
 from trimtab import __version__
 from trimtab.core.errors import InputError
+from trimtab.live_cli import JSON, SCENARIO, fly, pairs, vehicle
 from trimtab.scenarios import catalogue
-
-SCENARIO = click.argument("scenario", metavar="SCENARIO")
-JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
-
 
 NAVIGATION = click.option(
     "--navigation",
@@ -52,6 +49,8 @@ def main() -> None:
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
+    trimtab vehicle hovercraft/forward --listen udp://:14550           a vehicle behind a real line
+    trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        and its autopilot in real time
     """
 
 
@@ -97,21 +96,10 @@ def list_(scenario: str | None, as_json: bool) -> None:
     print_settings(scenario, built, catalogue.arguments(scenario), as_json)
 
 
-def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    settings = {}
-    for text in values:
-        path, equals, value = text.partition("=")
-        if not equals or not path:
-            problem = f"{text!r} is not path=value"
-            raise InputError("--set", problem, fix="--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths")
-        settings[path.strip()] = value.strip()
-    return settings
-
-
 @main.command()
 @SCENARIO
 @click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting; repeatable."
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting; repeatable."
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
@@ -160,7 +148,7 @@ def run(
 @main.command()
 @SCENARIO
 @click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting; repeatable."
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting; repeatable."
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Leave one imperfection out of it all; repeatable.")
@@ -206,7 +194,7 @@ def budget(navigation: str | None, as_json: bool, **asked: Any) -> None:
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
 @click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
 @click.option("--verify", "check", type=click.Path(path_type=Path), metavar="DIR", help="Check an exported folder.")
-@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=_pairs, help="Change a setting.")
+@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting.")
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 @JSON
 def export(as_json: bool, **asked: Any) -> None:
@@ -311,6 +299,10 @@ def noise(as_json: bool, **asked: Any) -> None:
     from trimtab.commands.calibrate import Request, calibrate_noise
 
     calibrate_noise(Request(**asked, as_json=as_json))
+
+
+for verb in (vehicle, fly):
+    main.add_command(verb)
 
 
 if __name__ == "__main__":

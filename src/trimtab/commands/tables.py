@@ -127,6 +127,24 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
             click.echo(f"LOST ({side}): the state is not finite from {found['lost_s']:.4g} s on")
 
 
+def print_deadlines(found: Mapping[str, Any], granted: str) -> None:
+    """How a flight's deadlines were kept."""
+    n = found["work"]["n"]
+    table = _table(title=f"{n} periods of {found['period']}, {granted}", title_justify="left")
+    table.add_column("time (us)", no_wrap=True)
+    for heading in ("median", "99 %", "99.9 %", "longest"):
+        table.add_column(heading, justify="right")
+    names = {"late": "deadline to wake-up", "step": "compiled step", "work": "work of a period"}
+    for key, name in names.items():
+        cells = [f"{found[key][q] * 1e6:.1f}" for q in ("p50", "p99", "p999", "longest")]
+        table.add_row(name, *cells)
+    console().print(table)
+    over = found["overruns"]
+    click.echo(
+        f"overruns: {over['own_work']} by own work, {over['scheduler']} by the scheduler; skipped {found['skipped']}"
+    )
+
+
 def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
     """Whether a run's navigation knew how wrong it was, and what it learned."""
     screen = console()

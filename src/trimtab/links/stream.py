@@ -10,6 +10,7 @@ from typing import Protocol
 
 from trimtab.core.interfaces import LinkStatistics
 from trimtab.links.counts import Counts
+from trimtab.links.readiness import ready
 
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
 """Seconds between two attempts to connect: doubled after each that failed."""
@@ -65,7 +66,7 @@ class StreamLink:
             left = min(max(deadline - time.monotonic(), 0.0), SLICE)
             if connection < 0:
                 self._pause(left)
-            elif _ready(connection, select.POLLIN | (select.POLLOUT if self._rest else 0), left):
+            elif ready(connection, select.POLLIN | (select.POLLOUT if self._rest else 0), left):
                 piece = self._read(self._counts.connections)
                 if piece:
                     return piece
@@ -119,7 +120,7 @@ class StreamLink:
         fd, mask = self._dialer.awaits()
         due = self._next - time.monotonic()
         if fd >= 0 and due <= 0:
-            _ready(fd, mask, left)
+            ready(fd, mask, left)
         else:
             time.sleep(min(left, max(due, 0.001)))
 
@@ -171,13 +172,3 @@ class StreamLink:
             if error.errno not in UNFIT:
                 self._hang_up()
             return 0
-
-
-def _ready(fd: int, mask: int, timeout: float) -> bool:
-    """Whether something happens to a descriptor within `timeout` seconds; an error is something."""
-    poll = select.poll()
-    try:
-        poll.register(fd, mask)
-        return bool(poll.poll(timeout * 1e3))
-    except (OSError, ValueError):
-        return True

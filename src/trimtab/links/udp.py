@@ -9,6 +9,7 @@ from typing import Any
 from trimtab.core.interfaces import LinkStatistics
 from trimtab.links.counts import Counts
 from trimtab.links.dial import tuned
+from trimtab.links.readiness import ready
 from trimtab.links.tcp import bound, resolve
 from trimtab.links.uri import Address
 
@@ -45,8 +46,6 @@ class UdpLink:
     def __init__(self, found: socket.socket, peer: Any = None) -> None:
         self._socket, self._counts, self._fixed = found, Counts(), peer is not None
         self._heard: dict[Any, float] = {}
-        self._poll = select.poll()
-        self._poll.register(found, select.POLLIN)
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -65,7 +64,7 @@ class UdpLink:
         while self._socket.fileno() >= 0:
             left = max(deadline - time.monotonic(), 0.0)
             with contextlib.suppress(OSError):
-                if self._poll.poll(left * 1e3):
+                if ready(self._socket.fileno(), select.POLLIN, left):
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet and self._knows(peer):
                         return self._counts.received(packet)

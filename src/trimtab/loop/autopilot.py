@@ -10,7 +10,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
-from trimtab.loop.structure import tree_where, zeros_of
+from trimtab.loop.structure import is_finite, tree_where, zeros_of
 
 
 @record
@@ -31,6 +31,7 @@ class Autopilot:
     """Estimator, law and allocation at one control period.
 
     Until the estimate is valid the law stands still and the command is marked invalid, so that actuators stay neutral.
+    So it does where what the law reads, or what it wants, is not finite: an estimate with a NaN in it is none.
 
     Source: docs page, Time.
     """
@@ -71,10 +72,15 @@ class Autopilot:
         renewed = {name: _renewed(frame.samples[name], state.seen[name]) for name in seen}
         frame = replace(frame, samples={**frame.samples, **renewed})
         estimator, estimate = self.estimator.step(t, state.estimator, frame)
+        read = [getattr(estimate.state, name) for name in self.law.reads]
+        estimate = replace(estimate, valid=estimate.valid & is_finite(read))
         law, output = self.law.step(t, state.law, estimate)
-        law = tree_where(estimate.valid, law, state.law)
         allocation, value = self.allocation.step(t, state.allocation, output.demand)
-        command = Command(t=t, valid=estimate.valid, value=value)
+        finite = is_finite(value)
+        sound = estimate.valid & finite
+        law = tree_where(sound, law, state.law)
+        allocation = tree_where(finite, allocation, state.allocation)
+        command = Command(t=t, valid=sound, value=value)
         new = AutopilotState(
             estimator=estimator,
             law=law,

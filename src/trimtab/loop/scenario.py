@@ -48,7 +48,7 @@ class Scenario:
         """Name of each fault that can be switched off -> where it is: (path of the part, its own name for it)."""
         found: dict[str, list[tuple[str, str]]] = {}
         for path, owner in _parts(self):
-            link = path.rsplit(".", 1)[-1] if path in ("world.uplink", "world.downlink") else ""
+            link = path.split(".")[1] if f"{path}.".startswith(("world.uplink.", "world.downlink.")) else ""
             for own in getattr(owner, "IMPERFECTIONS", ()):
                 name = f"{link}-{own}" if link else own
                 found.setdefault(name, []).append((path, own))

@@ -50,3 +50,12 @@ def like(tree: Any, pattern: Any) -> Any:
 def tree_where(condition: Any, a: Any, b: Any) -> Any:
     """a where the condition holds, else b, leaf by leaf."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
+
+
+def is_finite(tree: Any) -> Any:
+    """Whether every real number of a tree is finite."""
+    floats = [v for v in map(jnp.asarray, jax.tree.leaves(tree)) if jnp.issubdtype(v.dtype, jnp.floating)]
+    found = jnp.asarray(True)
+    for v in floats:
+        found = found & jnp.all(jnp.isfinite(v))
+    return found

@@ -93,4 +93,3 @@ def sample_groups(dialect: Dialect, where: Where) -> dict[str, Group]:
 def command_group(dialect: Dialect, where: Where) -> Group:
     """The command's group."""
     return Group(dialect, COMMAND, where)
-

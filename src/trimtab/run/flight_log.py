@@ -51,7 +51,7 @@ class FlightLog:
         try:
             self._stream: Stream = start_writer(path, self._ring, signals=signals, metadata=metadata)
         except BaseException:
-            self._ring.close()
+            self._leave()
             raise
         self.path = path
 
@@ -78,7 +78,11 @@ class FlightLog:
         try:
             return self._stream.close(final)
         finally:
-            self._ring.close()
+            self._leave()
+
+    def _leave(self) -> None:
+        self._ring.unlink()
+        self._ring.close()
 
 
 def _picked(source: Source, signals: list[Signal]) -> list[int]:

@@ -18,7 +18,7 @@ from trimtab.logs.stream import Written
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep, fast_step
 from trimtab.run.flight_log import FlightLog, Source
-from trimtab.run.pilot import Pilot, dialect_for
+from trimtab.run.pilot import Pilot, dialect_for, frame_name
 from trimtab.run.program import described
 from trimtab.run.real_time import NS, Deadlines, Granted, real_time
 from trimtab.run.remote import Remote
@@ -81,13 +81,15 @@ class Flyer:
         self.skipped = 0
         self.armed_at: int | None = None
 
-    def connect(self, patience: float = 10.0) -> None:
-        """Wait for the vehicle, and for its clock; refused where nobody answers in time."""
+    def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
+        """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds."""
         given_up = monotonic_ns() + int(patience * 1e9)
-        while not self.remote.ready:
+        while not self.remote.ready and not stop():
             now = monotonic_ns()
             if now > given_up:
-                raise InputError("--link", self.remote.why_not(), fix=f"trimtab vehicle {self.scenario.name} --listen …")
+                raise InputError(
+                    "--link", self.remote.why_not(), fix=f"trimtab vehicle {self.scenario.name} --listen …"
+                )
             self.remote.due(now // NS)
             data = self.link.receive(0.02)
             if data is not None:
@@ -203,7 +205,7 @@ class Flyer:
     def _open(self, path: Path) -> FlightLog:
         step = self.pilot.step
         sources = [
-            Source(step.inputs, step.exported.inputs, lambda p: None if p == "t" else f"downlink{p[7:]}"),
+            Source(step.inputs, step.exported.inputs, frame_name),
             Source(step.outputs, step.exported.outputs, lambda p: p),
         ]
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}

@@ -25,22 +25,22 @@ FIRST = 120.0
 """Seconds that it may take to come up: it may have to be compiled."""
 
 
-
 class Silence(Exception):
     """The other end has not answered for too long."""
 
 
 def lead(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each: Callable[[int], None]) -> None:
-    """The vehicle's end, for the scenario's duration; `each(t)` is called after every instant, its command in place.
+    """The vehicle's end, for the scenario's duration; `each(t)` is called after every instant and at the end.
 
     Raises Silence when nobody answers.
     """
     period, duration = vehicle.scenario.autopilot.period, vehicle.scenario.duration
     fresh = False
     for t in vehicle.instants():
+        vehicle.turn(min(t, duration), fresh=fresh)
         if t >= duration:
+            each(duration)
             return
-        vehicle.turn(t, fresh=fresh)
         fresh = t % period == 0
         if fresh:
             _ask(vehicle, link, endpoint, t).write(vehicle.world.inputs)

@@ -6,8 +6,6 @@ Source: docs page, Fly.
 from collections import deque
 from typing import Any
 
-import numpy as np
-
 from trimtab.core.time import SECONDS_PER_UNIT
 from trimtab.loop.scenario import Scenario
 from trimtab.run.exchange import Group, Taken, command_group, sample_groups
@@ -89,12 +87,6 @@ def dialect_for(scenario: Scenario) -> Dialect:
     return dialect_of(frame, command)
 
 
-def row_paths(step: FastStep) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Path in the log -> where it stands in the step's inputs, and in its outputs."""
-    inputs = {f"downlink{p[7:]}": at for p, at in step.reads.items() if p != "t"}
-    return inputs, dict(step.writes)
-
-
-def empty_row(step: FastStep) -> Any:
-    """A row that holds inputs and outputs of a step, float64 (n,)."""
-    return np.zeros(len(step.inputs) + len(step.outputs))
+def frame_name(path: str) -> str | None:
+    """The path in a log of an input of an autopilot's step; None for the time, which every row has."""
+    return None if path == "t" else f"downlink{path.removeprefix('samples')}"

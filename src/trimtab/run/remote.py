@@ -16,7 +16,8 @@ HEARTBEAT = {"type": 18, "autopilot": 8, "system_status": 4}
 """Of an onboard computer that is no flight controller, running."""
 HEARTBEAT_PERIOD, ASK_PERIOD = seconds(1), ms(500)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
-NS = 100
+QUICK_ASKS = 8
+"""Answers after which the other clock counts as known, and is asked for seldom."""
 
 
 class Remote:
@@ -32,11 +33,12 @@ class Remote:
         """When the vehicle's last heartbeat came."""
         self._next = dict.fromkeys(("heartbeat", "sync", "ask"), 0)
         self._wants: float | None = None
+        self._asks = 0
 
     @property
     def ready(self) -> bool:
         """Whether there is a vehicle whose clock is known."""
-        return self.heard is not None and self.sync.synchronised
+        return self.heard is not None and self._asks >= QUICK_ASKS
 
     def why_not(self) -> str:
         """Why it is not ready, for people."""
@@ -51,7 +53,7 @@ class Remote:
 
     def offset(self, now: int) -> int:
         """The vehicle's clock minus this end's (100 ns)."""
-        return self.sync.offset(now)
+        return round(self.sync.offset)
 
     def take(self, message: Message, now: int) -> None:
         """Follow a message that is no sample."""
@@ -59,7 +61,8 @@ class Remote:
             self.heard, self.system = now, message.system
             self.armed = bool(message.get("base_mode") & ModeFlag.ARMED)
         elif message.name == "TIMESYNC":
-            self.sync.take(message, now)
+            if self.sync.answered(message.get("tc1"), message.get("ts1"), now) and self._asks < QUICK_ASKS:
+                self._asks += 1
         elif message.name == "STATUSTEXT":
             self.tell(f"vehicle: {message.get('text')}")
         elif message.name == "COMMAND_ACK" and message.get("command") == Order.ARM:
@@ -75,8 +78,8 @@ class Remote:
             self._next["heartbeat"] = now + HEARTBEAT_PERIOD
             self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT))
         if now >= self._next["sync"]:
-            self._next["sync"] = now + (SYNC_SLOW if self.sync.synchronised else SYNC_QUICK)
-            self._link.send(self._endpoint.pack("TIMESYNC", self.sync.request(now)))
+            self._next["sync"] = now + (SYNC_SLOW if self._asks >= QUICK_ASKS else SYNC_QUICK)
+            self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
         if self._wants is not None and now >= self._next["ask"]:
             self._next["ask"] = now + ASK_PERIOD
             self._send_arm(self._wants)

@@ -1,0 +1,120 @@
+"""`trimtab fly`: an autopilot in real time against the vehicle at the far end of a line."""
+
+import dataclasses
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from trimtab.commands.cache import use_cache
+from trimtab.commands.fly_scenario import Request as Asked
+from trimtab.commands.fly_scenario import build, check_folder
+from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, until_interrupted
+from trimtab.commands.progress import waiting
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.time import parse, to_seconds
+
+
+class Request(NamedTuple):
+    """What was asked for on the command line."""
+
+    scenario: str
+    link: str
+    settings: Mapping[str, str] = {}
+    lockstep: bool = False
+    seed: int = 0
+    duration: str | None = None
+    key: Path | None = None
+    unsigned: bool = False
+    real_time: bool = True
+    out: Path | None = None
+    as_json: bool = False
+
+
+def fly(request: Request) -> bool:
+    """Compile it, open the line, fly; whether the vehicle was armed and no log row was lost."""
+    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+    key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
+    if request.out is not None:
+        check_folder("--out", request.out)
+        request.out.mkdir(parents=True, exist_ok=True)
+    if request.duration is not None:
+        scenario = replace(scenario, duration=parse(request.duration))
+    use_cache()
+    with tempfile.TemporaryDirectory() as scratch, opened(request.link, listen=False) as link:
+        log = (request.out or Path(scratch)) / "flight.mcap"
+        if log.exists():
+            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
+        run = _lockstep if request.lockstep else _real_time
+        result = run(request, scenario, link, end_of(request.link, AUTOPILOT, key), log)
+    if request.as_json:
+        click.echo(json.dumps(result))
+    elif request.out is not None:
+        click.echo(f"wrote {request.out / 'flight.mcap'}")
+    written = result["log"]
+    return bool(result["armed"]) and bool(written) and not written["dropped"] and not written["unwritten"]
+
+
+def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
+    from trimtab.run.lockstep import Silence
+    from trimtab.run.lockstep_flight import LockstepPilot
+
+    with waiting(f"compiling {scenario.name}"):
+        one = LockstepPilot(scenario, end, seed=request.seed)
+    try:
+        written = one.run(link, log)
+    except Silence as error:
+        fix = f"trimtab vehicle {request.scenario} --lockstep --listen …"
+        raise InputError("--lockstep", str(error), fix=fix) from None
+    if not request.as_json:
+        click.echo(f"flew {to_seconds(scenario.duration):g} s of {scenario.name} in lockstep")
+    return {"scenario": scenario.name, "armed": True, "log": None if written is None else written._asdict()}
+
+
+def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
+    from trimtab.run.fly import Flyer
+
+    with waiting(f"compiling {scenario.name}"):
+        one = Flyer(scenario, link, end, seed=request.seed)
+
+    def tell(text: str) -> None:
+        click.echo(text, err=request.as_json)
+
+    with until_interrupted() as stop:
+        one.connect(stop=stop)
+        flight = one.fly(log=log, wanted_real_time=request.real_time, stop=stop, tell=tell)
+    one.endpoint.close()
+    result = {
+        "scenario": scenario.name,
+        "duration_s": to_seconds(flight.t),
+        "armed": flight.armed is not None,
+        "armed_s": None if flight.armed is None else to_seconds(flight.armed),
+        "real_time": flight.granted._asdict(),
+        "deadlines": flight.deadlines.summary() | {"skipped": one.skipped},
+        "samples": flight.pilot.heard,
+        "overflowed": flight.pilot.overflowed,
+        "wire": dataclasses.asdict(one.endpoint.counts),
+        "line": link.statistics._asdict(),
+        "log": None if flight.log is None else flight.log._asdict(),
+    }
+    if not request.as_json:
+        _print(result, str(flight.granted))
+    return result
+
+
+def _print(result: Mapping[str, Any], granted: str) -> None:
+    from trimtab.commands.tables import print_deadlines
+
+    print_deadlines(result["deadlines"], granted)
+    counts, log = result["wire"], result["log"]
+    click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} taken, {counts['lost']} lost on the way")
+    if not result["armed"]:
+        click.echo("the vehicle was never armed")
+    if log is None:
+        click.echo("the log's writer died; what it had written is there")
+    elif log["dropped"] or log["unwritten"]:
+        click.echo(f"log: {log['dropped']} rows had no room in memory, {log['unwritten']} none on the disk")

@@ -1,0 +1,100 @@
+"""What `vehicle`, `fly` and their relatives share: the line, its key, and how they are ended."""
+
+import contextlib
+import ipaddress
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import Link
+from trimtab.links.open_link import open_link
+from trimtab.links.uri import parse
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.signing import Key, create_key, key_path, load_key
+
+VEHICLE, AUTOPILOT = (1, 1), (1, 191)
+"""System and component of the two ends."""
+DATAGRAMS = ("udp",)
+
+
+def is_local(uri: str) -> bool:
+    """Whether only this machine can reach a line."""
+    address = parse(uri)
+    if address.scheme == "loopback":
+        return True
+    if address.scheme not in ("udp", "tcp"):
+        return False
+    host, _ = address.host_and_port()
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> Key | None:
+    """The key that both ends sign with; None where unsigned was asked for on a line that only this machine reaches.
+
+    Args:
+        scenario: whose first name is the vehicle's: there is one key a vehicle.
+        file: the key's, where it is not in its usual place.
+        unsigned: whether to go without.
+        uri: the line.
+        create: make a new key where there is none.
+    """
+    if unsigned:
+        if not is_local(uri):
+            problem = f"whoever reaches {uri} could command the vehicle"
+            raise InputError("--unsigned", problem, fix="leave it out, or use udp://127.0.0.1:14550 or loopback://NAME")
+        if file is not None:
+            raise InputError("--unsigned", "there is a --key too", fix="leave one of them out")
+        return None
+    path = file or key_path(scenario.partition("/")[0].partition(":")[0].removesuffix(".py").rpartition("/")[2])
+    if path.exists():
+        return load_key(path)
+    if not create:
+        problem = f"there is no key: {path}"
+        raise InputError("--key", problem, fix="start `trimtab vehicle …` here, or copy the vehicle's key file to it")
+    key = create_key(path)
+    click.echo(f"new key {path}: copy it to the other computer, and to nobody else", err=True)
+    return key
+
+
+def end_of(line: str, who: tuple[int, int], key: Key | None) -> Callable[[Dialect], Endpoint]:
+    """What makes one end's endpoint of a line."""
+    datagrams = parse(line).scheme in DATAGRAMS
+
+    def make(dialect: Dialect) -> Endpoint:
+        return Endpoint(dialect, *who, key, unsigned=key is None, datagrams=datagrams)
+
+    return make
+
+
+@contextlib.contextmanager
+def opened(uri: str, *, listen: bool) -> Iterator[Link]:
+    """A link, closed at the end."""
+    link = open_link(uri, listen=listen)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+@contextlib.contextmanager
+def until_interrupted() -> Iterator[Callable[[], bool]]:
+    """Within it Ctrl-C and a request to terminate only raise a flag, so that logs get their end; a second one kills."""
+    asked: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

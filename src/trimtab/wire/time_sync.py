@@ -1,0 +1,164 @@
+"""The other end's clock, from TIMESYNC exchanges: its offset and drift, told by those that came back soonest.
+
+An exchange leaves here at t0, is answered at r by the other clock, and is back at t1:
+
+    offset = r - (t0 + t1)/2        |error| <= (t1 - t0)/2        local = remote - offset
+
+The error is half of what the two ways differ, so exchanges count by how little they waited: a line through the offsets
+of the last minute, each weighted by 1/(excess over the shortest round trip)^2. What `to_local` applies turns towards
+that line by at most 1 ms a second, so that rising times come out rising.
+Source: D. L. Mills, "Internet time synchronization: the network time protocol", IEEE Trans. Communications 39 (1991),
+section V (minimum filter); https://mavlink.io/en/services/timesync.html.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+from trimtab.core.time import ms, seconds
+
+NS_PER_UNIT = 100
+WINDOW = seconds(60)
+LONGEST_WAIT = seconds(10)
+JUMP = seconds("0.5")
+"""What the bound on the error can't explain by this much is another clock, or one that was set."""
+SLEW = 1e-3
+"""How fast the applied offset may turn."""
+HORIZON = seconds(1)
+FLOOR = 0.1, ms("0.01")
+"""Excess that counts as none: part of the shortest round trip, and a time."""
+DRIFT = 1e-4
+"""Standard deviation of the drift of clocks, before anything is known."""
+MOST = 600
+
+
+class Exchange(NamedTuple):
+    """One exchange: the other end's time, the offset it shows, and its round trip."""
+
+    remote: int
+    offset: float
+    round_trip: int
+
+
+class Line(NamedTuple):
+    """offset(r) = offset + drift (r - at)."""
+
+    at: int
+    offset: float
+    drift: float
+
+    def value(self, remote: int) -> float:
+        """The offset at a time of the other clock."""
+        return self.offset + self.drift * (remote - self.at)
+
+
+class TimeSync:
+    """This end's knowledge of the other's clock. All times are integers of 100 ns."""
+
+    def __init__(self) -> None:
+        """Nothing known."""
+        self._asked: deque[int] = deque(maxlen=16)
+        self._exchanges: deque[Exchange] = deque(maxlen=MOST)
+        self._line = Line(0, 0.0, 0.0)
+        self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
+        self._last: int | None = None
+        self._latest: int | None = None
+        self._not_before: int | None = None
+        self.refused = 0
+        """Answers to nothing that was asked, or that came too late."""
+        self.jumps = 0
+        """How often the other clock turned out to be another."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there has been an exchange since the other clock was last found to be another."""
+        return bool(self._exchanges)
+
+    @property
+    def offset(self) -> float:
+        """Their clock less ours at the newest exchange, as estimated (100 ns)."""
+        return self._line.offset
+
+    @property
+    def drift(self) -> float:
+        """By how much theirs gains on ours, in seconds per second."""
+        return self._line.drift
+
+    @property
+    def shortest(self) -> int:
+        """The shortest round trip of the window (100 ns); half of it bounds the error. 0 while nothing is known."""
+        return min((e.round_trip for e in self._exchanges), default=0)
+
+    def ask(self, now: int) -> dict[str, int]:
+        """Fields of a TIMESYNC to send now; ask some ten times a second at first, then once a second."""
+        self._asked.append(now)
+        return {"tc1": 0, "ts1": now * NS_PER_UNIT}
+
+    def answered(self, tc1: int, ts1: int, now: int) -> bool:
+        """Take in a TIMESYNC that came at `now`; whether it was an answer to this end's question."""
+        sent = ts1 // NS_PER_UNIT
+        if tc1 <= 0 or sent not in self._asked or not 0 <= now - sent <= LONGEST_WAIT:
+            self.refused += tc1 != 0
+            return False
+        self._asked.remove(sent)
+        remote = tc1 // NS_PER_UNIT
+        found = Exchange(remote, remote - (sent + now) / 2, now - sent)
+        if self.known and abs(found.offset - self._line.value(remote)) > found.round_trip / 2 + JUMP:
+            self._start_again()
+        self._exchanges.append(found)
+        while found.remote - self._exchanges[0].remote > WINDOW:
+            self._exchanges.popleft()
+        self._line = fit(list(self._exchanges))
+        self._aim(remote)
+        return True
+
+    def _start_again(self) -> None:
+        self.jumps += 1
+        self._exchanges.clear()
+        self._last, self._not_before = None, self._latest
+
+    def _aim(self, remote: int) -> None:
+        """Turn from what is applied at the last time given out, so that nothing given out changes."""
+        drift = min(max(self._line.drift, -SLEW), SLEW)
+        if self._last is None:
+            self._from, self._applied, self._turn = remote, self._line.value(remote), drift
+        else:
+            held = self._at(self._last)
+            wanted = drift + (self._line.value(self._last) - held) / HORIZON
+            self._from, self._applied, self._turn = self._last, held, min(max(wanted, -SLEW), SLEW)
+        self._after = drift
+
+    def _at(self, remote: int) -> float:
+        """The applied offset: it turns for one horizon, and drifts on from there."""
+        since = remote - self._from
+        return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
+
+    def to_local(self, remote: int) -> int:
+        """Their time as this end's; times that rise come out rising, also over a jump of their clock.
+
+        While nothing is known the time comes out as it is.
+        """
+        local = round(remote - self._at(remote))
+        if self._not_before is not None:
+            local = max(local, self._not_before)
+        if self.known:
+            self._last = remote if self._last is None else max(self._last, remote)
+            self._latest = local if self._latest is None else max(self._latest, local)
+        return local
+
+
+def fit(exchanges: list[Exchange]) -> Line:
+    """The weighted line through the offsets, at the newest exchange; a drift that few exchanges tell is taken small."""
+    shortest = min(e.round_trip for e in exchanges)
+    least = FLOOR[0] * shortest + FLOOR[1]
+    weights = [(least / (least + e.round_trip - shortest)) ** 2 for e in exchanges]
+    total = sum(weights)
+    base = exchanges[0]
+    times = [float(e.remote - base.remote) for e in exchanges]
+    offsets = [e.offset - base.offset for e in exchanges]
+    t = sum(w * x for w, x in zip(weights, times, strict=True)) / total
+    o = sum(w * y for w, y in zip(weights, offsets, strict=True)) / total
+    spread = sum(w * (x - t) ** 2 for w, x in zip(weights, times, strict=True))
+    moment = sum(w * (x - t) * (y - o) for w, x, y in zip(weights, times, offsets, strict=True))
+    drift = moment / (spread + (least / DRIFT) ** 2)
+    newest = exchanges[-1].remote
+    return Line(newest, base.offset + o + drift * (newest - base.remote - t), drift)
