@@ -25,7 +25,18 @@ def compile_here(folder, output, *arguments):
         pytest.skip("no C compiler here")
     sources = [str(f) for part in ("portable", "emulated", "exported") for f in sorted((folder / part).glob("*.c"))]
     include = [f"-I{folder / part}" for part in ("portable", "emulated", "exported")]
-    command = ["cc", *FLAGS, *include, "-isystem", str(folder / "mavlink"), *arguments, *sources, "-lm", "-o", str(output)]
+    command = [
+        "cc",
+        *FLAGS,
+        *include,
+        "-isystem",
+        str(folder / "mavlink"),
+        *arguments,
+        *sources,
+        "-lm",
+        "-o",
+        str(output),
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return output

@@ -1,4 +1,4 @@
-"""The firmware on an emulated Cortex-M7, its UART on a socket, a ground station at the other end; in wall-clock time."""
+"""The firmware on an emulated board, its UART on a socket, a ground station at the other end; in wall-clock time."""
 
 import re
 import subprocess
@@ -7,10 +7,12 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from firmware.board import emulator
+from firmware.board import MACHINES, emulator
 from firmware.host import KEY, values
 from firmware.peer import Peer
 
+from trimtab.run.firmware import write_firmware
+from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.signing import passphrase_key
 
@@ -57,7 +59,7 @@ def seen(messages, field):
 
 
 def stop_commanding(peer, offset):
-    """Command for a second, then stop: when the last command came, by the board, and what it then did until lift off."""
+    """Command for a second, then stop: when the last command came, by the board, and what it did until lift off."""
     drive(peer, offset, 1.0)
     peer.command(1.5e-3, 9000.0, offset)
     peer.send("TIMESYNC", tc1=0, ts1=77)  # comes right behind it
@@ -148,7 +150,10 @@ def test_costs_of_the_firmware(elf, written, tmp_path):
     """62.5 million instructions a second: QEMU's icount shift 4, 16 ns an instruction; idle time is passed over."""
     sizes = subprocess.run(["arm-none-eabi-size", elf.name], cwd=elf.parent, capture_output=True, text=True).stdout
     text, data, bss = (int(n) for n in sizes.splitlines()[1].split()[:3])
-    with emulator(elf, tmp_path, "-icount", "shift=4,sleep=off") as port, closing(Peer(port, written.dialect, KEY)) as peer:
+    with (
+        emulator(elf, tmp_path, "-icount", "shift=4,sleep=off") as port,
+        closing(Peer(port, written.dialect, KEY)) as peer,
+    ):
         peer.heartbeat()
         offset = peer.offset()
         peer.arm()
@@ -175,3 +180,20 @@ def test_drift_of_the_boards_clock(peer):
     drift = (peer.offset() - first) * 1e-7
     print(f"drift {drift * 1e3:.2f} ms in 20 s")
     assert abs(drift) < 4e-3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("elf")
+def test_the_smaller_board_drives_in_single_precision(tmp_path):
+    scenario, _ = catalogue.load("hovercraft/forward", {})
+    written = write_firmware(scenario, tmp_path / "out", KEY, board="cortex-m4")
+    subprocess.run(["make", "-s"], cwd=written.folder, check=True, capture_output=True)
+    image = written.folder / "firmware.elf"
+    with emulator(image, tmp_path, machine=MACHINES["cortex-m4"]) as port:
+        with closing(Peer(port, written.dialect, KEY)) as peer:
+            peer.heartbeat()
+            offset = peer.offset()
+            peer.arm()
+            drive(peer, offset, 2.0)
+            surge = values(only(peer.heard), "SAMPLE_NAVIGATION", "surge_velocity")
+    assert max(surge) > 0.2

@@ -115,7 +115,14 @@ def test_the_safety_pilot_takes_over(host):
 
 
 def test_pulses_are_counts_of_half_a_microsecond_within_their_limits(library):
-    for seconds, counts in ((1.5e-3, 3000), (1.0e-3, 2000), (1.23425e-3, 2469), (0.1, 4400), (-1.0, 1600), (np.nan, 3000)):
+    for seconds, counts in (
+        (1.5e-3, 3000),
+        (1.0e-3, 2000),
+        (1.23425e-3, 2469),
+        (0.1, 4400),
+        (-1.0, 1600),
+        (np.nan, 3000),
+    ):
         assert library.host_width(ctypes.c_double(seconds)) == counts
     for duty, counts in ((0.0, 3000), (1.0, 4000), (-1.0, 2000), (7.0, 4000), (-np.inf, 2000), (np.nan, 3000)):
         assert library.host_duty(ctypes.c_double(duty)) == counts
@@ -165,7 +172,10 @@ def test_the_c_library_lets_in_only_what_ours_does(host):
     """Frames of several senders, stale, repeated and out of order, through both ends: whatever C takes, ours takes."""
     rng = np.random.default_rng(7)
     behind = [0.0, 0.5, 30.0, 70.0]
-    senders = [host.other(component=c, clock=lambda b=b: host.clock() - b + 0.2) for c, b in zip((1, 2, 3, 4), behind, strict=True)]
+    senders = [
+        host.other(component=c, clock=lambda b=b: host.clock() - b + 0.2)
+        for c, b in zip((1, 2, 3, 4), behind, strict=True)
+    ]
     ours = host.other(system=1, component=1, clock=lambda: host.clock() - 1.0)
     recorded, both, only_ours = [], 0, 0
     for _ in range(3000):

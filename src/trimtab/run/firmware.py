@@ -76,7 +76,11 @@ def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "
     scenario = emulated(scenario)
     built = world_step(scenario, real=real, seed=seed)
     dialect = dialect_of(built.frame, built.command)
-    texts = {f"exported/{name}": text for made in (built.text, *duties(scenario, built.command, real)) for name, text in _files(made)}
+    texts = {
+        f"exported/{name}": text
+        for made in (built.text, *duties(scenario, built.command, real))
+        for name, text in _files(made)
+    }
     texts["emulated/samples.h"] = SAMPLES_HEADER
     texts["emulated/samples.c"] = samples_source(built, dialect)
     texts["emulated/instants.h"] = _instants(scenario)
@@ -95,7 +99,9 @@ def emulated(scenario: Scenario) -> Scenario:
     scenario.check()
     actuators = scenario.world.actuators
     if not isinstance(actuators, FanDrive):
-        problem = f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
+        problem = (
+            f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
+        )
         raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
     drive = replace(actuators, frame=actuators.period)
     scenario = on_real_link(scenario)
@@ -145,7 +151,12 @@ void samples_send(link *l, const world_out *out);
 
 def samples_source(built: Built, dialect: Dialect) -> str:
     """C that sends each fresh sample of the world as the messages of the dialect."""
-    lines = [FREE, '#include "samples.h"\n', "#include <string.h>\n", "void samples_send(link *l, const world_out *out)"]
+    lines = [
+        FREE,
+        '#include "samples.h"\n',
+        "#include <string.h>\n",
+        "void samples_send(link *l, const world_out *out)",
+    ]
     lines += ["{", "    mavlink_message_t message;"]
     for sensor in built.frame.samples:
         here = f"out->sensors.{identifier(sensor)}"
