@@ -120,3 +120,87 @@ def inject(as_json: bool, **asked: Any) -> None:
     from trimtab.commands.inject import inject as carry_out
 
     carry_out(Request(**asked, as_json=as_json))
+
+
+@click.command(name="link-test")
+@click.argument("uri", metavar="URI")
+@click.option("--echo", is_flag=True, help="Be the other end, until Ctrl-C.")
+@click.option("--load", "loads", multiple=True, metavar="UP/DOWN", help="Load in kb/s; repeatable.")
+@click.option("--requests", type=int, default=300, show_default=True, help="For each load.")
+@click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
+@SEED
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the histograms.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for table, picture, recordings and settings.")
+@JSON
+def link_test(as_json: bool, **asked: Any) -> None:
+    """Measure a line's one-way delays, up and down, under load.
+
+    One end echoes, the other measures: a table, histograms, recordings that `run` repeats, and a model of the line to
+    type after `trimtab run`. On one machine both have one clock; else the split of the round trip is estimated.
+
+    \b
+    trimtab link-test serial:///dev/ttyUSB0?baud=115200 --echo          on one end
+    trimtab link-test serial:///dev/ttyUSB1?baud=115200 --out radio     on the other
+    trimtab link-test udp://127.0.0.1:14555 --load 2.9/22.0 --plot delays.png
+    """
+    from trimtab.commands.link_test import Request
+    from trimtab.commands.link_test import link_test as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--scenario", metavar="SCENARIO", help="Your own, where the log's is not in the catalogue.")
+@click.option(
+    "--with",
+    "instead",
+    multiple=True,
+    metavar="PART=CHOICE",
+    callback=pairs,
+    help="Another estimator or law.",
+)
+@click.option("--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True)
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture: recorded and replayed.")
+@JSON
+def replay(as_json: bool, **asked: Any) -> None:
+    """Give a recorded flight's frames to its autopilot once more; the same must come out, to the bit.
+
+    Exit code 1 with the first difference where it does not. --with flies the frames with another part instead, and
+    says how far each was from the truth, where the log has it.
+
+    \b
+    trimtab run hovercraft/forward --navigation ins --out forward
+    trimtab replay forward/run.mcap
+    trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
+    """
+    from trimtab.commands.replay import Request
+    from trimtab.commands.replay import replay as carry_out
+
+    carry_out(Request(**asked, as_json=as_json))
+
+
+@click.command()
+@SCENARIO
+@click.option("--out", type=FILE, metavar="DIR", required=True, help="Folder for the C.")
+@click.option("--board", default="cortex-m7", show_default=True, help="What it is built for.")
+@click.option("--emulate", type=click.IntRange(1, 65535), metavar="PORT", help="Build it and run it emulated.")
+@SET
+@SEED
+@KEY
+@JSON
+def firmware(as_json: bool, **asked: Any) -> None:
+    """Write a scenario's vehicle as firmware for a microcontroller: world, failsafe, wire, in C.
+
+    On the emulated board the exported world takes the place of the hardware; the rest is what a craft would run.
+
+    \b
+    trimtab firmware hovercraft/forward --out board --emulate 5760
+    trimtab fly hovercraft/forward --link tcp://127.0.0.1:5760
+    """
+    from trimtab.commands.firmware import Request
+    from trimtab.commands.firmware import firmware as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)

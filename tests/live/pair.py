@@ -39,8 +39,9 @@ def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=()):
     """Both ends to their end; what each gives (status, result, said)."""
     if "--unsigned" not in both:
         make_key(folder, scenario.partition("/")[0])
-    there = program(
-        "vehicle", scenario, "--listen", listen, "--out", str(folder / "there"), "--json", *both, *vehicle, folder=folder
+    ends = (("vehicle", "--listen", listen, "there", vehicle), ("fly", "--link", link, "here", pilot))
+    there, here = (
+        program(verb, scenario, option, uri, "--out", str(folder / out), "--json", *both, *own, folder=folder)
+        for verb, option, uri, out, own in ends
     )
-    here = program("fly", scenario, "--link", link, "--out", str(folder / "here"), "--json", *both, *pilot, folder=folder)
     return finished(there), finished(here)

@@ -36,14 +36,10 @@ def same(log, simulated, *, age=True):
 
 
 def test_over_a_serial_cable(tmp_path):
-    pair = SerialPair(tmp_path)
-    try:
-        left, right = pair.uris()
-        there, here = fly_pair(
-            tmp_path, "hovercraft/zero-velocity", left, right, "--lockstep", "--duration", "2", "--seed", "4"
-        )
-    finally:
-        pair.stop()
+    with SerialPair(tmp_path) as cable:
+        left, right = cable.uris
+        more = ("--lockstep", "--duration", "2", "--seed", "4")
+        there, here = fly_pair(tmp_path, "hovercraft/zero-velocity", left, right, *more)
     assert (there[0], here[0]) == (0, 0), (there, here)
     scenario, _ = catalogue.load("hovercraft/zero-velocity")
     simulated = simulate(replace(scenario, duration=seconds(2)), seed=4, backend="c")
@@ -51,20 +47,15 @@ def test_over_a_serial_cable(tmp_path):
     for log in logs:
         assert len(log) == 2000
         same(log, simulated)
-    assert {p: v for p, v in logs[0].final.items()} == {p: simulated.final[p] for p in logs[0].final}
+    assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
 
 
 def test_over_udp_that_loses_and_delays(tmp_path):
-    """A tenth of the packets lost, and all late: what comes is the same, only later."""
+    """One packet in fifty is lost, and all are late: what comes is the same, only later."""
     port = free_port()
-    relay = UdpRelay(("127.0.0.1", port), delay=0.001, jitter=0.0005, loss=0.02, seed=1)
-    try:
-        link = f"udp://127.0.0.1:{relay.port}"
-        there, here = fly_pair(
-            tmp_path, "hovercraft/spin", f"udp://127.0.0.1:{port}", link, "--lockstep", "--duration", "0.5"
-        )
-    finally:
-        relay.stop()
+    with UdpRelay(("127.0.0.1", port), delay=0.001, jitter=0.0005, loss=0.02, seed=1) as relay:
+        near, far = f"udp://127.0.0.1:{relay.port}", f"udp://127.0.0.1:{port}"
+        there, here = fly_pair(tmp_path, "hovercraft/spin", far, near, "--lockstep", "--duration", "0.5")
     assert (there[0], here[0]) == (0, 0), (there, here)
     scenario, _ = catalogue.load("hovercraft/spin")
     simulated = simulate(replace(scenario, duration=seconds(0.5)), backend="c")

@@ -40,6 +40,7 @@ class Request(NamedTuple):
     as_json: bool = False
     backend: str = "auto"
     faults: tuple[str, ...] = ()
+    log_period: int = ms(1)
 
     @property
     def key(self) -> dict[str, Any]:
@@ -97,12 +98,12 @@ def _again(request: Request) -> Flown | None:
     if ready is None:
         return None
     _outputs(request)
-    return _fly(ready, request.seed, time.perf_counter())
+    return _fly(ready, request.seed, request.log_period, time.perf_counter())
 
 
-def _fly(ready: Ready, seed: int, started: float) -> Flown:
-    real = ready.real.fly(seed, 0, ms(1))
-    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, ms(1))
+def _fly(ready: Ready, seed: int, log_period: int, started: float) -> Flown:
+    real = ready.real.fly(seed, 0, log_period)
+    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, log_period)
     return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
 
 
@@ -135,9 +136,10 @@ def _first(request: Request) -> Flown:
     if flies_c:
         files = [*loaded_files(), *read]
         remember(request.key, programs[0], files)
-        return _fly(programs[0], request.seed, started)
-    real = simulate(scenario, seed=request.seed, backend="jax")
-    ideal = simulate(scenario.ideal(), seed=request.seed, backend="jax") if request.ideal else None
+        return _fly(programs[0], request.seed, request.log_period, started)
+    real = simulate(scenario, seed=request.seed, log_period=request.log_period, backend="jax")
+    twin = scenario.ideal() if request.ideal else None
+    ideal = simulate(twin, seed=request.seed, log_period=request.log_period, backend="jax") if twin else None
     return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
 
 

@@ -12,7 +12,7 @@ import click
 from trimtab.commands.cache import use_cache
 from trimtab.commands.fly_scenario import Request as Asked
 from trimtab.commands.fly_scenario import build, check_folder, summary
-from trimtab.commands.line import VEHICLE, end_of, find_key, opened, until_interrupted
+from trimtab.commands.line import VEHICLE, end_of, find_key, opened, stamps_kept, until_interrupted
 from trimtab.commands.progress import waiting
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -67,9 +67,8 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: i
     with waiting(f"compiling {scenario.name}"):
         one = Vehicle(switchable(on_real_link(scenario)), link, end, seed=request.seed)
     _say(request, f"{scenario.name} listens on {request.listen}; held until it is armed. Ctrl-C ends it.")
-    with until_interrupted() as stop:
+    with until_interrupted() as stop, stamps_kept(one.endpoint):
         served = one.serve(duration=duration, log=log, stop=stop, tell=lambda text: _say(request, text))
-    one.endpoint.close()
     found = _facts(request, scenario, served.t - (served.released or 0)) | {
         "released_s": None if served.released is None else to_seconds(served.released),
         "mode": served.mode,
