@@ -31,6 +31,7 @@ class Outputs:
     command: Any = part("For the actuators.")
     estimate: Any = part("What the estimator makes of the frame.")
     law: Any = part("Output of the law.")
+    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
 
 
 @record
@@ -129,7 +130,7 @@ def autopilot_step(scenario: Scenario, name: str, real: str, seed: int, run: int
 
     def step(p: Any, s: Any, given: Frame) -> Any:
         after, command = p.step(given.t, s, given)
-        return p.lean(after, always), Outputs(command=command, estimate=after.estimate, law=after.output)
+        return p.lean(after, always), Outputs(command, after.estimate, after.output, after.supervised)
 
     doc = f"Autopilot of {scenario.name}: one step every {to_seconds(autopilot.period) * 1e3:g} ms."
     made = export_step(name, doc, autopilot, init, step, frame, real)
@@ -144,7 +145,7 @@ def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) 
         seed=seed,
         duration=min(scenario.duration, steps * period),
         log_period=period,
-        signals=("downlink", "command", "estimate", "law"),
+        signals=("downlink", "command", "estimate", "law", *(["supervisor"] if scenario.autopilot.supervisor else [])),
         backend="jax",
     )
     vectors = Vectors(_table([_frame_column(p, log) for p in inputs]), _table([log[p] for p in outputs]))
