@@ -34,9 +34,10 @@ static bool is_new(link *l, const mavlink_message_t *message) {
     return new;
 }
 
-/* Whether the frame of n bytes gets in; how many of its bytes are done with. */
+/* Whether the frame of n bytes gets in; how many of its bytes are done with. One without a good signature may be none:
+   a piece of one, with a checksum that is right by chance or from before the cut. The next may begin in it. */
 static bool admitted(link *l, size_t n, mavlink_message_t *message, size_t *done) {
-    *done = n;
+    *done = 1;
     if (!(l->in.bytes[2] & MAVLINK_IFLAG_SIGNED)) {
         l->counts.unsigned_frames++;
         return false;
@@ -44,13 +45,14 @@ static bool admitted(link *l, size_t n, mavlink_message_t *message, size_t *done
     uint8_t verdict = MAVLINK_FRAMING_INCOMPLETE;
     for (size_t i = 0; i < n; ++i)
         verdict = mavlink_frame_char_buffer(&l->parsing, &l->status, l->in.bytes[i], message, NULL);
+    *done = n;
     if (verdict == MAVLINK_FRAMING_OK) return is_new(l, message);
     if (l->signing.last_status == MAVLINK_SIGNING_STATUS_REPLAY ||
         l->signing.last_status == MAVLINK_SIGNING_STATUS_OLD_TIMESTAMP) {
         l->counts.replayed++;
         return false;
     }
-    *done = n - FRAME_SIGNATURE; /* if it was cut off there, another frame begins where its signature should be */
+    *done = 1;
     l->counts.forged++;
     return false;
 }

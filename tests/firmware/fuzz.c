@@ -108,7 +108,7 @@ int main(int count, char **arguments) {
     give();
     host_counts(found);
     int bad = expect("accepted", found[0], sent[GOOD], sent[GOOD]);
-    bad += expect("unsigned", found[1], sent[UNSIGNED], sent[UNSIGNED]);
+    bad += expect("unsigned", found[1], sent[UNSIGNED], sent[UNSIGNED] + sent[FLIPPED] / 1000 + 1); /* checksums right by chance */
     bad += expect("forged", found[2], sent[FORGED], sent[FORGED] + sent[FLIPPED]); /* a flip in the signature alone */
     bad += expect("replayed", found[3], sent[REPLAYED], sent[REPLAYED] + sent[FLIPPED]);
     bad += expect("broken", found[5], 1, UINT32_MAX);

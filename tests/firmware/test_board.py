@@ -189,10 +189,8 @@ def test_the_smaller_board_drives_in_single_precision(tmp_path):
     written = write_firmware(scenario, tmp_path / "out", KEY, board="cortex-m4")
     subprocess.run(["make", "-s"], cwd=written.folder, check=True, capture_output=True)
     image = written.folder / "firmware.elf"
-    with (
-        emulator(image, tmp_path, machine=MACHINES["cortex-m4"]) as port,
-        closing(Peer(port, written.dialect, KEY)) as peer,
-    ):
+    machine = MACHINES["cortex-m4"]
+    with emulator(image, tmp_path, machine=machine) as port, closing(Peer(port, written.dialect, KEY)) as peer:
         peer.heartbeat()
         offset = peer.offset()
         peer.arm()

@@ -96,13 +96,13 @@ def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "
 
 def emulated(scenario: Scenario) -> Scenario:
     """The scenario whose world stands in for the hardware: wires for links, servo frames left to the firmware."""
-    scenario.check()
     actuators = scenario.world.actuators
     if not isinstance(actuators, FanDrive):
         problem = (
             f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
         )
         raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
+    scenario.check()
     drive = replace(actuators, frame=actuators.period)
     scenario = on_real_link(scenario)
     return replace(scenario, world=replace(scenario.world, actuators=drive))
