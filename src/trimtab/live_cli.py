@@ -84,7 +84,8 @@ def fly(as_json: bool, **asked: Any) -> None:
     """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
 
     Waits for the vehicle, finds its clock, arms it as soon as there is an estimate, flies the scenario's duration and
-    disarms. Exit code 1 when it was never armed, or the log lost rows.
+    disarms. A supervisor watches speeds, the line and the estimate's age; --set supervisor=none does without. Exit code
+    1 when it was never armed, or the log lost rows.
 
     \b
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here

@@ -80,6 +80,8 @@ class Flyer:
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.armed_at: int | None = None
+        self._watched = _modes(self.pilot.step)
+        self._supervised = (-1, -1)
 
     def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
         """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds."""
@@ -181,6 +183,16 @@ class Flyer:
         elif self.armed_at is None and self.pilot.ready:
             self.remote.arm()
         self.remote.due(now)
+        if self._watched:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Say what the supervisor has decided."""
+        outputs, (mode, cause) = self.pilot.step.outputs, self._watched
+        found = (int(outputs[mode.at]), int(outputs[cause.at]))
+        if found != self._supervised:
+            self._supervised = found
+            self.remote.tell(f"supervisor: {mode.names[found[0]]}: {cause.names[found[1]]}")
 
     def _own(self, now: int, late: int, step: int) -> tuple[float, ...]:
         remote, kept = self.remote, self.deadlines
@@ -211,3 +223,15 @@ class Flyer:
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         period = to_seconds(self.scenario.autopilot.period)
         return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})
+
+
+class _Named(NamedTuple):
+    at: int
+    names: tuple[str, ...]
+
+
+def _modes(step: FastStep) -> tuple[_Named, ...]:
+    """Mode and cause of the supervisor; nothing where there is none."""
+    declared = {m.path: m.declared for m in step.exported.outputs}
+    paths = ("supervisor.mode", "supervisor.cause")
+    return tuple(_Named(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None)
