@@ -12,7 +12,7 @@ import click
 from trimtab.commands.cache import use_cache
 from trimtab.commands.fly_scenario import Request as Asked
 from trimtab.commands.fly_scenario import build, check_folder
-from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, until_interrupted
+from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, stamps_kept, until_interrupted
 from trimtab.commands.progress import waiting
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -84,10 +84,9 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) 
     def tell(text: str) -> None:
         click.echo(text, err=request.as_json)
 
-    with until_interrupted() as stop:
+    with until_interrupted() as stop, stamps_kept(one.endpoint):
         one.connect(stop=stop)
         flight = one.fly(log=log, wanted_real_time=request.real_time, stop=stop, tell=tell)
-    one.endpoint.close()
     result = {
         "scenario": scenario.name,
         "duration_s": to_seconds(flight.t),

@@ -73,6 +73,8 @@ class Vehicle:
         self.late = Histogram()
         self.released: int | None = None
         self._newest: Taken | None = None
+        self._book: FlightLog | None = None
+        self._people: Callable[[str], None] = lambda _: None
 
     def _hear(self, data: bytes) -> None:
         now = self.clock.now()
@@ -85,9 +87,20 @@ class Vehicle:
                 self.link.send(packet)
             for event in handled.events:
                 if isinstance(event, ParameterSet):
-                    self.body.world.parameters[event.path].flat[event.slot] = event.value
+                    self._set(event)
                 else:
                     self.duties.ask(event, now)
+
+    def _set(self, event: ParameterSet) -> None:
+        self.body.world.parameters[event.path].flat[event.slot] = event.value
+        self._say(f"{event.path} = {event.value:g}")
+
+    def _say(self, text: str) -> None:
+        """A line into the log and to people."""
+        now = self.clock.now()
+        self._people(f"{now * 1e-7:9.3f} s  {text}")
+        if self._book is not None:
+            self._book.event(text)
 
     def serve(
         self,
@@ -107,18 +120,21 @@ class Vehicle:
             stop: asked at every instant.
             tell: is given lines for people.
         """
-        book = self._open(log) if log else None
+        self._people = tell
+        book = self._book = self._open(log) if log else None
         self.clock = WallClock()
         try:
             for t in self.body.instants():
                 if stop() or (duration is not None and self.released is not None and t - self.released >= duration):
                     break
-                self._instant(t, book, log_period, tell)
+                self._instant(t, log_period)
         finally:
+            self._book = None
             written = book.close(self._final()) if book else None
         return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
 
-    def _instant(self, t: int, book: FlightLog | None, log_period: int, tell: Callable[[str], None]) -> None:
+    def _instant(self, t: int, log_period: int) -> None:
+        book = self._book
         woke = self.clock.wait(t, self.link, self._hear)
         late = woke - self.clock.start - t * NS
         self.late.add(late)
@@ -129,20 +145,18 @@ class Vehicle:
             book.put(self.body.row_t, (self.released is None, late * 1e-9, self.endpoint.counts.refused))
         taken, self._newest = self._newest, None
         if self.duties.act(t, taken):
-            self._tell(t, book, tell)
+            self._tell(t)
         self.station.status = self.duties.status
         for packet in self.station.due(t):
             self.link.send(packet)
 
-    def _tell(self, t: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _tell(self, t: int) -> None:
         if self.released is None and self.duties.flying:
             self.released = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
         self.station.say(severity, text)
-        tell(f"{t * 1e-7:9.3f} s  {text}")
-        if book is not None:
-            book.event(text)
+        self._say(text)
 
     def _open(self, path: Path) -> FlightLog:
         world, failsafe = self.body.world, self.duties.step
