@@ -75,8 +75,10 @@ class Vehicle:
         self._newest: Taken | None = None
 
     def _hear(self, data: bytes) -> None:
-        now = self.clock.now()
-        for message in self.endpoint.feed(data):
+        now, messages = self.clock.now(), self.endpoint.feed(data)
+        if messages:
+            self.link.vouch()
+        for message in messages:
             if message.name in self._command.names:
                 self._newest = self._command.take(message) or self._newest
                 continue
