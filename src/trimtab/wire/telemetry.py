@@ -28,6 +28,7 @@ class Health(IntFlag):
     MAGNETOMETER = 4
     MOTORS = 0x8000
     RECEIVER = 0x10000
+    FENCE = 0x100000
     ARMING_CHECK = 0x10000000
 
 
@@ -93,12 +94,12 @@ def receiver(now: int, pulses: Vector) -> Fields:
 
 
 def health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
-    """SYS_STATUS; there is no battery. lost, accepted, refused: frames of the line so far."""
+    """SYS_STATUS; there is no battery, and no fence, which counts as well: MAVProxy reports a breach else. lost, accepted, refused: frames of the line so far."""
     share = 10_000 * lost // max(lost + accepted, 1)
     return {
         "onboard_control_sensors_present": has,
         "onboard_control_sensors_enabled": has,
-        "onboard_control_sensors_health": has & well,
+        "onboard_control_sensors_health": has & well | Health.FENCE,
         "voltage_battery": UNKNOWN_16,
         "current_battery": -1,
         "battery_remaining": -1,
