@@ -18,9 +18,12 @@ from trimtab.wire.events import ArmAsked, Channels, Event, ModeAsked, Sticks
 from trimtab.wire.protocol import State
 from trimtab.wire.station import Status
 
-COMPUTER_MODE, MANUAL_MODE = 0, 1
+COMPUTER_MODE, MANUAL_MODE = 15, 0
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual"}
-"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks."""
+"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks.
+
+The numbers are those of ArduPilot's GUIDED and MANUAL of rovers and boats, by which ground stations name them.
+"""
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)

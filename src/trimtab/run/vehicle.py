@@ -19,6 +19,7 @@ from trimtab.run.exchange import Taken
 from trimtab.run.firmware_step import failsafe_of
 from trimtab.run.flight_log import FlightLog, Source
 from trimtab.run.histogram import Histogram
+from trimtab.run.instruments import Instruments
 from trimtab.run.program import described
 from trimtab.run.virtual_vehicle import VirtualVehicle
 from trimtab.run.wall_clock import NS, WallClock
@@ -66,9 +67,12 @@ class Vehicle:
         dialect = dialect_of(frame, command)
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(scenario, dialect, world)
-        self.duties = Duties(failsafe_of(scenario, command), command, world)
+        failsafe = failsafe_of(scenario, command)
+        self.duties = Duties(failsafe, command, world)
+        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.flying)
         self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
-        self.station = Station(self.endpoint, Parameters(scenario.world, "world"), STATION_MODES)
+        parameters = Parameters(scenario.world, "world")
+        self.station = Station(self.endpoint, parameters, STATION_MODES, streams=self.instruments.streams())
         self.clock = WallClock()
         self.late = Histogram()
         self.released: int | None = None
@@ -77,8 +81,10 @@ class Vehicle:
         self._people: Callable[[str], None] = lambda _: None
 
     def _hear(self, data: bytes) -> None:
-        now = self.clock.now()
-        for message in self.endpoint.feed(data):
+        now, messages = self.clock.now(), self.endpoint.feed(data)
+        if messages:
+            self.link.vouch()
+        for message in messages:
             if message.name in self._command.names:
                 self._newest = self._command.take(message) or self._newest
                 continue
@@ -90,6 +96,7 @@ class Vehicle:
                     self._set(event)
                 else:
                     self.duties.ask(event, now)
+                    self.instruments.note(event, now)
 
     def _set(self, event: ParameterSet) -> None:
         self.body.world.parameters[event.path].flat[event.slot] = event.value
