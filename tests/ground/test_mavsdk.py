@@ -1,4 +1,4 @@
-"""MAVSDK discovers, reads, arms and commands a running vehicle. It can't sign, so that one goes unsigned on loopback."""
+"""MAVSDK discovers, reads, arms and commands a running vehicle, an unsigned one on loopback: it can't sign."""
 
 import json
 import subprocess
