@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from trimtab import __version__
+from trimtab import __version__, live_cli
 from trimtab.core.errors import InputError
-from trimtab.live_cli import JSON, SCENARIO, fly, pairs, vehicle
+from trimtab.live_cli import FAULT, JSON, SCENARIO, pairs
 from trimtab.scenarios import catalogue
 
 NAVIGATION = click.option(
@@ -51,6 +51,7 @@ def main() -> None:
     trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
     trimtab vehicle hovercraft/forward --listen udp://:14550           a vehicle behind a real line
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        and its autopilot in real time
+    trimtab replay here/flight.mcap                  a log's frames once more: the same to the bit
     """
 
 
@@ -103,6 +104,7 @@ def list_(scenario: str | None, as_json: bool) -> None:
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+@FAULT
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
@@ -111,18 +113,21 @@ def list_(scenario: str | None, as_json: bool) -> None:
 )
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Picture of all signals.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for log (MCAP) and picture.")
+@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Between two rows of the log.")
 @JSON
 def run(
     scenario: str,
     settings: dict[str, str],
     navigation: str | None,
     without: tuple[str, ...],
+    faults: tuple[str, ...],
     seed: int,
     duration: str | None,
     ideal: bool,
     backend: str,
     plot: Path | None,
     out: Path | None,
+    log_period: str,
     as_json: bool,
 ) -> None:
     """Fly a scenario in virtual time, ideal beside real.
@@ -135,14 +140,17 @@ def run(
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
     trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
+    trimtab run hovercraft/forward --fault 'uplink off @ 5 s for 2 s' --plot cut.png
     """
     from trimtab.commands.fly_scenario import Request, fly
+    from trimtab.core.time import parse
 
     if duration is not None:
         settings["duration"] = duration
     if navigation is not None:
         settings["navigation"] = navigation
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend))
+    rows = parse(log_period)
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows))
 
 
 @main.command()
@@ -301,8 +309,8 @@ def noise(as_json: bool, **asked: Any) -> None:
     calibrate_noise(Request(**asked, as_json=as_json))
 
 
-for verb in (vehicle, fly):
-    main.add_command(verb)
+for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware"):
+    main.add_command(getattr(live_cli, verb))
 
 
 if __name__ == "__main__":

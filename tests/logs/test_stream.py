@@ -20,8 +20,9 @@ from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.logs.provenance import provenance
 from trimtab.logs.ring import Ring
-from trimtab.logs.stream import provenance, start_writer
+from trimtab.logs.stream import start_writer
 
 SIGNALS = [
     ("downlink.imu.value.acceleration", (3,), np.float64, Quantity("m/s^2", "Felt.", shape=(3,))),
@@ -36,6 +37,7 @@ FLYING = """
 import sys, time
 import numpy as np
 from test_stream import METADATA, SIGNALS, WIDTH, rows_of
+from trimtab.logs.provenance import provenance
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import start_writer
 ring = Ring.create(columns=WIDTH)

@@ -12,11 +12,12 @@ import click
 from trimtab.commands.cache import use_cache
 from trimtab.commands.fly_scenario import Request as Asked
 from trimtab.commands.fly_scenario import build, check_folder
-from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, until_interrupted
+from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, stamps_kept, until_interrupted
 from trimtab.commands.progress import waiting
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse, to_seconds
+from trimtab.scenarios import catalogue
 
 
 class Request(NamedTuple):
@@ -37,7 +38,7 @@ class Request(NamedTuple):
 
 def fly(request: Request) -> bool:
     """Compile it, open the line, fly; whether the vehicle was armed and no log row was lost."""
-    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+    scenario = build(Asked(request.scenario, _supervised(request), seed=request.seed))
     key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
     if request.out is not None:
         check_folder("--out", request.out)
@@ -57,6 +58,13 @@ def fly(request: Request) -> bool:
         click.echo(f"wrote {request.out / 'flight.mcap'}")
     written = result["log"]
     return bool(result["armed"]) and bool(written) and not written["dropped"] and not written["unwritten"]
+
+
+def _supervised(request: Request) -> Mapping[str, str]:
+    """The settings; in real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
+    offered = catalogue.arguments(request.scenario).get("supervisor", ())
+    watched = {"supervisor": "automatic"} if "automatic" in offered and not request.lockstep else {}
+    return watched | dict(request.settings)
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
@@ -84,10 +92,9 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) 
     def tell(text: str) -> None:
         click.echo(text, err=request.as_json)
 
-    with until_interrupted() as stop:
+    with until_interrupted() as stop, stamps_kept(one.endpoint):
         one.connect(stop=stop)
         flight = one.fly(log=log, wanted_real_time=request.real_time, stop=stop, tell=tell)
-    one.endpoint.close()
     result = {
         "scenario": scenario.name,
         "duration_s": to_seconds(flight.t),

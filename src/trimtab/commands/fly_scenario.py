@@ -39,6 +39,14 @@ class Request(NamedTuple):
     out: Path | None = None
     as_json: bool = False
     backend: str = "auto"
+    faults: tuple[str, ...] = ()
+    log_period: int = ms(1)
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What decides the programs."""
+        spoilt = [f"fault {text}" for text in self.faults]
+        return key_of(self.scenario, self.settings, [*self.without, *spoilt], self.ideal)
 
 
 class Flown(NamedTuple):
@@ -86,16 +94,16 @@ def _again(request: Request) -> Flown | None:
     """The runs from programs that were kept, or None."""
     if request.backend == "jax":
         return None
-    ready = recall(key_of(request.scenario, request.settings, request.without, request.ideal))
+    ready = recall(request.key)
     if ready is None:
         return None
     _outputs(request)
-    return _fly(ready, request.seed, time.perf_counter())
+    return _fly(ready, request.seed, request.log_period, time.perf_counter())
 
 
-def _fly(ready: Ready, seed: int, started: float) -> Flown:
-    real = ready.real.fly(seed, 0, ms(1))
-    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, ms(1))
+def _fly(ready: Ready, seed: int, log_period: int, started: float) -> Flown:
+    real = ready.real.fly(seed, 0, log_period)
+    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, log_period)
     return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
 
 
@@ -127,10 +135,11 @@ def _first(request: Request) -> Flown:
         flies_c = use_c(request.backend, compiled)
     if flies_c:
         files = [*loaded_files(), *read]
-        remember(key_of(request.scenario, request.settings, request.without, request.ideal), programs[0], files)
-        return _fly(programs[0], request.seed, started)
-    real = simulate(scenario, seed=request.seed, backend="jax")
-    ideal = simulate(scenario.ideal(), seed=request.seed, backend="jax") if request.ideal else None
+        remember(request.key, programs[0], files)
+        return _fly(programs[0], request.seed, request.log_period, started)
+    real = simulate(scenario, seed=request.seed, log_period=request.log_period, backend="jax")
+    twin = scenario.ideal() if request.ideal else None
+    ideal = simulate(twin, seed=request.seed, log_period=request.log_period, backend="jax") if twin else None
     return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
 
 
@@ -150,6 +159,10 @@ def build(request: Request) -> "Scenario":
     scenario = with_settings(scenario, rest)
     for name in request.without:
         scenario = scenario.without(name)
+    if request.faults:
+        from trimtab.loop.faults import injected
+
+        scenario = injected(scenario, request.faults)
     scenario.check()
     return scenario
 

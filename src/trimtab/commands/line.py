@@ -3,6 +3,7 @@
 import contextlib
 import ipaddress
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.signing import Key, create_key, key_path, load_key
 
-VEHICLE, AUTOPILOT = (1, 1), (1, 191)
-"""System and component of the two ends."""
+VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
+"""System and component of the ends."""
+KEEP_S = 1.0
 DATAGRAMS = ("udp",)
 
 
@@ -80,6 +82,25 @@ def opened(uri: str, *, listen: bool) -> Iterator[Link]:
         yield link
     finally:
         link.close()
+
+
+@contextlib.contextmanager
+def stamps_kept(endpoint: Endpoint) -> Iterator[None]:
+    """Within it the endpoint's time stamps are stored ahead by another thread, so that the loop waits for no disk."""
+    done = threading.Event()
+
+    def keep() -> None:
+        while not done.wait(KEEP_S):
+            endpoint.keep()
+
+    thread = threading.Thread(target=keep, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        endpoint.close()
 
 
 @contextlib.contextmanager

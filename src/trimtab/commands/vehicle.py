@@ -12,7 +12,7 @@ import click
 from trimtab.commands.cache import use_cache
 from trimtab.commands.fly_scenario import Request as Asked
 from trimtab.commands.fly_scenario import build, check_folder, summary
-from trimtab.commands.line import VEHICLE, end_of, find_key, opened, until_interrupted
+from trimtab.commands.line import VEHICLE, end_of, find_key, opened, stamps_kept, until_interrupted
 from trimtab.commands.progress import waiting
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -28,6 +28,7 @@ class Request(NamedTuple):
     scenario: str
     listen: str
     settings: Mapping[str, str] = {}
+    faults: tuple[str, ...] = ()
     lockstep: bool = False
     seed: int = 0
     duration: str | None = None
@@ -39,7 +40,7 @@ class Request(NamedTuple):
 
 def vehicle(request: Request) -> None:
     """Compile it, open the line, run until told to stop."""
-    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+    scenario = build(Asked(request.scenario, request.settings, seed=request.seed, faults=request.faults))
     key = find_key(request.scenario, request.key, request.unsigned, request.listen, create=True)
     if request.out is not None:
         check_folder("--out", request.out)
@@ -60,14 +61,14 @@ def _free(log: Path) -> None:
 
 
 def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
-    from trimtab.run.vehicle import Vehicle, on_real_link
+    from trimtab.run.injector import ready_for_faults
+    from trimtab.run.vehicle import Vehicle
 
     with waiting(f"compiling {scenario.name}"):
-        one = Vehicle(on_real_link(scenario), link, end, seed=request.seed)
+        one = Vehicle(ready_for_faults(scenario), link, end, seed=request.seed)
     _say(request, f"{scenario.name} listens on {request.listen}; held until it is armed. Ctrl-C ends it.")
-    with until_interrupted() as stop:
+    with until_interrupted() as stop, stamps_kept(one.endpoint):
         served = one.serve(duration=duration, log=log, stop=stop, tell=lambda text: _say(request, text))
-    one.endpoint.close()
     found = _facts(request, scenario, served.t - (served.released or 0)) | {
         "released_s": None if served.released is None else to_seconds(served.released),
         "mode": served.mode,

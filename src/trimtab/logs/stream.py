@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import platform
 import select
 import subprocess
 import sys
@@ -14,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab import __version__
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.messages import EVENTS, dump, layout_of, run_of
+from trimtab.logs.provenance import provenance
 from trimtab.logs.ring import Ring
 
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
@@ -116,11 +115,6 @@ def start_writer(
     )
     _wait(process, json.dumps(about).encode() + b"\n")
     return Stream(target, process)
-
-
-def provenance() -> dict[str, str]:
-    """What computed: the version, and the class of machine within which results are the same to the bit."""
-    return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 
 
 def _empty(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
@@ -11,6 +12,8 @@ from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.structure import is_finite, tree_where, zeros_of
+from trimtab.loop.supervision import SupervisorInput
+from trimtab.loop.supervisor import Supervisor
 
 
 @record
@@ -24,6 +27,9 @@ class AutopilotState:
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
     seen: Any = part("When each sample of the last frame had been measured, by the sensor's name.")
+    supervisor: Any = part("State of the supervisor; nothing without one.", default=())
+    supervised: Any = part("Last output of the supervisor.", default=())
+    first: Any = part("First state of the law, from which each flight that a supervisor lets begin starts.", default=())
 
 
 @record
@@ -40,6 +46,7 @@ class Autopilot:
     law: Any = part("Estimate in, demand out.")
     allocation: Any = part("Demand in, actuator commands out.")
     period: int = period("Control period.", default=ms(1))
+    supervisor: Supervisor | None = part("Whether it may fly; None: always.", default=None)
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
         """First state, for frames of this structure; refuses parts that don't fit each other."""
@@ -56,6 +63,8 @@ class Autopilot:
         allocate = self.allocation.step
         _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)
+        if self.supervisor is not None:
+            self.supervisor.fitted(estimate, value, frame)
         return AutopilotState(
             estimator=states[0],
             law=states[1],
@@ -63,7 +72,10 @@ class Autopilot:
             estimate=estimate,
             output=output,
             command=command,
-            seen={name: np.int64(NEVER) for name in self.estimator.listens},
+            seen={name: np.int64(NEVER) for name in self._listens(frame)},
+            supervisor=() if self.supervisor is None else self.supervisor.init(),
+            supervised=() if self.supervisor is None else zeros_of("autopilot.supervisor", "", self._nothing, estimate),
+            first=() if self.supervisor is None else states[1],
         )
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
@@ -78,25 +90,55 @@ class Autopilot:
         allocation, value = self.allocation.step(t, state.allocation, output.demand)
         finite = is_finite(value)
         sound = estimate.valid & finite
-        law = tree_where(sound, law, state.law)
-        allocation = tree_where(finite, allocation, state.allocation)
-        command = Command(t=t, valid=sound, value=value)
         new = AutopilotState(
             estimator=estimator,
-            law=law,
-            allocation=allocation,
+            law=tree_where(sound, law, state.law),
+            allocation=tree_where(finite, allocation, state.allocation),
             estimate=estimate,
             output=output,
-            command=command,
+            command=Command(t=t, valid=sound, value=value),
             seen=seen,
         )
-        return new, command
+        if self.supervisor is not None:
+            new = self._supervised(t, state, new, frame, finite)
+        return new, new.command
+
+    def _supervised(
+        self, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
+    ) -> AutopilotState:
+        """The same step, if the supervisor lets it be: else the command is neutral or not valid, and the law waits."""
+        assert self.supervisor is not None
+        arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
+        given = SupervisorInput(new.estimate, arrived, finite, frame.samples.get(self.supervisor.pilot))
+        state, said = self.supervisor.step(t, old.supervisor, given)
+        neutral = self.supervisor.fitted(new.estimate, new.command.value, frame)
+        value = tree_where(said.law, new.command.value, neutral)
+        valid = jnp.where(said.law, new.command.valid, said.sends)
+        waiting = tree_where(said.sends, old.law, old.first)
+        return replace(
+            new,
+            law=tree_where(said.law, new.law, waiting),
+            command=replace(new.command, value=value, valid=valid),
+            supervisor=state,
+            supervised=said,
+            first=old.first,
+        )
+
+    def _listens(self, frame: Frame) -> tuple[str, ...]:
+        """Whose samples are told old from new: what the estimator reads, and the pilot's requests."""
+        own = () if self.supervisor is None or self.supervisor.pilot not in frame.samples else (self.supervisor.pilot,)
+        return (*self.estimator.listens, *(name for name in own if name not in self.estimator.listens))
+
+    def _nothing(self, estimate: Estimate) -> Any:
+        """What the supervisor says, for its structure."""
+        assert self.supervisor is not None
+        return self.supervisor.step(0, self.supervisor.init(), SupervisorInput(estimate, True, True))[1]
 
     def lean(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
         """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
         if self.period not in always:
             return state
-        return replace(state, estimate=(), output=(), command=())
+        return replace(state, estimate=(), output=(), command=(), supervised=())
 
     def hold(self, t: Any, state: AutopilotState) -> AutopilotState:
         """The state between two control periods: last outputs kept, nothing fresh."""

@@ -41,7 +41,9 @@ class Scenario:
             uplink=Wire(period=tick),
             actuators=DirectActuation(neutral_input=neutral, period=tick),
         )
-        autopilot = replace(self.autopilot, estimator=Passthrough("truth"), allocation=DirectAllocation())
+        autopilot = replace(
+            self.autopilot, estimator=Passthrough("truth"), allocation=DirectAllocation(), supervisor=None
+        )
         return replace(self, world=world, autopilot=autopilot)
 
     def imperfections(self) -> dict[str, list[tuple[str, str]]]:

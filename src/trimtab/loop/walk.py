@@ -30,6 +30,7 @@ class Signals:
     command: Any = part("The command as issued.")
     uplink: Any = part("The command as the actuators hold it, with its age.")
     actuators: Any = part("What the actuators do.")
+    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
 
 
 class Walked(NamedTuple):
@@ -76,6 +77,7 @@ def signals(s: WorldState, a: AutopilotState) -> Signals:
         command=a.command,
         uplink=s.commanded,
         actuators=s.actuated,
+        supervisor=a.supervised,
     )
 
 

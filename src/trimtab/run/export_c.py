@@ -31,6 +31,7 @@ class Outputs:
     command: Any = part("For the actuators.")
     estimate: Any = part("What the estimator makes of the frame.")
     law: Any = part("Output of the law.")
+    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
 
 
 @record
@@ -115,10 +116,10 @@ class Block(NamedTuple):
     outputs: list[str]
 
 
-def autopilot_step(scenario: Scenario, name: str, real: str, seed: int) -> Block:
-    """The text of a checked scenario's autopilot. real: "f64" or "f32"."""
+def autopilot_step(scenario: Scenario, name: str, real: str, seed: int, run: int = 0) -> Block:
+    """The text of a checked scenario's autopilot. real: "f64" or "f32"; seed, run: of its first state."""
     world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
-    key = Key(np.uint32(seed), np.uint32(0))
+    key = Key(np.uint32(seed), np.uint32(run))
     state = jax.eval_shape(lambda: start(world, autopilot, x, key)[0])
     frame = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=state.received)
     zero = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), frame)
@@ -129,11 +130,11 @@ def autopilot_step(scenario: Scenario, name: str, real: str, seed: int) -> Block
 
     def step(p: Any, s: Any, given: Frame) -> Any:
         after, command = p.step(given.t, s, given)
-        return p.lean(after, always), Outputs(command=command, estimate=after.estimate, law=after.output)
+        return p.lean(after, always), Outputs(command, after.estimate, after.output, after.supervised)
 
     doc = f"Autopilot of {scenario.name}: one step every {to_seconds(autopilot.period) * 1e3:g} ms."
     made = export_step(name, doc, autopilot, init, step, frame, real)
-    return Block(made, _paths(frame), _paths(_outputs(init, step, autopilot, frame)))
+    return Block(made, paths_of(frame), paths_of(_outputs(init, step, autopilot, frame)))
 
 
 def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
@@ -144,7 +145,7 @@ def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) 
         seed=seed,
         duration=min(scenario.duration, steps * period),
         log_period=period,
-        signals=("downlink", "command", "estimate", "law"),
+        signals=("downlink", "command", "estimate", "law", *(["supervisor"] if scenario.autopilot.supervisor else [])),
         backend="jax",
     )
     vectors = Vectors(_table([_frame_column(p, log) for p in inputs]), _table([log[p] for p in outputs]))
@@ -184,11 +185,11 @@ def _loop(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tu
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
         raise InputError("export", "its instants differ when it is cut short", fix=f"--steps {len(table.t)}")
-    columns = [log[path] for path in _paths(_outputs(init, step, whole, given))]
+    columns = [log[path] for path in paths_of(_outputs(init, step, whole, given))]
     return made, Vectors(_table([table.t[:count], table.h[:count]]), _table(columns)), int(table.h[0])
 
 
-def _paths(tree: Any) -> list[str]:
+def paths_of(tree: Any) -> list[str]:
     """Dotted paths of the leaves, in the order of JAX, as the log names them."""
     found = []
     for keys, _ in jax.tree_util.tree_flatten_with_path(tree)[0]:

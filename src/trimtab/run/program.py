@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity, leaves
+from trimtab.core.record import Quantity, children, is_record, leaves
 from trimtab.core.time import timetable, to_seconds
 from trimtab.export.library import Flown, fly, rows_of
 from trimtab.logs.log import Log
+from trimtab.logs.provenance import provenance
 
 
 class Column(NamedTuple):
@@ -91,11 +92,23 @@ def described(scenario: Any) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         "duration_s": to_seconds(scenario.duration),
-        "parameters": {p: _plain(v) for p, v, _ in leaves(scenario)},
+        "parameters": {p: plain_leaf(v) for p, v, _ in leaves(scenario)},
+        "parts": parts_of(scenario),
+        **provenance(),
     }
 
 
-def _plain(value: Any) -> Any:
+def parts_of(tree: Any, path: str = "") -> dict[str, str]:
+    """Path of each record below a tree -> the name of its class."""
+    found = {}
+    for name, child, _ in children(tree):
+        here = f"{path}.{name}" if path else name
+        found |= ({here: type(child).__name__} if is_record(child) else {}) | parts_of(child, here)
+    return found
+
+
+def plain_leaf(value: Any) -> Any:
+    """A quantity or an option as a log's metadata has it."""
     if isinstance(value, str | bool | int) or value is None:
         return value
     return np.asarray(value).tolist()

@@ -1,5 +1,6 @@
 """Decoded samples into a vector of numbers, and a vector into messages: between the wire and a compiled step."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -81,7 +82,7 @@ class Places:
             spread = self._spread[name]
             values: list[Any] = vector[spread.at].tolist()
             for k in spread.whole:
-                if np.isfinite(values[k]):  # else packing puts it right, and counts it
+                if math.isfinite(values[k]):  # else packing puts it right, and counts it
                     values[k] = int(values[k])
             found.append((name, values))
         return found

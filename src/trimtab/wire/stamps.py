@@ -1,7 +1,7 @@
 """Time stamps of signed packets: those sent never repeat, not even after a restart; those received are taken once.
 
-A stamp counts 10 us since 2015. What is stored beside the key lies a minute ahead, so that it is written seldom; after
-a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
+A stamp counts 10 us since 2015. What is stored beside the key lies ten seconds ahead, so that it is written seldom;
+after a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
 
 Refused as replayed: a stamp that is not newer than the last of its stream (system, component, link); one of a stream
 not yet heard that is not newer than this end's own stamp when it started; any that is over a minute behind this end.
@@ -28,6 +28,9 @@ EPOCH = 1_420_070_400
 """1 January 2015, in seconds of Unix time."""
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
+"""How far behind a stamp may be."""
+AHEAD = 10 * PER_SECOND
+"""How far ahead the stored stamp lies: after it was killed, a sender is ahead of its peers for so long."""
 LARGEST = 2**48 - 1
 DIGITS = 20
 
@@ -62,7 +65,7 @@ class Stamps:
 
     def keep(self) -> None:
         """Store ahead of time if half the margin is used up: call it now and then where waiting does no harm."""
-        if self._file is not None and self.last + MARGIN // 2 > self._ceiling:
+        if self._file is not None and self.last + AHEAD // 2 > self._ceiling:
             self._write()
 
     def is_new(self, stream: tuple[int, int, int], stamp: int) -> bool:
@@ -88,7 +91,7 @@ class Stamps:
         if self._file is not None and stamp >= self._ceiling:
             self._write()
 
-    def _write(self, margin: int = MARGIN) -> None:
+    def _write(self, margin: int = AHEAD) -> None:
         assert self._file is not None
         ceiling = min(self.last + margin, LARGEST)
         try:

@@ -1,7 +1,16 @@
-/* Vector table, reset and faults. The table has no interrupts: none is enabled. */
+/* Vector table, reset and faults. Without WITH_INTERRUPTS the table has none, and none is enabled; with it,
+   interrupts.h defines TICK, the handler of the processor's timer, INTERRUPTS, a list of the board's own from number 0
+   on, and PERIPHERALS_SIZE, how much may be touched from the timer's page on. */
 #include <stdint.h>
 
 #include "board.h"
+#ifdef WITH_INTERRUPTS
+#include "interrupts.h"
+#else
+#define TICK fault
+#define INTERRUPTS
+#define PERIPHERALS_SIZE 0x1000
+#endif
 
 extern uint32_t data_start[], data_end[], bss_start[], bss_end[], main_stack_top[];
 extern const uint32_t data_load[];
@@ -11,9 +20,10 @@ void reset(void);
 void fault(void);
 void faulted(void);
 
-__attribute__((section(".vectors"), used)) static void *const vectors[16] = {
+__attribute__((section(".vectors"), used)) static void *const vectors[] = {
     main_stack_top, (void *)reset, (void *)fault, (void *)fault, (void *)fault, (void *)fault, (void *)fault, 0,
-    0,              0,             0,             (void *)fault, (void *)fault, 0,             (void *)fault, (void *)fault,
+    0,              0,             0,             (void *)fault, (void *)fault, 0,             (void *)fault, (void *)TICK,
+    INTERRUPTS
 };
 
 /* The board answers 0 where it has no memory, and its flash can be written; the processor's memory protection refuses
@@ -30,7 +40,7 @@ static void protect(void) {
     __asm volatile("dmb" ::: "memory");
     allow(0, FLASH_ORIGIN, FLASH_SIZE, NORMAL | READ_ONLY);
     allow(1, RAM_ORIGIN, RAM_SIZE, NORMAL | READ_WRITE | NEVER_RUN);
-    allow(2, TIMER_VALUE & ~0xFFFu, 0x1000, READ_WRITE | NEVER_RUN);
+    allow(2, TIMER_VALUE & ~0xFFFu, PERIPHERALS_SIZE, READ_WRITE | NEVER_RUN);
     __asm volatile("dsb\n isb" ::: "memory");
 }
 

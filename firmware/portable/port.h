@@ -1,0 +1,41 @@
+/* What the portable part asks of a board. A board file writes these functions; nothing else in it is called. */
+#ifndef PORT_H
+#define PORT_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum { RUDDER, THRUST, LIFT, CHANNELS };
+enum { RADIO_RUDDER, RADIO_THRUST, RADIO_MODE, RADIO_CHANNELS };
+
+/* Time since the start, in units of 100 ns; never falls. */
+int64_t board_now(void);
+
+/* Hand bytes to the transmitter, all or none, without waiting; whether there was room. */
+bool board_write(const uint8_t *bytes, size_t n);
+
+/* A byte that was received; false where there is none. */
+bool board_read(uint8_t *byte);
+
+/* Bytes received and lost because nobody took them in time. */
+uint32_t board_lost(void);
+
+/* Sleep until an interrupt. */
+void board_wait(void);
+
+/* Set the width of a servo channel's pulses, in counts of 1/PULSE_HZ s (pulse.h), from the next frame on. */
+void board_pulse(int channel, uint16_t counts);
+
+/* The counter of the thrust fan's encoder, 16 bits, as a timer caught it at time `at`, which is not later than now. */
+uint16_t board_encoder(int64_t at);
+
+/* Pulse widths (us) from the safety pilot's receiver; false where it hears nothing. */
+bool board_radio(uint16_t us[RADIO_CHANNELS]);
+
+/* Keep a number over a loss of power; recall gives 0 where there is none. */
+void board_remember(uint64_t number);
+uint64_t board_recall(void);
+
+/* Most bytes of stack used so far. */
+uint32_t board_stack(void);
+#endif

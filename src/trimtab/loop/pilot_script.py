@@ -1,0 +1,68 @@
+"""A pilot whose requests are written down beforehand: the sample of a supervisor's requests, in a simulation."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import period, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Motion, Sample
+from trimtab.core.time import ms
+from trimtab.loop.supervision import NO_REQUEST, REQUESTS, PilotRequest
+
+
+@record
+class PilotScript:
+    """A sensor of the pilot's wishes: each at its time, a sample of its own. Without any it never gives a valid sample.
+
+    In a flight over a link the ground station writes the sample instead.
+
+    Frames:  none.    Source:  docs page, Supervisor.
+    """
+
+    times: Any = quantity("100 ns", "When; rising.", kind="time", default=np.zeros(0, np.int64))
+    requests: Any = quantity("1", "What.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5)
+    period: int = period("How often somebody looks.", default=ms(10))
+
+    def check(self) -> None:
+        """Refuse a script whose times don't rise, or that lacks some."""
+        times, requests = np.asarray(self.times), np.asarray(self.requests)
+        if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
+            problem = f"{len(times)} times and {len(requests)} requests, of which one a period can be made"
+            raise InputError("times", problem, fix=f"give as many rising times as requests, {self.period} units apart")
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def measure(self, motion: Motion) -> PilotRequest:
+        """No request: the motion says nothing of them."""
+        return PilotRequest(request=np.int32(NO_REQUEST))
+
+    def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
+        """The newest request at integer time t, fresh at the first look after its time."""
+        request, at, seen = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
+        for k in range(np.shape(self.times)[0]):
+            made = t >= self.times[k]
+            request, at, seen = (
+                jnp.where(made, self.requests[k], request),
+                jnp.where(made, self.times[k], at),
+                seen | made,
+            )
+        fresh = seen & (t - at < self.period)
+        age = (t - at) * 1e-7
+        value = PilotRequest(request=request.astype(np.int32))
+        return state, Sample(value=value, t=at, age=age, fresh=fresh, valid=seen)
+
+
+def script(*requests: tuple[int, str]) -> PilotScript:
+    """A script of (integer time, name of the request) pairs."""
+    for _, name in requests:
+        if name not in REQUESTS[1:]:
+            raise InputError("pilot's script", f"there is no request {name!r}", choices=REQUESTS[1:], fix="name one")
+    return PilotScript(
+        times=np.array([t for t, _ in requests], np.int64),
+        requests=np.array([REQUESTS.index(name) for _, name in requests], np.int32),
+    )

@@ -1,0 +1,71 @@
+"""A picture of the delays of a link: a histogram of each way and of the round trip, for each load."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save
+from trimtab.run.link_delays import Delays, Model, model, rows, traces
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
+
+
+def plot_link_delays(
+    measured: Sequence[Delays], path: str | os.PathLike[str] | None = None, title: str = "Delays of a link"
+) -> "Figure":
+    """Draw the share of packets per ms of delay, with the fitted distribution over up and down.
+
+    Args:
+        measured: one row of panels each.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+    """
+    from matplotlib.figure import Figure
+
+    size = (WIDTH, 0.6 + ROW_HEIGHT * len(measured))
+    figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
+    every: Any = figure.subplots(len(measured), 3, squeeze=False)
+    for line, delays in zip(every, measured, strict=True):
+        recorded, table = traces(delays), rows(delays)
+        trip = delays.up + delays.down
+        line[0].set_ylabel("share per ms", fontsize=9)
+        for axes, name, seconds in zip(line, table, (delays.up, delays.down, trip), strict=True):
+            fitted = model(recorded[name]) if name in recorded else None
+            _draw(axes, 1e3 * seconds[np.isfinite(seconds)], fitted)
+            load = f"{delays.plan.up:g}/{delays.plan.down:g} kb/s"
+            axes.set_title(f"{name}, {load}", loc="left", fontsize=10, weight="bold")
+            axes.axvline(table[name].mean_ms, color=GREY, lw=1, ls="--")
+    for axes in every[-1]:
+        axes.set_xlabel("delay (ms)", fontsize=9)
+    figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
+    if path is not None:
+        save(figure, Path(path))
+    return figure
+
+
+def _draw(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: Model | None) -> None:
+    low, high = float(delays_ms.min()), float(delays_ms.max())
+    edges = np.linspace(low, max(high, low + 0.1), BINS + 1)
+    axes.hist(delays_ms, edges, density=True, color=BLUE, alpha=0.75)
+    if fitted is not None:
+        at = (edges[1:] + edges[:-1]) / 2
+        axes.plot(at, density(fitted, at / 1e3) / 1e3, color=VERMILION, lw=1.5)
+    axes.grid(color="#d8d8d8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+
+
+def density(fitted: Model, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Of the shifted gamma distribution, in 1/s."""
+    from scipy import special  # a fifth of a second to import, and only pictures need it
+
+    k = ((fitted.mean - fitted.shift) / fitted.sd) ** 2
+    x = np.maximum(seconds - fitted.shift, 1e-12) * (fitted.mean - fitted.shift) / fitted.sd**2
+    rate = (fitted.mean - fitted.shift) / fitted.sd**2
+    return np.where(seconds > fitted.shift, np.exp((k - 1) * np.log(x) - x - special.gammaln(k)) * rate, 0.0)

@@ -1,0 +1,147 @@
+"""The bytes of the CLOCK_TIME experiment, in the source's minimal framing: one header byte, an id, data.
+
+    up    A5 04 t0(4)                  down  A5 04 t0(4) uplink(2)       both in 0.1 ms
+    up    A5 07 t0(8)                  down  A5 07 t0(8) far(8)          in 100 ns, for two clocks
+    up    A5 06 10 boot(8) session(4) rate(4)     down  A5 06 10 boot(8) session(4) heard(4)
+    load  A5 03 servo command(4)       load  A5 01 IMU record(23)
+
+The far end appends its timer to what comes up, and echoes. Bytes that are no message are passed over.
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
+for the experiment; header, ids and units are reconstructed.
+"""
+
+import hashlib
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x06, 0x07
+TICKS = 1000
+"""Of 100 ns in one unit of CLOCK_TIME, 0.1 ms; the source had 1 ms."""
+LONGEST = 0xFFFF
+"""An uplink delay of 6.5535 s or more has no place in two bytes."""
+UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
+DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
+"""How many bytes follow the id, each way."""
+HELLO = struct.Struct("<B8sII")
+LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
+
+
+class Message(NamedTuple):
+    """An id, and the bytes that follow it."""
+
+    id: int
+    data: bytes
+
+
+class Parser:
+    """Finds messages in a stream, and finds them again after garbage.
+
+    Args:
+        sizes: UP at the far end, DOWN at the measuring one.
+    """
+
+    def __init__(self, sizes: Mapping[int, int]) -> None:
+        self._sizes, self._rest = sizes, b""
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages that are complete now."""
+        data, found, at = self._rest + data, [], 0
+        while at + 2 <= len(data):
+            size = self._sizes.get(data[at + 1]) if data[at] == HEADER else None
+            if size is None:
+                at += 1
+            elif at + 2 + size > len(data):
+                break
+            else:
+                found.append(Message(data[at + 1], data[at + 2 : at + 2 + size]))
+                at += 2 + size
+        self._rest = data[at:]
+        return found
+
+
+class Hello(NamedTuple):
+    """Who speaks: a digest of the machine's boot, the session, and the load asked for (byte/s) or requests heard."""
+
+    boot: bytes
+    session: int
+    number: int
+
+    def pack(self) -> bytes:
+        """As bytes."""
+        return bytes((HEADER, STATUS)) + HELLO.pack(HELLO.size - 1, *self)
+
+
+def hello_of(data: bytes) -> Hello | None:
+    """From the data of a STATUS message; None where its length is another."""
+    size, *rest = HELLO.unpack(data)
+    return Hello(*rest) if size == HELLO.size - 1 else None
+
+
+def this_boot() -> bytes:
+    """Eight bytes that two processes share if they share the monotonic clock: a machine's current boot."""
+    try:
+        text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
+    except OSError:
+        import uuid  # no such file on this system: no shared clock is assumed
+
+        text = str(uuid.uuid4())
+    return hashlib.sha256(text.encode()).digest()[:8]
+
+
+class Reply(NamedTuple):
+    """An answered request: its key, and the far end's clock at arrival minus the sender's at departure (100 ns)."""
+
+    key: int
+    uplink: int
+
+
+class ClockTime:
+    """The measuring end's codec. shared: whether both ends have the same clock; known once the far end said hello."""
+
+    def __init__(self, session: int, boot: bytes | None = None) -> None:
+        self._boot, self._session = this_boot() if boot is None else boot, session
+        self._parser = Parser(DOWN)
+        self.shared: bool | None = None
+        self.heard = 0
+
+    def request(self, t: int) -> tuple[int, bytes]:
+        """Key and bytes of a request that leaves at t (100 ns)."""
+        if self.shared is False:
+            return t, struct.pack("<BBq", HEADER, CLOCK_PAIR, t)
+        key = t // TICKS % 2**32
+        return key, struct.pack("<BBI", HEADER, CLOCK_TIME, key)
+
+    def hello(self, rate: int) -> bytes:
+        """Asks the far end for so many bytes per second, and for who it is."""
+        return Hello(self._boot, self._session, rate).pack()
+
+    def load(self) -> bytes:
+        """A message of load on the uplink."""
+        return LOAD_UP
+
+    def take(self, data: bytes) -> list[Reply]:
+        """The replies in what came."""
+        found = []
+        for message in self._parser.feed(data):
+            if message.id == CLOCK_TIME:
+                key, uplink = struct.unpack("<IH", message.data)
+                if uplink < LONGEST:
+                    found.append(Reply(key, uplink * TICKS))
+            elif message.id == CLOCK_PAIR:
+                t0, far = struct.unpack("<qq", message.data)
+                found.append(Reply(t0, far - t0))
+            elif message.id == STATUS and (hello := hello_of(message.data)) and hello.session == self._session:
+                self.shared, self.heard = hello.boot == self._boot, hello.number
+        return found
+
+
+def appended(message: Message, t: int) -> bytes:
+    """The far end's echo of a request that arrived at t (100 ns); empty for anything else."""
+    if message.id == CLOCK_PAIR:
+        return struct.pack("<BB", HEADER, CLOCK_PAIR) + message.data + struct.pack("<q", t)
+    if message.id != CLOCK_TIME:
+        return b""
+    late = (t // TICKS - int.from_bytes(message.data, "little")) % 2**32
+    return struct.pack("<BB", HEADER, CLOCK_TIME) + message.data + struct.pack("<H", min(late, LONGEST))

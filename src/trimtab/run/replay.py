@@ -1,0 +1,203 @@
+"""replay: a recorded run's autopilot once more, over the frames that it was given; its outputs are compared."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax
+from trimtab.core.record import numeric, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Frame
+from trimtab.core.time import to_seconds
+from trimtab.logs.difference import difference
+from trimtab.logs.log import Log
+from trimtab.logs.provenance import provenance
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.structure import like, strong
+from trimtab.loop.walk import start
+from trimtab.run.export_c import Block, Outputs, autopilot_step, paths_of
+from trimtab.run.fast_step import FastStep
+from trimtab.run.prepare import use_c
+from trimtab.run.program import check_seed
+from trimtab.run.recorded_steps import Steps, recorded_steps
+
+TOLERANCE = 1e-10
+"""Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
+
+
+class Divergence(NamedTuple):
+    """Where two runs part: time (s), signal, and the two values, of the first component that differs."""
+
+    t: float
+    path: str
+    recorded: float
+    replayed: float
+
+
+class Replay(NamedTuple):
+    """What came of a replay.
+
+    recorded, replayed: logs of the compared signals at the control instants.  exact: whether all bits are the same.
+    strict: whether they must be.  equal: whether it is as good as it must be.  first: where not, or None.
+    worst: path -> largest difference as a part of the signal's largest size.  rest: why it ends where it ends.
+    changed: another autopilot was flown, so that nothing need be equal.
+    """
+
+    recorded: Log
+    replayed: Log
+    exact: bool
+    strict: bool
+    equal: bool
+    first: Divergence | None
+    worst: dict[str, float]
+    backend: str
+    rest: str
+    changed: bool
+
+
+def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str = "auto") -> Replay:
+    """Fly a scenario's autopilot over the frames of a log.
+
+    On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
+    within TOLERANCE (`logs.difference`).
+
+    Args:
+        log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
+        scenario: as it was recorded, e.g. by `scenarios.recorded.recorded_scenario`.
+        autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
+        backend: "c", "jax" or "auto", as for simulate.
+
+    Raises:
+        InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
+    """
+    scenario.check()
+    flown = scenario if autopilot is None else replace(scenario, autopilot=autopilot)
+    flown.check()
+    seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
+    check_seed(seed)
+    check_seed(run)
+    made: list[tuple[Block, FastStep]] = []
+
+    def ready() -> None:
+        block = autopilot_step(flown, "autopilot", "f64", seed, run)
+        made.append((block, FastStep(block.exported)))
+
+    in_c = use_c(backend, ready)
+    frames = made[0][0].inputs if in_c else paths_of(_first_frame(flown, seed, run)[0])
+    steps = recorded_steps(log, frames, flown.autopilot.period)
+    outputs = _fly_c(*made[0], steps) if in_c else _fly_jax(flown, seed, run, steps)
+    return _compared(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
+
+
+def _fly_c(block: Block, step: FastStep, steps: Steps) -> dict[str, Any]:
+    """Outputs by path, (n, …), from the compiled step."""
+    given, taken = step.inputs, step.outputs
+    rows = np.empty((len(steps.inputs), len(taken)))
+    for k, row in enumerate(steps.inputs):
+        given[:] = row
+        step.step()
+        rows[k] = taken
+    found, at = {}, 0
+    for path, m in zip(block.outputs, block.exported.outputs, strict=True):
+        found[path] = rows[:, at : at + m.size].reshape(len(rows), *m.shape)
+        at += m.size
+    return found
+
+
+def _first_frame(scenario: Scenario, seed: int, run: int) -> tuple[Frame, Any, Any]:
+    """A frame of zeros, the autopilot as numbers, and its first state."""
+    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    state, first = start(world, autopilot, x, Key(np.uint32(seed), np.uint32(run)))
+    frame = Frame(t=np.int64(0), samples=state.received)
+    return jax.tree.map(lambda v: np.zeros(np.shape(v), v.dtype), frame), autopilot, first
+
+
+def _fly_jax(scenario: Scenario, seed: int, run: int, steps: Steps) -> dict[str, Any]:
+    """Outputs by path, (n, …), from a scan."""
+    frame, autopilot, first = _first_frame(scenario, seed, run)
+    shapes, tree = jax.tree.flatten(frame)
+    columns, at = [], 0
+    for leaf in shapes:
+        size = int(np.prod(leaf.shape))
+        columns.append(steps.inputs[:, at : at + size].reshape(-1, *leaf.shape).astype(leaf.dtype))
+        at += size
+    always = frozenset([scenario.autopilot.period])
+
+    @jax.jit
+    def fly(a: Any, state: Any, frames: Frame) -> Any:
+        def body(s: Any, given: Frame) -> Any:
+            after, command = a.step(given.t, s, given)
+            return like(a.lean(after, always), s), Outputs(command=command, estimate=after.estimate, law=after.output)
+
+        return jax.lax.scan(body, state, frames)[1]
+
+    outputs = fly(autopilot, strong(autopilot.lean(first, always)), jax.tree.unflatten(tree, columns))
+    return dict(zip(paths_of(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
+
+
+def _compared(log: Log, steps: Steps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
+    order = ("estimate", "law", "supervisor", "command")
+    paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
+    shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
+    if not shared:
+        fix = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
+        raise InputError("replay", "the log has nothing of what an autopilot gives", fix=fix)
+    ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
+    was = {p: log[p][steps.rows] for p in shared}
+    with np.errstate(invalid="ignore"):
+        now = {p: outputs[p].astype(log[p].dtype if p in log else outputs[p].dtype) for p in paths}
+    declared = {p: d for p, d in log.declared.items() if p in now}
+    recorded = Log(t=to_seconds(ticks), ticks=ticks, signals=was, declared=declared, metadata=log.metadata)
+    replayed = Log(t=to_seconds(ticks), ticks=ticks, signals=now, declared=declared, metadata=about)
+    machine = provenance()["machine"]
+    strict = backend == log.metadata.get("backend") and log.metadata.get("machine", machine) == machine
+    made = Replay(recorded, replayed, False, strict, True, None, {}, backend, steps.rest, changed)
+    if changed:
+        return made
+    same = replace_signals(replayed, {p: now[p] for p in shared})
+    bit, near = first_bit(recorded, same), difference(recorded, same, TOLERANCE)
+    made = made._replace(exact=bit is None, worst=near.worst)
+    if bit is None or (not strict and near.equal):
+        return made
+    return made._replace(equal=False, first=Divergence(*near.number) if near.number and not strict else bit)
+
+
+def replace_signals(log: Log, signals: dict[str, Any]) -> Log:
+    """The same instants with other signals."""
+    return Log(t=log.t, ticks=log.ticks, signals=signals, declared=log.declared, metadata=log.metadata)
+
+
+def first_bit(one: Log, other: Log) -> Divergence | None:
+    """The first instant, and the first signal of it, at which two logs of the same signals are not the same bits.
+
+    Not a number is equal to itself, whatever its other bits, for a log does not keep those; -0.0 is not equal to 0.0.
+    """
+    found: list[tuple[int, int, int]] = []
+    for order, path in enumerate(one.paths):
+        a, b = (np.atleast_2d(log[path].T).T.reshape(len(log), -1) for log in (one, other))
+        if a.dtype.kind == "f":
+            apart = ~((a == b) & (np.signbit(a) == np.signbit(b)) | np.isnan(a) & np.isnan(b))
+        else:
+            apart = a != b
+        if apart.any():
+            k = int(apart.any(axis=1).argmax())
+            found.append((k, order, int(apart[k].argmax())))
+    if not found:
+        return None
+    k, order, j = min(found)
+    path = one.paths[order]
+    return Divergence(float(one.t[k]), path, float(np.ravel(one[path][k])[j]), float(np.ravel(other[path][k])[j]))
+
+
+def describe(found: Replay) -> str:
+    """The outcome in a sentence."""
+    steps = f"{len(found.recorded)} steps"
+    if found.changed:
+        return f"{steps} flown with another autopilot"
+    if found.exact:
+        return f"{steps} repeated bit by bit on {found.backend}"
+    if found.first is None:
+        return f"{steps} repeated within {TOLERANCE:g} on {found.backend}"
+    f = found.first
+    return f"parts at {f.t:.7f} s: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {found.backend}"

@@ -1,0 +1,89 @@
+"""The firmware of hovercraft/forward: written once, built for the computer and for the board."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from firmware.host import KEY, Host
+
+from trimtab.export.microcontroller import missing_tools
+from trimtab.run.firmware import write_firmware
+from trimtab.scenarios import catalogue
+
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-fwrapv"]
+SANITIZERS = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+
+def compile_here(folder, output, *arguments):
+    """Build the portable part with files of this folder for this computer."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler here")
+    sources = [str(f) for part in ("portable", "emulated", "exported") for f in sorted((folder / part).glob("*.c"))]
+    include = [f"-I{folder / part}" for part in ("portable", "emulated", "exported")]
+    command = [
+        "cc",
+        *FLAGS,
+        *include,
+        "-isystem",
+        str(folder / "mavlink"),
+        *arguments,
+        *sources,
+        "-lm",
+        "-o",
+        str(output),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return output
+
+
+@pytest.fixture(scope="session")
+def written(tmp_path_factory):
+    scenario, _ = catalogue.load("hovercraft/forward", {})
+    return write_firmware(scenario, tmp_path_factory.mktemp("firmware"), KEY)
+
+
+@pytest.fixture(scope="session")
+def fuzzer(written, tmp_path_factory):
+    here = Path(__file__).parent
+    output = tmp_path_factory.mktemp("fuzz") / "fuzz"
+    return compile_here(written.folder, output, *SANITIZERS, str(here / "host.c"), str(here / "fuzz.c"))
+
+
+@pytest.fixture(scope="session")
+def library(written, tmp_path_factory):
+    output = tmp_path_factory.mktemp("host") / "host.so"
+    source = str(Path(__file__).parent / "host.c")
+    made = ctypes.CDLL(str(compile_here(written.folder, output, "-O1", "-shared", "-fPIC", source)))
+    made.host_sent.restype = ctypes.c_size_t
+    made.host_width.restype = made.host_duty.restype = ctypes.c_uint16
+    made.host_kept.restype = ctypes.c_uint64
+    made.host_surge.restype = ctypes.c_double
+    return made
+
+
+@pytest.fixture
+def host(library, written):
+    return Host(library, written.dialect)
+
+
+@pytest.fixture(scope="session")
+def elf(written):
+    """The image for the board; skipped without the tools, but awaited where continuous integration installs them."""
+    if installing := os.environ.get("TRIMTAB_CI_TOOLS"):
+        deadline = time.monotonic() + 280
+        while not Path(installing).exists() and time.monotonic() < deadline:
+            time.sleep(0.5)
+        assert not missing_tools()
+    elif missing := missing_tools():
+        pytest.skip(f"needs Debian's {', '.join(missing)}")
+    if not shutil.which("make"):
+        pytest.skip("needs make")
+    done = subprocess.run(["make", "-s"], cwd=written.folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return written.folder / "firmware.elf"

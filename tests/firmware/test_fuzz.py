@@ -1,0 +1,15 @@
+"""Garbage, damaged, unsigned, forged and replayed frames under the address and undefined-behaviour sanitizers."""
+
+import subprocess
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("seed", "size"),
+    [(1, 10**6), pytest.param(2, 10**7, marks=pytest.mark.slow), pytest.param(3, 10**7, marks=pytest.mark.slow)],
+)
+def test_takes_every_good_frame_and_nothing_else(fuzzer, seed, size):
+    done = subprocess.run([fuzzer, str(seed), str(size)], capture_output=True, text=True, timeout=200)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,207 @@
+"""The portable firmware on the computer, in a time of the test's own: duties to the millisecond, and who gets in."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from firmware.host import COUNTS, KEY, MS, STAMP, Host, values
+
+from trimtab.wire.signing import passphrase_key
+
+NEUTRAL, FULL = 3000, 1000
+
+
+def flying(host, ms=500, speed_rpm=6000.0):
+    """Armed, and commanded every 20 ms; the last command has just gone."""
+    host.arm()
+    for _ in range(ms // 20):
+        host.run(20, host.command(speed_rpm=speed_rpm))
+    host.run(1, host.command(speed_rpm=speed_rpm))
+
+
+def test_silent_until_somebody_with_the_key_has_spoken(host):
+    assert host.run(1500) == []
+    said = host.run(2000, host.pack("HEARTBEAT", type=6))
+    assert {m.name for m in said} >= {"HEARTBEAT", "SYS_STATUS", "SERVO_OUTPUT_RAW", "SAMPLE_NAVIGATION"}
+    assert all(m.signed for m in said)
+    assert [m.get("system_status") for m in said if m.name == "HEARTBEAT"] == [3, 3]
+    times = values(said, "SAMPLE_NAVIGATION", "t")
+    np.testing.assert_array_equal(np.diff(times), 60_000)  # each 6 ms, to the 100 ns
+    frames = values(said, "SERVO_OUTPUT_RAW", "time_usec")
+    np.testing.assert_array_equal(np.diff(frames), 20_000)
+
+
+def test_time_synchronisation_gives_the_boards_clock(host):
+    host.run(37)
+    host.now += 4321
+    host.work(host.pack("TIMESYNC", tc1=0, ts1=123456789))
+    (answer,) = [m for m in host.sent() if m.name == "TIMESYNC"]
+    assert (answer.get("tc1"), answer.get("ts1")) == (host.now * 100, 123456789)
+
+
+def test_arming_is_acknowledged_and_other_commands_are_not_supported(host):
+    (ack,) = [m for m in host.arm() if m.name == "COMMAND_ACK"]
+    assert (ack.get("command"), ack.get("result"), ack.get("target_system")) == (400, 0, 255)
+    (ack,) = [m for m in host.run(1, host.pack("COMMAND_LONG", command=22)) if m.name == "COMMAND_ACK"]
+    assert (ack.get("command"), ack.get("result")) == (22, 3)
+    (ack,) = [m for m in host.run(1, host.pack("COMMAND_LONG", command=400, param1=0.5)) if m.name == "COMMAND_ACK"]
+    assert ack.get("result") == 2
+    assert host.run(1, host.pack("COMMAND_LONG", command=400, target_system=7, param1=1.0)) == []
+
+
+def test_nothing_turns_before_arming(host):
+    for _ in range(20):
+        host.run(20, host.command())
+    assert host.pulses() == [NEUTRAL, NEUTRAL, NEUTRAL - FULL]
+
+
+def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host):
+    flying(host, 3000)
+    duty = (host.pulses()[1] - NEUTRAL) / FULL
+    # the motor's own curve: propeller torque over stall torque, and speed over free speed, at 6000 rpm
+    assert duty == pytest.approx(2.207e-4 * 36 / 0.08474 + 6 / 19.2, abs=0.02)
+    assert host.library.host_surge() > 0.3  # 0.4 N on 2.6 kg for over two seconds
+
+
+def test_failsafe_to_the_millisecond(host):
+    flying(host)
+    assert host.pulses()[1] > NEUTRAL
+    start = host.now
+    stopped = off = None
+    while off is None and host.now - start < 2000 * MS:
+        host.run(1)
+        if stopped is None and host.pulses()[1] == NEUTRAL:
+            stopped = (host.now - start) // MS
+        if host.pulses()[2] == NEUTRAL - FULL:
+            off = (host.now - start) // MS
+    assert stopped == 250
+    assert 1250 <= off <= 1270  # with the next servo frame
+    for _ in range(20):  # latched: commands alone don't help
+        host.run(20, host.command())
+    assert host.pulses() == [NEUTRAL, NEUTRAL, NEUTRAL - FULL]
+    flying(host)
+    assert host.pulses()[1] > NEUTRAL
+
+
+def test_changes_of_mode_are_told_with_their_cause(host):
+    flying(host)
+    said = host.run(300)
+    assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["failsafe: no command"]
+
+
+def test_disarming_stops_at_once(host):
+    flying(host)
+    host.arm(False)
+    assert host.pulses()[1] == NEUTRAL
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e300])
+def test_numbers_that_are_none_change_nothing(host, number):
+    flying(host)
+    for _ in range(12):
+        host.run(20, host.command(rudder_pulse=number, speed_rpm=number))
+    host.run(20)
+    assert host.pulses()[1] == NEUTRAL  # as if nothing had come
+
+
+def test_the_safety_pilot_takes_over(host):
+    flying(host)
+    host.library.host_radio(1, 1200, 1500, 1900)
+    host.run(21, host.command())
+    assert host.pulses()[:2] == [2400, NEUTRAL]
+    host.library.host_radio(1, 1200, 1500, 1100)
+    host.run(21, host.command())
+    assert host.pulses()[0] == NEUTRAL
+
+
+def test_pulses_are_counts_of_half_a_microsecond_within_their_limits(library):
+    for seconds, counts in (
+        (1.5e-3, 3000),
+        (1.0e-3, 2000),
+        (1.23425e-3, 2469),
+        (0.1, 4400),
+        (-1.0, 1600),
+        (np.nan, 3000),
+    ):
+        assert library.host_width(ctypes.c_double(seconds)) == counts
+    for duty, counts in ((0.0, 3000), (1.0, 4000), (-1.0, 2000), (7.0, 4000), (-np.inf, 2000), (np.nan, 3000)):
+        assert library.host_duty(ctypes.c_double(duty)) == counts
+
+
+def test_frames_cut_into_pieces_and_surrounded_by_garbage_are_found(host):
+    rng = np.random.default_rng(1)
+    stream = b""
+    for _ in range(50):
+        stream += rng.bytes(20) + b"\xfd" + host.pack("HEARTBEAT", type=6)
+    for k in range(0, len(stream), 7):
+        host.work(stream[k : k + 7])
+    assert host.counts()["accepted"] == 50
+
+
+def test_who_gets_in_is_counted_and_refused(host):
+    good = host.pack("HEARTBEAT", type=6)
+    host.work(good)
+    host.work(good)
+    host.work(host.other(key=None, unsigned=True).pack("HEARTBEAT", {"type": 6}))
+    host.work(host.other(key=passphrase_key("some-other-passphrase")).pack("HEARTBEAT", {"type": 6}))
+    host.work(host.other(system=1, component=1).pack("HEARTBEAT", {"type": 6}))
+    host.work(b"\xfe\x09" + good[2:])
+    found = host.counts()
+    assert [found[name] for name in COUNTS[:5]] == [1, 1, 1, 1, 1]
+    assert found["skipped"] > 0
+
+
+def test_nothing_recorded_before_a_restart_gets_in(library, written):
+    first = Host(library, written.dialect)
+    old = [first.pack("HEARTBEAT", type=6) for _ in range(20)]
+    first.run(10, old[0])
+    first.run(3000)
+    kept = library.host_kept()
+    late = first.pack("HEARTBEAT", type=6)
+    first.run(1, late)
+    second = Host(library, written.dialect, stored=kept)
+    second.work(b"".join([*old, late]))
+    assert second.counts()["accepted"] == 0
+    assert second.counts()["replayed"] == 21
+    second.peer = first.other(clock=lambda: first.clock() + 5.0)
+    second.work(second.pack("HEARTBEAT", type=6))
+    assert second.counts()["accepted"] == 1
+
+
+def test_the_c_library_lets_in_only_what_ours_does(host):
+    """Frames of several senders, stale, repeated and out of order, through both ends: whatever C takes, ours takes."""
+    rng = np.random.default_rng(7)
+    behind = [0.0, 0.5, 30.0, 70.0]
+    senders = [
+        host.other(component=c, clock=lambda b=b: host.clock() - b + 0.2)
+        for c, b in zip((1, 2, 3, 4), behind, strict=True)
+    ]
+    ours = host.other(system=1, component=1, clock=lambda: host.clock() - 1.0)
+    recorded, both, only_ours = [], 0, 0
+    for _ in range(3000):
+        host.now += int(rng.integers(0, 5 * 10**6))
+        if recorded and rng.random() < 0.4:
+            frame = recorded[rng.integers(len(recorded))]
+        else:
+            frame = senders[rng.integers(4)].pack("HEARTBEAT", {"type": 6})
+            recorded.append(frame)
+            if rng.random() < 0.3:
+                continue  # kept back for later
+        before = host.counts()["accepted"]
+        host.work(frame)
+        c, python = host.counts()["accepted"] - before, len(ours.feed(frame))
+        assert c <= python
+        both += c
+        only_ours += python - c
+    assert both > 500
+    assert only_ours < 0.02 * both
+
+
+def test_the_key_is_owner_only_and_nowhere_else(written):
+    key = written.folder / "key.h"
+    assert key.stat().st_mode & 0o077 == 0
+    numbers = ", ".join(map(str, KEY.secret))
+    assert numbers in key.read_text()
+    others = [f for f in written.files if f != key and numbers in f.read_text()]
+    assert others == []
+    assert STAMP  # the tests' first stamp is older than any build's

@@ -1,0 +1,86 @@
+"""What is written for a board, and what is refused."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from firmware.host import KEY
+
+from trimtab.actuators.direct import DirectActuation
+from trimtab.commands.firmware import Request, firmware
+from trimtab.core.errors import InputError
+from trimtab.core.record import quantity, record, replace
+from trimtab.core.signals import Command, Frame, Sample
+from trimtab.export.microcontroller import missing_tools
+from trimtab.export.step import Exported
+from trimtab.run.firmware import emulated, samples_source, write_firmware
+from trimtab.run.world_step import Built
+from trimtab.scenarios import catalogue
+from trimtab.wire.dialect import dialect_of
+
+
+def forward():
+    return catalogue.load("hovercraft/forward", {})[0]
+
+
+def test_another_board_is_refused(tmp_path):
+    with pytest.raises(InputError, match="cortex-m7"):
+        write_firmware(forward(), tmp_path / "out", KEY, board="z80")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_vehicle_without_a_fan_is_refused(tmp_path):
+    scenario = forward()
+    other = replace(scenario, world=replace(scenario.world, actuators=DirectActuation()))
+    with pytest.raises(InputError, match="FanDrive"):
+        write_firmware(other, tmp_path / "out", KEY)
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--out"):
+        write_firmware(forward(), tmp_path / "file", KEY)
+
+
+def test_the_links_of_the_scenario_are_left_out_and_servo_frames_are_the_firmwares():
+    world = emulated(forward()).world
+    assert {type(world.uplink).__name__, type(world.downlink).__name__} == {"Wire"}
+    assert world.actuators.frame == world.actuators.period == 10_000
+
+
+def test_the_instants_are_those_of_the_world(written):
+    text = (written.folder / "emulated" / "instants.h").read_text()
+    assert re.search(r"PERIODS\[\] = {10000, 60000}", text)
+
+
+@record
+class Many:
+    """More numbers than fit into one message. Source: this test."""
+
+    field: object = quantity("T", "Measured.", shape=(40,))
+
+
+def test_a_sample_in_several_messages_is_sent_with_every_number_once():
+    value = Many(field=np.zeros(40))
+    sample = Sample(value, np.int64(0), np.float64(0), np.bool_(False), np.bool_(False))
+    frame, command = Frame(np.int64(0), {"array": sample}), Command(np.int64(0), np.bool_(False), value)
+    dialect = dialect_of(frame, command)
+    text = samples_source(Built(Exported("world", "", "", [], [], []), frame, command), dialect)
+    places = re.findall(r"\.field\[(\d+)\] = \(double\)out->sensors\.array\.value\.field\[(\d+)\];", text)
+    assert sorted(int(source) for _, source in places) == list(range(40))
+    assert text.count("link_send") == len(dialect.groups["samples.array"]) == 2
+
+
+def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
+    assert firmware(Request("hovercraft/forward", tmp_path / "out", board="cortex-m4"))
+    assert (tmp_path / "config" / "keys" / "hovercraft.key").stat().st_mode & 0o077 == 0
+    assert "BOARD ?= cortex-m4" in (tmp_path / "out" / "Makefile").read_text()
+    assert "typedef float world_real" in (tmp_path / "out" / "exported" / "world.h").read_text()
+    assert "make -C" in capsys.readouterr().out
+    if missing_tools():
+        return
+    done = subprocess.run(["make", "-s"], cwd=tmp_path / "out", capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

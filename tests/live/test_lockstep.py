@@ -1,0 +1,103 @@
+"""Vehicle and autopilot as two programs over real transports, in step: the numbers of `simulate`, bit for bit."""
+
+import threading
+
+import numpy as np
+import pytest
+from links.ends import free_port
+from links.relays import SerialPair, UdpRelay
+from live.pair import fly_pair
+
+from trimtab.core.record import replace
+from trimtab.core.time import seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.links.open_link import open_link
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap
+from trimtab.logs.metrics import metrics
+from trimtab.run.lockstep_flight import LockstepPilot, LockstepVehicle
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.signing import passphrase_key
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
+
+
+def same(log, simulated, *, age=True):
+    """Every signal of a log is that of a simulation, at every instant of the log."""
+    rows = np.searchsorted(simulated.ticks, log.ticks)
+    np.testing.assert_array_equal(simulated.ticks[rows], log.ticks)
+    compared = [p for p in log.paths if not p.startswith("log.") and not p.endswith(".fresh")]
+    assert len(compared) > 10
+    for path in compared:
+        np.testing.assert_array_equal(log[path], simulated[path][rows], err_msg=path)
+
+
+def test_over_a_serial_cable(tmp_path):
+    with SerialPair(tmp_path) as cable:
+        left, right = cable.uris
+        more = ("--lockstep", "--duration", "2", "--seed", "4")
+        there, here = fly_pair(tmp_path, "hovercraft/zero-velocity", left, right, *more)
+    assert (there[0], here[0]) == (0, 0), (there, here)
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    simulated = simulate(replace(scenario, duration=seconds(2)), seed=4, backend="c")
+    logs = [read_mcap(tmp_path / "there" / "vehicle.mcap"), read_mcap(tmp_path / "here" / "flight.mcap")]
+    for log in logs:
+        assert len(log) == 2000
+        same(log, simulated)
+    assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
+
+
+def test_over_udp_that_loses_and_delays(tmp_path):
+    """One packet in fifty is lost, and all are late: what comes is the same, only later."""
+    port = free_port()
+    with UdpRelay(("127.0.0.1", port), delay=0.001, jitter=0.0005, loss=0.02, seed=1) as relay:
+        near, far = f"udp://127.0.0.1:{relay.port}", f"udp://127.0.0.1:{port}"
+        there, here = fly_pair(tmp_path, "hovercraft/spin", far, near, "--lockstep", "--duration", "0.5")
+    assert (there[0], here[0]) == (0, 0), (there, here)
+    scenario, _ = catalogue.load("hovercraft/spin")
+    simulated = simulate(replace(scenario, duration=seconds(0.5)), backend="c")
+    assert any(p.delay is None for p in relay.passages)
+    for file in ("there/vehicle.mcap", "here/flight.mcap"):
+        log = read_mcap(tmp_path / file)
+        assert len(log) == 500
+        same(log, simulated)
+
+
+def in_step(scenario, folder, seed):
+    """Both ends in this process, over a loopback line; the two logs."""
+    key = passphrase_key("correct-horse-battery-staple")
+    name = f"loopback://{folder.name}"
+    vehicle = LockstepVehicle(scenario, lambda d: Endpoint(d, 1, 1, key), seed=seed)
+    pilot = LockstepPilot(scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
+    there, here = open_link(name, listen=True), open_link(name)
+    leading = threading.Thread(target=vehicle.run, args=(there, folder / "vehicle.mcap"))
+    leading.start()
+    try:
+        pilot.run(here, folder / "flight.mcap")
+        leading.join()
+    finally:
+        here.close()
+        there.close()
+    return read_mcap(folder / "vehicle.mcap"), read_mcap(folder / "flight.mcap")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("navigation", ["errors", "ins"])
+@pytest.mark.parametrize("name", HOVERCRAFT)
+def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
+    """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
+    scenario, _ = catalogue.load(name, {"navigation": navigation})
+    vehicle, flight = in_step(scenario, tmp_path, 2)
+    simulated = simulate(scenario, seed=2, backend="c")
+    same(vehicle, simulated)
+    same(flight, simulated)
+    targets = [t for t in scenario.targets if t.path.startswith("truth.")]
+    paths = [t.path for t in targets]
+    found, wanted = (metrics(log, targets, paths) for log in (vehicle, simulated))
+    assert found == wanted
+    assert isinstance(vehicle, Log)
+    for path in paths:
+        assert found[path]["first_reach_s"] is not None, path

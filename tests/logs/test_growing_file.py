@@ -1,0 +1,95 @@
+"""A file that grows by whole chunks: after an error it is as it was, and what follows is sound."""
+
+import errno
+import os
+
+import pytest
+from mcap.reader import make_reader
+
+from trimtab.core.errors import InputError
+from trimtab.logs.contents import contents_of
+from trimtab.logs.growing_file import GrowingFile
+from trimtab.logs.messages import Topic
+
+TOPICS = [Topic("/law", {}, "law", b"{}"), Topic("/imu", {}, "imu", b"{}")]
+
+
+def messages(k: int):
+    return [(1 + i % 2, k, k * 1000 + i // 2, b'{"k":%d}' % k) for i in range(20)]
+
+
+@pytest.fixture
+def made(tmp_path):
+    number = os.open(tmp_path / "a.mcap", os.O_WRONLY | os.O_CREAT)
+    yield tmp_path / "a.mcap", GrowingFile(number, {"about": {"what": "a test"}}, TOPICS)
+    os.close(number)
+
+
+@pytest.mark.parametrize("allowed", [0, 1, 30])
+def test_what_does_not_fit_leaves_no_trace(made, monkeypatch, allowed):
+    path, file = made
+    file.write(messages(0))
+    before, write = path.read_bytes(), os.pwrite
+
+    def little(number, data, at):
+        """So many bytes have room."""
+        room = len(before) + allowed - at
+        if room <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(number, bytes(data)[:room], at)
+
+    monkeypatch.setattr(os, "pwrite", little)
+    with pytest.raises(OSError, match="No space"):
+        file.write(messages(1))
+    assert path.read_bytes() == before
+    monkeypatch.undo()
+    file.write(messages(2))
+    file.describe({"about": {"what": "the end"}})
+    file.finish()
+    assert file.size == path.stat().st_size
+    with open(path, "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
+        assert [m.metadata["what"] for m in reader.iter_metadata()] == ["a test", "the end"]
+    wanted = [(TOPICS[c - 1].name, t, data) for k in (0, 2) for c, _, t, data in messages(k)]
+    assert sorted(found) == sorted(wanted)
+    contents = contents_of(path, path.read_bytes())
+    assert contents.metadata == {"about": {"what": "the end"}}
+    assert contents.times["/law"] == [*range(10), *range(2000, 2010)]
+
+
+def test_a_chunk_whose_sum_is_wrong_is_damage_at_its_place_and_the_end_of_a_cut_file(made):
+    path, file = made
+    for k in range(3):
+        file.write(messages(k))
+    at = path.stat().st_size - 200
+    file.finish()
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    with pytest.raises(InputError, match="is damaged"):
+        contents_of(path, bytes(data))
+    cut = contents_of(path, bytes(data[:-1]))
+    assert cut.cut
+    assert len(cut.texts["/law"]) in (20, 30)
+
+
+def test_nothing_but_whole_messages_comes_out_of_a_cut_chunk(made):
+    """Of a chunk that is not compressed all messages before the cut are there."""
+    path, file = made
+    file.write(messages(0))
+    data = path.read_bytes()
+    from mcap.writer import CompressionType, Writer
+
+    with open(path, "wb") as stream:
+        writer = Writer(stream, 10**6, CompressionType.NONE)
+        writer.start()
+        channel = writer.register_channel("/law", "json", writer.register_schema("law", "jsonschema", b"{}"))
+        for k in range(50):
+            writer.add_message(channel, k, b"x" * 100, k)
+        writer.finish()
+    plain = path.read_bytes()
+    start = plain.index(b"x" * 100)
+    for n in (1, 20, 49):
+        assert len(contents_of(path, plain[: start + 131 * n - 31]).texts["/law"]) == n
+        assert len(contents_of(path, plain[: start + 131 * n - 32]).texts["/law"]) == n - 1
+    assert contents_of(path, data[:-30]).texts["/law"] in ([], [m[3] for m in messages(0)[::2]])

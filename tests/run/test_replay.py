@@ -1,0 +1,267 @@
+"""Recorded runs fly again from their frames: every bit, or the first that differs by name."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves, replace
+from trimtab.core.time import ms
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.export.compiler import find_compiler
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.run.program import described
+from trimtab.run.replay import describe, first_bit, replay
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.recorded import recorded_scenario
+
+compiled = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+NAVIGATION = ("errors", "ins", "ins-magnetometer", "ins-coupled")
+RUNS = [
+    *[(f"hovercraft/{n}", {"navigation": k}) for n in ("zero-velocity", "spin") for k in NAVIGATION],
+    ("hovercraft/forward", {"links": "measured"}),
+    ("hovercraft/reverse", {"navigation": "ins"}),
+    ("hovercraft/heading-bang-bang", {"initial": "rest"}),
+    ("hovercraft/heading-proportional", {"initial": "moving", "links": "measured"}),
+    *[("navigation/platform-encoder", {"form": f}) for f in ("feedforward", "feedback", "direct", "coupled")],
+    ("navigation/platform-magnetometer", {}),
+    ("navigation/platform-ranging", {"beacons": "3"}),
+    ("navigation/platform-cricket", {"stamped": "arrival"}),
+    ("navigation/still", {}),
+]
+QUICK = [RUNS[0], RUNS[11]]
+"""Those that compile in a second."""
+
+
+def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend="c") -> Log:
+    """A run from its file, as who replays it has it."""
+    scenario, _ = catalogue.load(name, settings)
+    log = simulate(
+        scenario, seed=seed, run=run, duration=duration, log_period=scenario.autopilot.period, backend=backend
+    )
+    return read_mcap(write_mcap(log, folder / "run.mcap"))
+
+
+def with_signal(log: Log, path: str, values: np.ndarray) -> Log:
+    signals = {**log.signals, path: values}
+    return Log(log.t, log.ticks, signals, log.declared, log.metadata, log.final)
+
+
+def flipped(log: Log, path: str, row: int, bit: int) -> Log:
+    """One bit of one number changed."""
+    values = log[path].copy()
+    values[row : row + 1].view(np.uint64)[0] ^= np.uint64(1 << bit)
+    return with_signal(log, path, values)
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    log = recorded(tmp_path_factory.mktemp("flight"), "hovercraft/zero-velocity", {"links": "measured"})
+    return log, recorded_scenario(log)
+
+
+def check_exact(folder, name, settings, seed):
+    log = recorded(folder, name, settings, seed=seed, run=seed % 3)
+    again = replay(log, recorded_scenario(log), backend="c")
+    assert again.strict
+    assert again.exact, again.first
+    assert again.equal
+    assert len(again.recorded) == len(log)
+    paths = {p for p in log.paths if p.startswith(("estimate.", "law.", "command."))}
+    assert set(again.recorded.paths) == paths == set(again.replayed.paths)
+    for path in paths:
+        np.testing.assert_array_equal(again.replayed[path], log[path])
+
+
+@compiled
+@pytest.mark.parametrize(("name", "settings"), QUICK, ids=lambda v: str(v))
+def test_a_run_comes_again_bit_by_bit(tmp_path, name, settings):
+    check_exact(tmp_path, name, settings, 5)
+
+
+@compiled
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(len(RUNS)))
+def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
+    assert len(RUNS) == 20
+    check_exact(tmp_path, *RUNS[k], seed=k)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("path", "row", "bit"),
+    [("estimate.state.yaw_rate", 700, 0), ("law.demand.FY", 123, 63), ("command.value.speed_rpm", 0, 51)],
+)
+def test_a_bit_changed_in_an_output_is_named(flight, path, row, bit):
+    log, scenario = flight
+    wrong = flipped(log, path, row, bit)
+    found = replay(wrong, scenario, backend="c")
+    assert not found.exact
+    assert not found.equal
+    assert found.first is not None
+    assert (found.first.t, found.first.path) == (log.t[row], path)
+    assert (found.first.recorded, found.first.replayed) == (wrong[path][row], log[path][row])
+    assert path in describe(found)
+
+
+@compiled
+def test_a_bit_changed_in_an_input_is_found_where_it_is_first_used(flight):
+    log, scenario = flight
+    path = "downlink.navigation.value.yaw_rate"
+    row = int(np.flatnonzero(log["downlink.navigation.valid"])[40])
+    found = replay(flipped(log, path, row, 0), scenario, backend="c")
+    assert found.first is not None
+    assert (found.first.t, found.first.path) == (log.t[row], "estimate.state.yaw_rate")
+    assert found.first.replayed == flipped(log, path, row, 0)[path][row]
+
+
+@compiled
+def test_a_truth_value_and_a_whole_number_are_compared_too(flight):
+    log, scenario = flight
+    wrong = log["estimate.valid"].copy()
+    wrong[500] = ~wrong[500]
+    found = replay(with_signal(log, "estimate.valid", wrong), scenario, backend="c")
+    assert found.first is not None
+    assert (found.first.t, found.first.path) == (log.t[500], "estimate.valid")
+
+
+@compiled
+def test_on_another_backend_it_agrees_within_the_tolerance_and_no_more(flight):
+    log, scenario = flight
+    found = replay(log, scenario, backend="jax")
+    assert found.equal
+    assert not found.strict
+    assert max(found.worst.values()) < 1e-12
+    wrong = flipped(log, "law.demand.FX", 300, 30)  # 2**-22 of it
+    found = replay(wrong, scenario, backend="jax")
+    assert not found.equal
+    assert found.first is not None
+    assert (found.first.t, found.first.path) == (log.t[300], "law.demand.FX")
+
+
+@pytest.mark.slow
+def test_what_jax_recorded_jax_repeats(tmp_path):
+    log = recorded(tmp_path, "hovercraft/spin", {}, duration=ms(200), backend="jax")
+    found = replay(log, recorded_scenario(log), backend="jax")
+    assert found.strict
+    assert found.exact
+
+
+@compiled
+def test_another_class_of_machine_may_round_otherwise(flight):
+    log, scenario = flight
+    elsewhere = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "machine": "other"}, log.final)
+    found = replay(flipped(elsewhere, "law.demand.FX", 300, 0), scenario, backend="c")
+    assert (found.strict, found.exact, found.equal) == (False, False, True)
+
+
+@compiled
+def test_a_log_that_is_cut_replays_up_to_the_cut(flight, tmp_path):
+    log, _ = flight
+    data = write_mcap(log, tmp_path / "run.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    cut = read_mcap(tmp_path / "cut.mcap")
+    assert 0 < len(cut) < len(log)
+    found = replay(cut, recorded_scenario(cut), backend="c")
+    assert found.exact
+    assert len(found.replayed) == len(cut)
+    assert "cut at" in found.rest
+
+
+@compiled
+def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
+    log, scenario = flight
+    rows = np.repeat(np.arange(len(log)), 2)
+    ticks = log.ticks[rows] + np.tile([0, 1234], len(log))
+    fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declared, log.metadata)
+    found = replay(fine, scenario, backend="c")
+    assert found.exact
+    assert len(found.replayed) == len(log)
+    coarse = {p: v[::2] for p, v in log.signals.items()}
+    with pytest.raises(InputError, match="--log-period '1 ms'"):
+        replay(Log(log.t[::2], log.ticks[::2], coarse, log.declared, log.metadata), scenario, backend="c")
+
+
+@compiled
+def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
+    """A flight's rows are its steps, late ones too; counters say where some are missing."""
+    log, scenario = flight
+    kept = np.delete(np.arange(len(log)), slice(400, 450))
+    signals = {p: v[kept] for p, v in log.signals.items()}
+    signals["log.dropped"] = np.where(np.arange(len(kept)) < 400, 0, 50)
+    found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declared, log.metadata), scenario, backend="c")
+    assert found.exact
+    assert len(found.replayed) == 400
+    assert "lacks steps after 0.399 s" in found.rest
+
+
+def test_what_cannot_be_replayed_is_refused(flight):
+    log, scenario = flight
+    with pytest.raises(InputError, match=r"begins at 0\.5 s"):
+        replay(log.between(0.5, 1.0), scenario)
+    with pytest.raises(InputError, match="holds no step"):
+        replay(log.between(5.0, 6.0), scenario)
+    few = {p: v for p, v in log.signals.items() if not p.endswith("yaw_rate")}
+    with pytest.raises(InputError, match=r"lacks 'downlink\.navigation\.value\.yaw_rate'"):
+        replay(Log(log.t, log.ticks, few, log.declared, log.metadata), scenario)
+    few = {p: v for p, v in log.signals.items() if p.startswith("downlink.")}
+    with pytest.raises(InputError, match="nothing of what an autopilot gives"):
+        replay(Log(log.t, log.ticks, few, log.declared, log.metadata), scenario)
+
+
+@compiled
+def test_another_autopilot_flies_the_same_frames(flight):
+    log, scenario = flight
+    law = replace(scenario.autopilot.law, k1=2 * scenario.autopilot.law.k1)
+    found = replay(log, scenario, autopilot=replace(scenario.autopilot, law=law), backend="c")
+    assert (found.changed, found.first, found.equal) == (True, None, True)
+    np.testing.assert_array_equal(found.replayed["estimate.state.heading"], log["estimate.state.heading"])
+    assert not np.array_equal(found.replayed["law.demand.FX"], log["law.demand.FX"])
+    with pytest.raises(InputError, match="reads sensor 'compass'"):
+        replay(log, scenario, autopilot=replace(scenario.autopilot, estimator=Passthrough("compass")), backend="c")
+
+
+def test_bits_are_compared_as_a_log_keeps_them():
+    ticks = np.arange(4)
+    one = Log(ticks * 1e-7, ticks, {"a.x": np.array([0.0, np.nan, 1.0, 2.0]), "a.n": np.array([1, 2, 3, 4])})
+    assert first_bit(one, one) is None
+    zero = with_signal(one, "a.x", np.array([-0.0, np.nan, 1.0, 2.0]))
+    found = first_bit(one, zero)
+    assert found is not None
+    assert (found.t, found.path) == (0.0, "a.x")
+    later = with_signal(with_signal(one, "a.x", np.array([0.0, np.nan, 1.0, 3.0])), "a.n", np.array([1, 2, 0, 4]))
+    found = first_bit(one, later)
+    assert found is not None
+    assert (found.t, found.path, found.recorded, found.replayed) == (2e-7, "a.n", 3.0, 0.0)
+
+
+def test_every_setting_of_the_recorded_scenario_is_as_it_was(tmp_path):
+    scenario, _ = catalogue.load("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
+    vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
+    scenario = replace(scenario, world=replace(scenario.world, vehicle=vehicle), duration=ms(10))
+    log = read_mcap(
+        write_mcap(
+            Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, described(scenario)), tmp_path / "run.mcap"
+        )
+    )
+    again = recorded_scenario(log)
+    here, there = (list(leaves(s)) for s in (again, scenario))
+    assert [p for p, _, _ in here] == [p for p, _, _ in there]
+    for (path, a, _), (_, b, _) in zip(here, there, strict=True):
+        assert np.array_equal(np.asarray(a), np.asarray(b)), path
+        assert isinstance(a, str | tuple | bool) == isinstance(b, str | tuple | bool), path
+
+
+def test_a_scenario_that_is_built_otherwise_is_refused(flight):
+    log, _ = flight
+    parts = {**log.metadata["parts"], "autopilot.law": "AnotherLaw"}
+    other = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "parts": parts}, log.final)
+    with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
+        recorded_scenario(other)
+    gone = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "scenario": "hovercraft/gone"}, log.final)
+    with pytest.raises(InputError, match=r"--scenario file\.py:function"):
+        recorded_scenario(gone)
+    assert recorded_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
+    with pytest.raises(InputError, match="does not say its scenario"):
+        recorded_scenario(Log(log.t, log.ticks, log.signals))
