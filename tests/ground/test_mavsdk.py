@@ -1,4 +1,4 @@
-"""MAVSDK discovers, reads, arms and commands a running vehicle: an unsigned one on loopback, for it can't sign."""
+"""MAVSDK discovers, reads, arms and commands a running vehicle, an unsigned one on loopback: it can't sign."""
 
 import json
 import subprocess

@@ -42,7 +42,7 @@ class Instruments:
         self._commanded = _commanded(failsafe, body.world.reads)
         self._imu, self._magnetometer = (_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self._pulses: tuple[float, ...] = ()
-        self._pulses_at = -RADIO_SILENT
+        self._pulses_at = -2 * RADIO_SILENT
 
     def streams(self) -> Streams:
         """Everything it tells, at the rates of a slow line."""
