@@ -94,15 +94,9 @@ def receiver(now: int, pulses: Vector) -> Fields:
 
 
 def health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
-<<<<<<< HEAD
-    """SYS_STATUS; there is no battery, and no fence, which counts as well: MAVProxy reports a breach else.
-
-    lost, accepted, refused: frames of the line so far.
-=======
     """SYS_STATUS; there is no battery. lost, accepted, refused: frames of the line so far.
 
     A fence that isn't there is told to be well: MAVProxy reports a breach else.
->>>>>>> ground
     """
     share = 10_000 * lost // max(lost + accepted, 1)
     return {
