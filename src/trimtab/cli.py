@@ -11,7 +11,7 @@ import click
 
 from trimtab import __version__
 from trimtab.core.errors import InputError
-from trimtab.live_cli import FAULT, JSON, SCENARIO, fly, inject, pairs, vehicle
+from trimtab.live_cli import FAULT, JSON, SCENARIO, fly, inject, live_faults, pairs, vehicle
 from trimtab.scenarios import catalogue
 
 NAVIGATION = click.option(
@@ -304,7 +304,7 @@ def noise(as_json: bool, **asked: Any) -> None:
     calibrate_noise(Request(**asked, as_json=as_json))
 
 
-for verb in (vehicle, fly, inject):
+for verb in (vehicle, fly, inject, live_faults):
     main.add_command(verb)
 
 
