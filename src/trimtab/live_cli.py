@@ -205,3 +205,26 @@ def firmware(as_json: bool, **asked: Any) -> None:
 
     if not carry_out(Request(**asked, as_json=as_json)):
         sys.exit(1)
+
+
+@click.command(name="live-faults")
+@click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all]")
+@click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
+@click.option("--out", type=FILE, metavar="DIR", help="Keep logs, and all that was said, in a folder a case.")
+@click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table.")
+@JSON
+def live_faults(as_json: bool, **asked: Any) -> None:
+    """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over sixty ways.
+
+    Each case is a short flight of two processes. Exit code 1 where a vehicle was not safe, a process crashed, or a log
+    doesn't say what happened. All of it takes some ten minutes; disks and clocks are spoilt for the processes alone.
+
+    \b
+    trimtab live-faults --only cut-1 --only autopilot-killed
+    trimtab live-faults --jobs 3 --out campaign --json
+    """
+    from trimtab.commands.live_faults import Request
+    from trimtab.commands.live_faults import live_faults as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)

@@ -17,7 +17,7 @@ from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
 from trimtab.logs.stream import Written
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep, fast_step
-from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
 from trimtab.run.pilot import Pilot, dialect_for, frame_name
 from trimtab.run.program import described
 from trimtab.run.real_time import NS, Deadlines, Granted, real_time
@@ -139,6 +139,8 @@ class Flyer:
         finally:
             self.remote.disarm()
             written = book.close() if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
         return Flight(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
 
     def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]) -> int:

@@ -3,6 +3,7 @@
 Source: docs page, Faults.
 """
 
+from collections.abc import Mapping
 from time import monotonic, monotonic_ns
 from typing import Any, NamedTuple
 
@@ -40,14 +41,26 @@ class Plan(NamedTuple):
     values: dict[str, float]
 
 
-def planned(scenario: Scenario, text: str) -> Plan:
-    """What to set for a fault written as text; refused where it can't be set while it flies."""
+def names_for_faults(scenario: Scenario) -> dict[str, str]:
+    """Path of a number of the vehicle that flies a scenario -> its name on the wire."""
+    table = Parameters(ready_for_faults(scenario).world, "world").table()
+    return {path: name for name, (path, _) in table.items()}
+
+
+def planned(scenario: Scenario, text: str, known: Mapping[str, str] | None = None) -> Plan:
+    """What to set for a fault written as text; refused where it can't be set while it flies.
+
+    Args:
+        scenario: as the vehicle was asked to fly it.
+        text: see the docs page, Faults.
+        known: the names as `names_for_faults` gives them, if it has been asked.
+    """
     where, fault = parsed(scenario, text)
     if fault.watch:
         fix = "leave the condition out, or start the vehicle with  --fault"
         raise InputError(f"fault {text!r}", "a condition can't be set while it flies", fix=fix)
     before = f"world.{where.replace('sensor:', 'sensors.')}.fault"
-    names = {path: n for n, (path, _) in Parameters(ready_for_faults(scenario).world, "world").table().items()}
+    names = known or names_for_faults(scenario)
     wanted = {n: float(value) for n, value, _ in leaves(fault) if n in NUMBERS}
     return Plan(fault, {names[f"{before}.{n}"]: wanted[n] for n in NUMBERS})
 

@@ -20,7 +20,7 @@ from trimtab.run.duties import STATION_MODES, Duties
 from trimtab.run.exchange import Taken
 from trimtab.run.fast_step import FastStep
 from trimtab.run.firmware_step import failsafe_of
-from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
 from trimtab.run.histogram import Histogram
 from trimtab.run.instruments import Instruments
 from trimtab.run.program import described
@@ -157,12 +157,17 @@ class Vehicle:
         self.clock = WallClock()
         try:
             for t in self.body.instants():
-                if stop() or (duration is not None and self.released is not None and t - self.released >= duration):
+                if stop():
+                    self._say("ended by request")
+                    break
+                if duration is not None and self.released is not None and t - self.released >= duration:
                     break
                 self._instant(t, log_period)
         finally:
             self._book = None
             written = book.close(self._final()) if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
         return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
 
     def _instant(self, t: int, log_period: int) -> None:
