@@ -161,10 +161,9 @@ class Endpoint:
         return size
 
     def _is_welcome(self, frame: bytes, flags: int, system: int, component: int) -> bool:
-        if self.stamps is not None:
-            if not flags:
-                self.counts.unsigned += 1
-                return False
+        if self.stamps is not None and not flags:
+            self.counts.unsigned += 1
+            return False
         if system == self.system and component == self.component:
             self.counts.reflected += 1
             return False
