@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { RING_SIZE = 4096 }; /* a power of two */
+enum { RING_SIZE = 16384 }; /* a power of two */
 
 typedef struct {
     uint32_t head; /* bytes ever put; only the writer changes it */

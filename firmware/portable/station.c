@@ -6,6 +6,8 @@
 
 enum { CMD_ARM_DISARM = 400, ACCEPTED = 0, DENIED = 2, UNSUPPORTED = 3 };
 enum { TYPE_SURFACE_BOAT = 11, TYPE_GCS = 6, AUTOPILOT_GENERIC = 0, CUSTOM_MODE = 1, ARMED_FLAG = 128, MANUAL_FLAG = 64 };
+/* Modes as ground stations number them: the pilot, and the computer. */
+enum { MODE_MANUAL = 0, MODE_COMPUTER = 15 };
 enum { STANDBY = 3, ACTIVE = 4, CRITICAL = 5 };
 enum { SEVERITY_CRITICAL = 2, SEVERITY_NOTICE = 5, SEVERITY_INFO = 6 };
 
@@ -139,7 +141,7 @@ static void heartbeat(vehicle *v) {
     h.type = TYPE_SURFACE_BOAT;
     h.autopilot = AUTOPILOT_GENERIC;
     h.base_mode = (uint8_t)(CUSTOM_MODE | (out->armed ? ARMED_FLAG : 0) | (out->mode == MANUAL ? MANUAL_FLAG : 0));
-    h.custom_mode = (uint32_t)out->mode;
+    h.custom_mode = out->mode == MANUAL ? MODE_MANUAL : MODE_COMPUTER;
     h.system_status = (uint8_t)(out->mode == FAILSAFE ? CRITICAL : out->armed ? ACTIVE : STANDBY);
     h.mavlink_version = 3;
     SEND(v, heartbeat, h);

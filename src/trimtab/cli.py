@@ -309,7 +309,7 @@ def noise(as_json: bool, **asked: Any) -> None:
     calibrate_noise(Request(**asked, as_json=as_json))
 
 
-for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware"):
+for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
 
 

@@ -84,7 +84,8 @@ def fly(as_json: bool, **asked: Any) -> None:
     """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
 
     Waits for the vehicle, finds its clock, arms it as soon as there is an estimate, flies the scenario's duration and
-    disarms. Exit code 1 when it was never armed, or the log lost rows.
+    disarms. A supervisor watches speeds, the line and the estimate's age; --set supervisor=none does without. Exit code
+    1 when it was never armed, or the log lost rows.
 
     \b
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here
@@ -201,6 +202,29 @@ def firmware(as_json: bool, **asked: Any) -> None:
     """
     from trimtab.commands.firmware import Request
     from trimtab.commands.firmware import firmware as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)
+
+
+@click.command(name="live-faults")
+@click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all]")
+@click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
+@click.option("--out", type=FILE, metavar="DIR", help="Keep logs, and all that was said, in a folder a case.")
+@click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table.")
+@JSON
+def live_faults(as_json: bool, **asked: Any) -> None:
+    """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over sixty ways.
+
+    Each case is a short flight of two processes. Exit code 1 where a vehicle was not safe, a process crashed, or a log
+    doesn't say what happened. All of it takes some ten minutes; disks and clocks are spoilt for the processes alone.
+
+    \b
+    trimtab live-faults --only cut-1 --only autopilot-killed
+    trimtab live-faults --jobs 3 --out campaign --json
+    """
+    from trimtab.commands.live_faults import Request
+    from trimtab.commands.live_faults import live_faults as carry_out
 
     if not carry_out(Request(**asked, as_json=as_json)):
         sys.exit(1)

@@ -21,17 +21,18 @@ FOLDERS = parts.FOLDERS[1:]
 BLOCKS = every(blocks, FOLDERS)
 
 
-def filters_slow(found):
-    """The same, with estimators that fuse several sensors marked slow: their programs take half a minute to compile."""
-    marked = []
-    for one in found:
-        folder, cls = one.values
-        several = folder == "estimators" and (len(made(cls).listens) > 1 or cls.__name__ == "Particle")
-        marked.append(pytest.param(folder, cls, id=one.id, marks=[pytest.mark.slow] if several else []))
-    return marked
+def slow(found, which):
+    """The same, with those marked slow for which which(folder, cls) holds."""
+    marks = ([pytest.mark.slow] if which(*one.values) else [] for one in found)
+    return [pytest.param(*one.values, id=one.id, marks=m) for one, m in zip(found, marks, strict=True)]
 
 
-QUICKER = filters_slow(BLOCKS)
+def fuses(folder, cls):
+    """Whether it is an estimator that fuses several sensors: their programs take half a minute to compile."""
+    return folder == "estimators" and (len(made(cls).listens) > 1 or cls.__name__ == "Particle")
+
+
+QUICKER = slow(BLOCKS, fuses)
 
 
 @functools.cache
@@ -82,7 +83,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+@pytest.mark.parametrize(("folder", "cls"), slow(BLOCKS, lambda folder, cls: cls.__name__ == "Particle"))
 def test_its_c_computes_the_same(folder, cls):
     """Exportable: the generator writes C for it, and the C gives what JAX gives."""
     one = made(cls)

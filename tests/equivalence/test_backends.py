@@ -17,7 +17,8 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 SEEDS = range(100)
 NAMES = list(catalogue.names())
 SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
-SAME += ("navigation/platform-ranging", *(n for n in NAMES if n.startswith("hypersonic/") and n != "hypersonic/noise"))
+SAME += ("navigation/platform-magnetometer", "navigation/platform-ranging")
+SAME += (*(n for n in NAMES if n.startswith("hypersonic/") and n != "hypersonic/noise"),)
 """Of the same parts as others, or a minute and more of compiling: with the slow tests."""
 QUICK = [pytest.param(n, marks=pytest.mark.slow) if n in SAME else n for n in NAMES]
 

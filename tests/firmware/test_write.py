@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from firmware.host import KEY
 
+from trimtab.actuators.direct import DirectActuation
 from trimtab.commands.firmware import Request, firmware
 from trimtab.core.errors import InputError
-from trimtab.core.record import quantity, record
+from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.export.microcontroller import missing_tools
 from trimtab.export.step import Exported
@@ -30,9 +31,10 @@ def test_another_board_is_refused(tmp_path):
 
 
 def test_a_vehicle_without_a_fan_is_refused(tmp_path):
-    scenario, _ = catalogue.load("hypersonic/noise", {})
+    scenario = forward()
+    other = replace(scenario, world=replace(scenario.world, actuators=DirectActuation()))
     with pytest.raises(InputError, match="FanDrive"):
-        write_firmware(scenario, tmp_path / "out", KEY)
+        write_firmware(other, tmp_path / "out", KEY)
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path):

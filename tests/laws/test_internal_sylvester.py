@@ -12,12 +12,15 @@ from trimtab.export.compiler import find_compiler
 from trimtab.export.function import compile_function
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
 
-FORM = numeric(sylvester_internal(CRAFT, CLIMB))
+
+@pytest.fixture(scope="module")
+def form():
+    return numeric(sylvester_internal(CRAFT, CLIMB))
 
 
 @pytest.fixture(scope="module")
-def ran():
-    return run(FORM)[1]
+def ran(form):
+    return run(form)[1]
 
 
 def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
@@ -50,15 +53,15 @@ def test_error_against_the_exact_bounded_solution(ran):
         assert got[0] > 6.7e-2
 
 
-def test_before_the_step_it_is_the_trim(ran):
+def test_before_the_step_it_is_the_trim(form, ran):
     """Causal: nothing moves before the command does."""
     before = T < 5.0
-    np.testing.assert_array_equal(ran[before], np.broadcast_to(FORM.zeta_0, ran[before].shape))
-    np.testing.assert_allclose(FORM.zeta_0, level_trim(CRAFT, H0, V0).zeta)
+    np.testing.assert_array_equal(ran[before], np.broadcast_to(form.zeta_0, ran[before].shape))
+    np.testing.assert_allclose(form.zeta_0, level_trim(CRAFT, H0, V0).zeta)
 
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_its_c_computes_the_same(ran):
-    compiled = compile_function(lambda form, t, c: form.step(t, (), c)[1], FORM, np.float64(0), CLIMB)
+def test_its_c_computes_the_same(form, ran):
+    compiled = compile_function(lambda form, t, c: form.step(t, (), c)[1], form, np.float64(0), CLIMB)
     for k in (0, 1001, 5000):
-        np.testing.assert_allclose(compiled(FORM, T[k], CLIMB), ran[k], rtol=1e-10, atol=1e-13)
+        np.testing.assert_allclose(compiled(form, T[k], CLIMB), ran[k], rtol=1e-10, atol=1e-13)

@@ -19,6 +19,7 @@ def collect(link, n, patience=PATIENCE):
     found, end = b"", time.monotonic() + patience
     while len(found) < n and time.monotonic() < end:
         found += link.receive(0.05) or b""
+        link.vouch()
     return found
 
 
@@ -37,7 +38,10 @@ def meet(a, b):
     while seen != {"a", "b"} and time.monotonic() < end:
         a.send(b"?")
         b.send(b"!")
-        seen |= {name for name, link in (("a", a), ("b", b)) if link.receive(0.02)}
+        for name, link in (("a", a), ("b", b)):
+            if link.receive(0.02):
+                link.vouch()
+                seen.add(name)
     assert seen == {"a", "b"}
     for link in (a, b):
         while link.receive(0.05):

@@ -23,8 +23,8 @@ SINGLE = ["hovercraft/zero-velocity", "hovercraft/spin", "hovercraft/heading-ban
 SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
 SAME += ("navigation/platform-magnetometer", *(n for n in NAMES if n.startswith("hypersonic/")))
 """Of the same parts as others, or flown on the emulated board (tests/export): with the slow tests."""
-LARGE = {"navigation/platform-ranging": 32768, "hypersonic/noise": 8192}
-"""Most stack (bytes) of autopilots that need more than 4 KiB."""
+LARGE = {"navigation/platform-ranging": 28672}
+"""Most stack (bytes) of autopilots that need more than 4 KiB; measured: 27 552."""
 BOTH = [(name, "double") for name in NAMES] + [(name, "single") for name in SINGLE]
 MARKED = [
     pytest.param(*b, marks=pytest.mark.slow) if b[0] in (*SAME, "navigation/platform-ranging") else b for b in BOTH
@@ -38,6 +38,7 @@ def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
     assert verdict.good, verdict.first
     assert verdict.sanitized
     assert verdict.steps == 1500
+    print(f"stack {verdict.stack_bytes} B")
     assert 0 < verdict.stack_bytes < LARGE.get(name, 4096)
 
 

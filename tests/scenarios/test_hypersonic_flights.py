@@ -72,12 +72,15 @@ def test_check_11_large_climb_nominal(flights):
 
 
 def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seeds(flights):
-    """The issue: better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds; [H] 8: 0.008-0.027 ft, 0.0020-0.0024 ft/s."""
+    """The issue: better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds; [H] 8: 0.008-0.027 ft, 0.0020-0.0024 ft/s.
+
+    Bounds are what is measured, 0.0230 ft and 0.0014 ft/s, rounded up.
+    """
     h, V = rms(flights.rows("law.h_error", 0.01, 1.0)), rms(flights.rows("law.V_error", 0.01, 1.0))
     print(f"h {h.min():.4f} to {h.max():.4f} ft, V {V.min():.4f} to {V.max():.4f} ft/s")
     assert len(h) == SEEDS
-    assert h.max() < 0.05
-    assert V.max() < 0.0024
+    assert h.max() < 0.025
+    assert V.max() < 0.0015
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
@@ -87,10 +90,10 @@ def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flight
     off = np.abs(flights.rows("estimate.state.eta1", 0.01, factor) - flights.rows("truth.eta1", 0.01, factor))
     print(f"x {factor}: h {h.min():.4f} to {h.max():.4f} ft; eta1 up to {off.max():.2f} off")
     assert len(h) == SEEDS
-    assert h.max() < 0.05
+    assert h.max() < 0.025
     assert not flights.rows("law.saturated", 0.01, factor).any()
     assert not flights.rows("law.outside", 0.01, factor).any()
-    assert off.max() < 0.6
+    assert off.max() < 0.45
 
 
 def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
@@ -98,8 +101,7 @@ def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
     moved = flights.rows("actuators.u.delta_e", 0.01, 1.0) - flights.rows("actuators.u.delta_e", 0.0, 1.0)
     activity = np.rad2deg(rms(moved))
     print(f"elevator {activity.min():.3f} to {activity.max():.3f} deg rms")
-    assert activity.max() < 0.3
-    assert activity.min() > 0.1
+    assert 0.2 < activity.min() <= activity.max() < 0.22
 
 
 def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
@@ -115,11 +117,13 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
 
 
 def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
-    """[H] 8: with the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft."""
+    """[H] 8: with the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
     scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02"})
     log = simulate(scenario, log_period=ms(100))
-    assert log["law.saturated"][log.t > 100].mean() > 0.05
-    assert rms(log["law.h_error"][log.t > 20]) > 10
+    h = rms(log["law.h_error"][log.t > 20])
+    print(f"h {h:.1f} ft, saturated {log['law.saturated'][log.t > 100].mean():.3f} of the time")
+    assert log["law.saturated"][log.t > 100].mean() > 0.99
+    assert 400 < h < 460
 
 
 def test_a_table_of_another_climb_or_vehicle_is_refused():
@@ -152,7 +156,8 @@ def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})
     log = simulate(scenario, seed=1, log_period=ms(100))
     late = log.t > 60
-    assert np.abs(log["law.h_error"][late]).max() < 0.3
+    print(f"h up to {np.abs(log['law.h_error'][late]).max():.3f} ft")
+    assert np.abs(log["law.h_error"][late]).max() < 0.15
     wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.frequencies.w2"][late]
     fixed, _ = catalogue.load("hypersonic/modal-mismatch", {"frequency": "1.10"})
     told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_wanted"][late]

@@ -203,3 +203,12 @@ def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
         Endpoint(dialect, 1, 1, passphrase_key("x" * 16), True)
     with pytest.raises(InputError, match="system 0 is not from 1 to 255"):
         Endpoint(dialect, 0, 1, unsigned=True)
+
+
+def test_a_frame_cut_in_its_signature_takes_no_other_with_it(pair):
+    a, b = pair
+    first, second = (a.pack("STATUSTEXT", {"text": text}) for text in ("one", "two"))
+    (got,) = b.feed(first[:-4] + second)
+    assert got.get("text") == "two"
+    assert b.counts.wrong_signature == 1
+    assert b.counts.garbage == len(first) - 4

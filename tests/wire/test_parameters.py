@@ -104,3 +104,17 @@ def test_a_value_that_reads_the_same_keeps_its_digits():
 def test_as_float_is_what_four_bytes_hold():
     assert as_float(0.1) == struct.unpack("f", struct.pack("f", 0.1))[0]
     assert as_float(-1e300) == -math.inf
+
+
+@record
+class Tables:
+    """A short and a long array. Source: none, a test."""
+
+    short: object = quantity("1", "As many as there may be.")
+    long: object = quantity("1", "One more.")
+
+
+def test_tables_are_no_parameters():
+    listed = Parameters(Tables(np.zeros(64), np.zeros((5, 13)))).listed
+    assert {p.path for p in listed} == {"short"}
+    assert len(listed) == 64

@@ -13,6 +13,7 @@ from trimtab.wire import protocol
 from trimtab.wire.events import ArmAsked, Channels, ModeAsked, ParameterSet, Sticks
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.station import Station, Status
+from trimtab.wire.streams import Stream, Streams
 
 GROUND = (255, 190)
 MODES = {0: "MANUAL", 4: "HOLD", 15: "GUIDED"}
@@ -269,3 +270,28 @@ def test_no_message_makes_it_fail(dialect, data):
 def test_a_vehicle_without_modes_is_refused(dialect):
     with pytest.raises(InputError, match="there are no modes"):
         Station(Endpoint(dialect, 1, 1, unsigned=True), parameters(), {})
+
+
+def test_streams_flow_while_another_system_is_heard(dialect):
+    endpoint = Endpoint(dialect, 1, 1, unsigned=True)
+    streams = Streams(endpoint, {"ATTITUDE": Stream(lambda now: {}, seconds("0.5"))})
+    line = Line(dialect, streams=streams)
+
+    def told(start, end):
+        half = seconds("0.5")
+        return sum(m.name == "ATTITUDE" for k in range(2 * start, 2 * end) for m in line.due(k * half))
+
+    assert told(0, 5) == 0
+    line.ask("HEARTBEAT", now=seconds(5))
+    assert told(5, 30) == 20
+    own = Endpoint(dialect, 1, 191, unsigned=True).pack("HEARTBEAT")
+    for message in line.vehicle.feed(own):
+        line.station.handle(message, seconds(30))
+    assert told(30, 35) == 0
+    line.ask("HEARTBEAT", now=seconds(35))
+    line.ask("REQUEST_DATA_STREAM", now=seconds(35), target_system=1, req_stream_id=10, start_stop=0)
+    assert told(35, 40) == 0
+    result, _, _ = line.command(511, 30, 500_000)
+    assert result == 0
+    assert told(35, 40) == 10
+    assert line.command(511, 31, 500_000)[0] == 3

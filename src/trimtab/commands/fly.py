@@ -17,6 +17,7 @@ from trimtab.commands.progress import waiting
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse, to_seconds
+from trimtab.scenarios import catalogue
 
 
 class Request(NamedTuple):
@@ -37,7 +38,7 @@ class Request(NamedTuple):
 
 def fly(request: Request) -> bool:
     """Compile it, open the line, fly; whether the vehicle was armed and no log row was lost."""
-    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+    scenario = build(Asked(request.scenario, _supervised(request), seed=request.seed))
     key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
     if request.out is not None:
         check_folder("--out", request.out)
@@ -57,6 +58,13 @@ def fly(request: Request) -> bool:
         click.echo(f"wrote {request.out / 'flight.mcap'}")
     written = result["log"]
     return bool(result["armed"]) and bool(written) and not written["dropped"] and not written["unwritten"]
+
+
+def _supervised(request: Request) -> Mapping[str, str]:
+    """The settings; in real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
+    offered = catalogue.arguments(request.scenario).get("supervisor", ())
+    watched = {"supervisor": "automatic"} if "automatic" in offered and not request.lockstep else {}
+    return watched | dict(request.settings)
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
@@ -113,7 +121,5 @@ def _print(result: Mapping[str, Any], granted: str) -> None:
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} taken, {counts['lost']} lost on the way")
     if not result["armed"]:
         click.echo("the vehicle was never armed")
-    if log is None:
-        click.echo("the log's writer died; what it had written is there")
-    elif log["dropped"] or log["unwritten"]:
+    if log is not None and (log["dropped"] or log["unwritten"]):
         click.echo(f"log: {log['dropped']} rows had no room in memory, {log['unwritten']} none on the disk")

@@ -61,11 +61,11 @@ def _free(log: Path) -> None:
 
 
 def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
-    from trimtab.loop.faults import switchable
-    from trimtab.run.vehicle import Vehicle, on_real_link
+    from trimtab.run.injector import ready_for_faults
+    from trimtab.run.vehicle import Vehicle
 
     with waiting(f"compiling {scenario.name}"):
-        one = Vehicle(switchable(on_real_link(scenario)), link, end, seed=request.seed)
+        one = Vehicle(ready_for_faults(scenario), link, end, seed=request.seed)
     _say(request, f"{scenario.name} listens on {request.listen}; held until it is armed. Ctrl-C ends it.")
     with until_interrupted() as stop, stamps_kept(one.endpoint):
         served = one.serve(duration=duration, log=log, stop=stop, tell=lambda text: _say(request, text))

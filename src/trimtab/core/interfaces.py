@@ -169,6 +169,10 @@ class Link(Protocol):
         """Hand a packet over without waiting; False where it had to be dropped."""
         ...
 
+    def vouch(self) -> None:
+        """Say that the packet received last came from one who may be answered; only who hears strangers needs it."""
+        ...
+
     def fileno(self) -> int:
         """For select(); -1 while there is no connection."""
         ...

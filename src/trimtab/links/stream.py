@@ -85,6 +85,9 @@ class StreamLink:
             self._rest = packet[written:]
             return self._counts.sent(len(packet))
 
+    def vouch(self) -> None:
+        """Nothing to do: there is one peer, and it is connected."""
+
     def fileno(self) -> int:
         """For select(); -1 while there is no connection."""
         return self._fd

@@ -1,4 +1,4 @@
-"""Datagrams: ``udp://HOST:PORT``; the listening end answers everyone it has heard within ten seconds."""
+"""Datagrams: ``udp://HOST:PORT``; the listening end answers those who were vouched for within ten seconds."""
 
 import contextlib
 import select
@@ -14,7 +14,7 @@ from trimtab.links.tcp import bound, resolve
 from trimtab.links.uri import Address
 
 HEARD_WITHIN = 10.0
-"""A peer that was silent for longer (s) is not answered, and not connected."""
+"""A peer of which nothing was good for longer (s) is not answered, and not connected."""
 MOST_PEERS = 16
 """At once; a flood of senders can't push out those who were there before."""
 LARGEST = 65535
@@ -36,25 +36,29 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
 
 
 class UdpLink:
-    """Packets to and from one peer, or all who have been heard lately. One thread receives, another may send.
+    """Packets to and from one peer, or all who were vouched for lately. One thread receives, another may send.
+
+    Anybody can send to a bound socket. Who receives tells by `vouch` whose packets were good: only those are answered,
+    so that a stranger without the key is told nothing.
 
     Args:
         found: bound, or connected to `peer`; it doesn't block.
-        peer: the one to send to, heard or not; None: those who are heard.
+        peer: the one to send to, heard or not; None: those who are vouched for.
     """
 
     def __init__(self, found: socket.socket, peer: Any = None) -> None:
         self._socket, self._counts, self._fixed = found, Counts(), peer is not None
         self._heard: dict[Any, float] = {}
+        self._latest: Any = None
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What it has carried; connected: someone was heard within ten seconds."""
+        """What it has carried; connected: someone was heard and believed within ten seconds."""
         return self._counts.statistics(bool(self.peers))
 
     @property
     def peers(self) -> tuple[Any, ...]:
-        """The addresses of those who were heard within ten seconds."""
+        """The addresses of those who were heard and believed within ten seconds."""
         oldest = time.monotonic() - HEARD_WITHIN
         return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
 
@@ -66,14 +70,17 @@ class UdpLink:
             with contextlib.suppress(OSError):
                 if ready(self._socket.fileno(), select.POLLIN, left):
                     packet, peer = self._socket.recvfrom(LARGEST)
-                    if packet and self._knows(peer):
+                    if packet:
+                        self._latest = peer
+                        if self._fixed:  # the system lets nobody else through
+                            self.vouch()
                         return self._counts.received(packet)
             if time.monotonic() >= deadline:
                 return None
         return None
 
     def send(self, packet: bytes) -> bool:
-        """Send to the peer, or to each who was heard within ten seconds; False where none got it."""
+        """Send to the peer, or to each who was vouched for within ten seconds; False where none got it."""
         given = 0
         if self._fixed:
             given = self._give(packet, None)
@@ -81,6 +88,19 @@ class UdpLink:
             for peer in self.peers:
                 given += self._give(packet, peer)
         return self._counts.sent(len(packet)) if given else self._counts.drop()
+
+    def vouch(self) -> None:
+        """The packet received last was good: its sender is answered from now on, if there is room for it."""
+        peer, self._latest = self._latest, None
+        if peer is None:
+            return
+        now, live = time.monotonic(), self.peers
+        if peer not in live:
+            if len(live) >= MOST_PEERS:
+                return
+            self._heard = {p: at for p, at in self._heard.items() if p in live}
+            self._counts.connections += not live
+        self._heard[peer] = now
 
     def fileno(self) -> int:
         """For select(); -1 once it is closed."""
@@ -95,14 +115,3 @@ class UdpLink:
             return int((self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0)
         except OSError:  # full buffer, no way there, or the last packet was refused: all mean that it is lost
             return 0
-
-    def _knows(self, peer: Any) -> bool:
-        """Note that a peer was heard; whether there was room for it."""
-        now, live = time.monotonic(), self.peers
-        if peer not in live:
-            if len(live) >= MOST_PEERS:
-                return False
-            self._heard = {p: at for p, at in self._heard.items() if p in live}
-            self._counts.connections += not live
-        self._heard[peer] = now
-        return True

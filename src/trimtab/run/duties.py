@@ -18,9 +18,12 @@ from trimtab.wire.events import ArmAsked, Channels, Event, ModeAsked, Sticks
 from trimtab.wire.protocol import State
 from trimtab.wire.station import Status
 
-COMPUTER_MODE, MANUAL_MODE = 0, 1
+COMPUTER_MODE, MANUAL_MODE = 15, 0
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual"}
-"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks."""
+"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks.
+
+The numbers are those of ArduPilot's GUIDED and MANUAL of rovers and boats, by which ground stations name them.
+"""
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)
@@ -39,15 +42,28 @@ class Mode(NamedTuple):
 class Duties:
     """The failsafe of a vehicle between a line and its actuators, with the requests that have come in."""
 
-    def __init__(self, failsafe: Failsafe, command: Command, world: FastStep) -> None:
-        """command: of the structure that the autopilot sends; world: whose inputs get what the failsafe decides."""
+    def __init__(self, failsafe: Failsafe, command: Command, world: FastStep, uplink: FastStep | None = None) -> None:
+        """A vehicle's failsafe, disarmed.
+
+        Args:
+            failsafe: which.
+            command: of the structure that the autopilot sends.
+            world: whose inputs get what the failsafe decides.
+            uplink: what commands pass before the failsafe sees them, e.g. one with a fault.
+        """
         self.step = FastStep(failsafe_step(failsafe, command))
         reads, writes = self.step.reads, self.step.writes
         self._inputs: dict[str, Any] = {p.removeprefix("given."): at for p, at in reads.items()}
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]
         self._out = _slots(writes, shared, len(self.step.outputs))
         self._in = _slots(world.reads, shared, len(world.inputs))
-        self._world = world
+        self._world, self.uplink = world, uplink
+        self._first = self.step if uplink is None else uplink
+        self._first_at = self._inputs if uplink is None else uplink.reads
+        if uplink is not None:
+            passed = [p for p in uplink.writes if p in self._inputs]
+            self._passed = _slots(uplink.writes, passed, len(uplink.outputs))
+            self._given = _slots(self._inputs, passed, len(self.step.inputs))
         self._low, self._high = (
             np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)])
             for r in (failsafe.low, failsafe.high)
@@ -60,8 +76,8 @@ class Duties:
         self.mode = Mode(MODES[0], CAUSES[0])
 
     def slot(self, path: str) -> Any:
-        """Where a number of the newest command stands in the inputs."""
-        return self._inputs[path]
+        """Where a number of the newest command stands in the inputs of what it comes to first."""
+        return self._first_at[path]
 
     def ask(self, event: Event, now: int) -> None:
         """Keep a request for the next step."""
@@ -91,12 +107,9 @@ class Duties:
 
     def act(self, t: int, taken: Taken | None) -> bool:
         """Decide at integer time t, with the newest command if a new one came; returns whether the mode is another."""
+        self._receive(t, taken)
         inputs, at = self.step.inputs, self._inputs
-        if taken is not None:
-            taken.write(inputs)
         inputs[at["t"]] = t
-        inputs[at["command.fresh"]] = taken is not None
-        inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
         inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
         inputs[at["takeover"]] = self._asked_manual or self._switch
         inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
@@ -106,6 +119,18 @@ class Duties:
         before = self.mode
         self.mode = Mode(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
         return self.mode != before
+
+    def _receive(self, t: int, taken: Taken | None) -> None:
+        """The newest command into the failsafe's inputs, through the uplink if there is one."""
+        inputs, at = self._first.inputs, self._first_at
+        if taken is not None:
+            taken.write(inputs)
+        inputs[at["t"]] = t
+        inputs[at["command.fresh"]] = taken is not None
+        inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
+        if self.uplink is not None:
+            self.uplink.step()
+            self.step.inputs[self._given] = self.uplink.outputs[self._passed]
 
     @property
     def flying(self) -> bool:

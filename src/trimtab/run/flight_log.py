@@ -17,6 +17,8 @@ from trimtab.logs.stream import Signal, Stream, Written, start_writer
 ROWS = 16384
 """Rows that the ring holds: how long the disk may keep the writer waiting."""
 
+WRITER_DIED = "the log's writer died; what it had written is there"
+
 
 class Source(NamedTuple):
     """A vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""

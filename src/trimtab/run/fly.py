@@ -17,11 +17,12 @@ from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
 from trimtab.logs.stream import Written
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep, fast_step
-from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
 from trimtab.run.pilot import Pilot, dialect_for, frame_name
 from trimtab.run.program import described
 from trimtab.run.real_time import NS, Deadlines, Granted, real_time
 from trimtab.run.remote import Remote
+from trimtab.run.wall_clock import discard
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
@@ -31,6 +32,8 @@ MOST = 64
 """Packets taken in one period, so that a flood can't stop the loop."""
 SERVO_FRAME = ms(20)
 """Commands are sent no more often than a servo takes them."""
+SILENCE = ms(250)
+"""After which it is said that nothing comes."""
 OWN: Mapping[str, tuple[str, Quantity]] = {
     "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
     "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
@@ -40,6 +43,9 @@ OWN: Mapping[str, tuple[str, Quantity]] = {
     "link.silence": ("f8", Quantity("s", "Time since the vehicle was last heard.")),
     "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
     "link.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+    "link.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
+    "link.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
+    "link.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
     "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
     "vehicle.armed": ("?", Quantity("1", "The vehicle says that it is armed.", kind="flag")),
 }
@@ -80,6 +86,10 @@ class Flyer:
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.armed_at: int | None = None
+        self._watched = _modes(self.pilot.step)
+        self._supervised = (-1, -1)
+        self._sent = self._jumps = self._accepted = self._heard = 0
+        self._silent = False
 
     def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
         """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds."""
@@ -121,20 +131,24 @@ class Flyer:
         length = self.scenario.duration if duration is None else duration
         book = self._open(log) if log else None
         self.remote.tell = lambda text: self._say(text, book, tell)
+        discard(self.link)
         self.pilot.forget()
         try:
             with real_time(wanted_real_time) as granted:
-                t = self._loop(length, book, stop)
+                t = self._loop(length, book, stop, tell)
         finally:
             if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
                 self.remote.disarm()
             written = book.close() if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
         return Flight(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
 
-    def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool]) -> int:
+    def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]) -> int:
         period = self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
         kept = self.deadlines = Deadlines(period)
+        self._heard = kept.start // NS
         k = t = 0
         while not stop() and (self.armed_at is None or t - self.armed_at < length):
             t = k * period
@@ -145,9 +159,9 @@ class Flyer:
             self.pilot.fly(t, self._to_local)
             stepped = monotonic_ns()
             if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
-                for packet in self.pilot.commands(self.endpoint, ahead):
-                    self.link.send(packet)
+                self._send(t, ahead)
             self._look(t, now)
+            self._listen(now, book, tell)
             if book is not None:
                 book.put(t, self._own(now, woke - kept.start - t * NS, stepped - began))
             kept.done(k, woke, began, stepped)
@@ -157,6 +171,14 @@ class Flyer:
     def _to_local(self, t: int) -> int:
         """The vehicle's time as the loop's."""
         return self.remote.sync.to_local(t) - self.deadlines.start // NS
+
+    def _send(self, t: int, ahead: int) -> None:
+        """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
+        if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
+            ahead = self._sent + 1 - t
+        self._sent, self._jumps = t + ahead, self.remote.sync.jumps
+        for packet in self.pilot.commands(self.endpoint, ahead):
+            self.link.send(packet)
 
     def _wait(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
@@ -186,18 +208,43 @@ class Flyer:
         elif self.armed_at is None and self.pilot.ready:
             self.remote.arm()
         self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
+        if self._watched:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Say what the supervisor has decided."""
+        outputs, (mode, cause) = self.pilot.step.outputs, self._watched
+        found = (int(outputs[mode.at]), int(outputs[cause.at]))
+        if found != self._supervised:
+            self._supervised = found
+            self.remote.tell(f"supervisor: {mode.names[found[0]]}: {cause.names[found[1]]}")
+
+    def _listen(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+        """Say when nothing comes any more, and when it does again."""
+        accepted, silence = self.endpoint.counts.accepted, now - self._heard
+        if accepted != self._accepted:
+            self._accepted, self._heard = accepted, now
+            if self._silent:
+                self._say(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
+            self._silent = False
+        elif silence >= SILENCE and not self._silent:
+            self._silent = True
+            self._say(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
 
     def _own(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        remote, kept = self.remote, self.deadlines
+        remote, kept, counts = self.remote, self.deadlines, self.endpoint.counts
         return (
             late * 1e-9,
             step * 1e-9,
             kept.own + kept.scheduler,
             self.skipped,
             self.pilot.heard,
-            (now - (remote.heard or now)) / UNITS_PER_SECOND,
+            (now - self._heard) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
-            self.endpoint.counts.refused,
+            counts.refused,
+            counts.lost,
+            counts.checksum,
+            counts.garbage,
             self.link.fileno() >= 0,
             remote.armed,
         )
@@ -216,3 +263,15 @@ class Flyer:
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         period = to_seconds(self.scenario.autopilot.period)
         return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})
+
+
+class _Named(NamedTuple):
+    at: int
+    names: tuple[str, ...]
+
+
+def _modes(step: FastStep) -> tuple[_Named, ...]:
+    """Mode and cause of the supervisor; nothing where there is none."""
+    declared = {m.path: m.declared for m in step.exported.outputs}
+    paths = ("supervisor.mode", "supervisor.cause")
+    return tuple(_Named(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None)

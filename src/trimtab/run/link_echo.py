@@ -64,6 +64,7 @@ def echo(
         data = link.receive(min(0.1, pace.wait(time.monotonic())))
         arrived = clock()
         for message in parser.feed(data) if data else ():
+            link.vouch()
             answer = appended(message, arrived)
             hello = hello_of(message.data) if message.id == STATUS else None
             if hello is not None:

@@ -16,6 +16,7 @@ from trimtab.run.remote import HEARTBEAT
 from trimtab.run.virtual_vehicle import VirtualVehicle
 from trimtab.wire.dialect import INSTANT
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.message import Message
 
 AGAIN = 0.2
 """Seconds after which what has not been answered is sent again."""
@@ -57,12 +58,20 @@ def _ask(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> Tak
         link.send(endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": len(changed)}))
         again = monotonic() + AGAIN
         while (left := again - monotonic()) > 0:
-            for message in endpoint.feed(link.receive(left)):
+            for message in _heard(link, endpoint, left):
                 if message.name in vehicle.command.names:
                     taken = vehicle.command.take(message)
                     if taken is not None and taken.t == t:
                         return taken
     raise Silence(f"no command for {PATIENCE if t else FIRST:g} s")
+
+
+def _heard(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
+    """What has come and was accepted; who sent it may be answered."""
+    messages = endpoint.feed(link.receive(timeout))
+    if messages:
+        link.vouch()
+    return messages
 
 
 def follow(pilot: Pilot, link: Link, endpoint: Endpoint, duration: int, period: int) -> Iterator[int]:
@@ -77,7 +86,7 @@ def follow(pilot: Pilot, link: Link, endpoint: Endpoint, duration: int, period: 
         if monotonic() > quiet:  # on some lines the vehicle knows only those ends that it hears
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
             quiet = monotonic() + AGAIN
-        for message in endpoint.feed(link.receive(AGAIN)):
+        for message in _heard(link, endpoint, AGAIN):
             if message.name != instant:
                 pilot.take(message)
                 continue

@@ -23,6 +23,8 @@ HEARTBEAT_PERIOD, ASK_PERIOD = seconds(1), ms(500)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ASKS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
+SHORT = ms(300)
+"""At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
 
 
 class Remote:
@@ -46,7 +48,11 @@ class Remote:
     @property
     def ready(self) -> bool:
         """Whether there is a vehicle whose clock is known."""
-        return self.heard is not None and self._asks >= QUICK_ASKS and self._compared and not self.misfit
+        return self.heard is not None and self._known and self._compared and not self.misfit
+
+    @property
+    def _known(self) -> bool:
+        return self._asks >= QUICK_ASKS and self.sync.shortest <= SHORT
 
     def why_not(self) -> str:
         """Why it is not ready, for people."""
@@ -122,7 +128,7 @@ class Remote:
             self._next["heartbeat"] = now + HEARTBEAT_PERIOD
             self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT))
         if now >= self._next["sync"]:
-            self._next["sync"] = now + (SYNC_SLOW if self._asks >= QUICK_ASKS else SYNC_QUICK)
+            self._next["sync"] = now + (SYNC_SLOW if self._known else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
         if self._wants is not None and now >= self._next["ask"]:
             self._next["ask"] = now + ASK_PERIOD

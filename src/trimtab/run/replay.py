@@ -137,7 +137,7 @@ def _fly_jax(scenario: Scenario, seed: int, run: int, steps: Steps) -> dict[str,
 
 
 def _compared(log: Log, steps: Steps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
-    order = ("estimate", "law", "command")
+    order = ("estimate", "law", "supervisor", "command")
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
     if not shared:

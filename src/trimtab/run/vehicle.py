@@ -13,15 +13,20 @@ from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, replace
 from trimtab.links.wire import Wire
 from trimtab.logs.stream import Written
+from trimtab.loop.fault import DELAYED, slots_for
+from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.loop.scenario import Scenario
 from trimtab.run.duties import STATION_MODES, Duties
 from trimtab.run.exchange import Taken
+from trimtab.run.fast_step import FastStep
 from trimtab.run.firmware_step import failsafe_of
-from trimtab.run.flight_log import FlightLog, Source
+from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
 from trimtab.run.histogram import Histogram
+from trimtab.run.instruments import Instruments
 from trimtab.run.program import described
+from trimtab.run.uplink_step import uplink_step
 from trimtab.run.virtual_vehicle import VirtualVehicle
-from trimtab.run.wall_clock import NS, WallClock
+from trimtab.run.wall_clock import NS, WallClock, discard
 from trimtab.run.world_step import compiled_world
 from trimtab.wire.dialect import Dialect, dialect_of
 from trimtab.wire.events import ParameterSet
@@ -34,6 +39,9 @@ OWN: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
     "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
     "wire.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+    "wire.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
+    "wire.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
+    "wire.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
 
@@ -50,8 +58,20 @@ class Served(NamedTuple):
 
 
 def on_real_link(scenario: Scenario) -> Scenario:
-    """The scenario with wires in place of simulated channels: delays and losses are those of the real line."""
-    return replace(scenario, world=replace(scenario.world, downlink=Wire(), uplink=Wire()))
+    """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
+
+    Their faults stay.
+    """
+    world = scenario.world
+    return replace(scenario, world=replace(world, downlink=_wired(world.downlink), uplink=_wired(world.uplink)))
+
+
+def _wired(channel: Any) -> Any:
+    if not isinstance(channel, FaultyChannel):
+        return Wire()
+    inner = _wired(channel.inner)
+    needed = slots_for(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    return replace(channel, inner=inner, capacity=max(channel.capacity, needed))
 
 
 class Vehicle:
@@ -62,13 +82,19 @@ class Vehicle:
     ) -> None:
         """Compile it. endpoint: makes the vehicle's end for a dialect."""
         self.scenario, self.link = scenario, link
-        world, frame, command = compiled_world(scenario, seed=seed)
+        uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
+        world, frame, command = compiled_world(bare, seed=seed)
         dialect = dialect_of(frame, command)
         self.endpoint = endpoint(dialect)
-        self.body = VirtualVehicle(scenario, dialect, world)
-        self.duties = Duties(failsafe_of(scenario, command), command, world)
+        self.body = VirtualVehicle(bare, dialect, world)
+        failsafe = failsafe_of(scenario, command)
+        received = None if isinstance(uplink, Wire) else FastStep(uplink_step(uplink, command, seed=seed))
+        self.duties = Duties(failsafe, command, world, received)
+        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.flying)
         self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
-        self.station = Station(self.endpoint, Parameters(scenario.world, "world"), STATION_MODES)
+        parameters = Parameters(scenario.world, "world")
+        self._declared = {p.path: p.declared for p in parameters.listed}
+        self.station = Station(self.endpoint, parameters, STATION_MODES, streams=self.instruments.streams())
         self.clock = WallClock()
         self.late = Histogram()
         self.released: int | None = None
@@ -77,8 +103,10 @@ class Vehicle:
         self._people: Callable[[str], None] = lambda _: None
 
     def _hear(self, data: bytes) -> None:
-        now = self.clock.now()
-        for message in self.endpoint.feed(data):
+        now, messages = self.clock.now(), self.endpoint.feed(data)
+        if messages:
+            self.link.vouch()
+        for message in messages:
             if message.name in self._command.names:
                 self._newest = self._command.take(message) or self._newest
                 continue
@@ -90,10 +118,13 @@ class Vehicle:
                     self._set(event)
                 else:
                     self.duties.ask(event, now)
+                    self.instruments.note(event, now)
 
     def _set(self, event: ParameterSet) -> None:
-        self.body.world.parameters[event.path].flat[event.slot] = event.value
-        self._say(f"{event.path} = {event.value:g}")
+        uplink, path = self.duties.uplink, event.path.removeprefix("world.")
+        step = self.body.world if uplink is None or path not in uplink.parameters else uplink
+        step.parameters[event.path if step is self.body.world else path].flat[event.slot] = event.value
+        self._say(f"{event.path} = {shown(self._declared[event.path], event.value)}")
 
     def _say(self, text: str) -> None:
         """A line into the log and to people."""
@@ -122,15 +153,21 @@ class Vehicle:
         """
         self._people = tell
         book = self._book = self._open(log) if log else None
+        discard(self.link)
         self.clock = WallClock()
         try:
             for t in self.body.instants():
-                if stop() or (duration is not None and self.released is not None and t - self.released >= duration):
+                if stop():
+                    self._say("ended by request")
+                    break
+                if duration is not None and self.released is not None and t - self.released >= duration:
                     break
                 self._instant(t, log_period)
         finally:
             self._book = None
             written = book.close(self._final()) if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
         return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
 
     def _instant(self, t: int, log_period: int) -> None:
@@ -142,7 +179,9 @@ class Vehicle:
         for packet in self.body.packets(self.endpoint, self.body.changed()):
             self.link.send(packet)
         if book is not None and t and self.body.row_t % log_period == 0:
-            book.put(self.body.row_t, (self.released is None, late * 1e-9, self.endpoint.counts.refused))
+            counts = self.endpoint.counts
+            own = (self.released is None, late * 1e-9, counts.refused, counts.lost, counts.checksum, counts.garbage)
+            book.put(self.body.row_t, own)
         taken, self._newest = self._newest, None
         if self.duties.act(t, taken):
             self._tell(t)
@@ -169,3 +208,8 @@ class Vehicle:
     def _final(self) -> dict[str, Any]:
         world = self.body.world
         return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}
+
+
+def shown(declared: Quantity, value: float) -> str:
+    """A number as people read it: a mode by its name."""
+    return declared.modes[int(value)] if declared.modes else f"{value:g}"

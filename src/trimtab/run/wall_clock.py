@@ -13,6 +13,9 @@ NS = 100
 MOST = 64
 """Packets taken at one instant, so that a flood can't stop the clock."""
 
+QUEUE = 10_000
+"""Packets thrown away at most."""
+
 
 class WallClock:
     """Integer time (100 ns) since it was made."""
@@ -36,3 +39,11 @@ class WallClock:
             late += left <= 0
             if (left <= 0 and data is None) or late > MOST:
                 return monotonic_ns()
+
+
+def discard(link: Link) -> int:
+    """Throw away what lies waiting, of a time when nobody looked; returns how many packets."""
+    found = 0
+    while found < QUEUE and link.receive(0.0) is not None:
+        found += 1
+    return found

@@ -92,7 +92,7 @@ def dialect_of(frame_like: Frame, command_like: Command) -> Dialect:
     count = _Piece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
     wanted[INSTANT] = (message_name(INSTANT), [[now, count]])
     standard = STANDARD.read_text("utf-8")
-    taken = set(read_definitions(standard))
+    taken = {name.lower() for name in read_definitions(standard)}
     groups: dict[str, tuple[str, ...]] = {}
     contents: dict[str, list[_Piece]] = {}
     for group in sorted(wanted):

@@ -148,6 +148,9 @@ class Endpoint:
         if checksum(frame[1:end], definition.crc_extra) != frame[end : end + 2]:
             self.counts.checksum += 1
             return NO_FRAME
+        if self._keyed and flags and not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
+            self.counts.wrong_signature += 1
+            return NO_FRAME  # it may have been cut, and another one may begin in what was taken for its signature
         if self._is_welcome(frame, flags, system, component):
             self._count_lost(system, component, sequence)
             payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
@@ -158,13 +161,9 @@ class Endpoint:
         return size
 
     def _is_welcome(self, frame: bytes, flags: int, system: int, component: int) -> bool:
-        if self.stamps is not None:
-            if not flags:
-                self.counts.unsigned += 1
-                return False
-            if not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
-                self.counts.wrong_signature += 1
-                return False
+        if self.stamps is not None and not flags:
+            self.counts.unsigned += 1
+            return False
         if system == self.system and component == self.component:
             self.counts.reflected += 1
             return False

@@ -130,13 +130,15 @@ def field_name(path: str) -> str:
 
 
 def unique(name: str, taken: set[str]) -> str:
-    """The name, numbered where it is taken already (case does not tell two apart); it is taken afterwards."""
-    used = {t.lower() for t in taken}
+    """The name, numbered where it is taken already (case does not tell two apart); it is taken afterwards.
+
+    taken: names in small letters.
+    """
     found, k = name, 1
-    while found.lower() in used:
+    while found.lower() in taken:
         k += 1
         found = f"{name}_{k}"
-    taken.add(found)
+    taken.add(found.lower())
     return found
 
 

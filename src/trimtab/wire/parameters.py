@@ -19,6 +19,8 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.wire.names import unique
 
 LONGEST = 16
+MOST_NUMBERS = 64
+"""A quantity of more numbers is a table, and none of them a parameter: lists would take minutes."""
 FLOAT = struct.Struct("<f")
 WORD = 4
 """To how many letters the words of a long name are cut."""
@@ -45,11 +47,11 @@ class Parameters:
     """Numbers of a tree of records, in the order of their declaration, by name and by index."""
 
     def __init__(self, tree: Any, path: str = "") -> None:
-        """Every quantity at or below a record, e.g. a scenario's world; `path` is put before all paths."""
+        """Every quantity at or below a record but tables, e.g. a scenario's world; `path` is put before all paths."""
         found = [
             (where, slot if np.shape(value) else None, declared, float(number))
             for where, value, declared in leaves(tree, path)
-            if isinstance(declared, Quantity)
+            if isinstance(declared, Quantity) and np.size(value) <= MOST_NUMBERS
             for slot, number in enumerate(np.ravel(np.asarray(value, float)))
         ]
         names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in found])

@@ -29,9 +29,12 @@ from trimtab.wire.protocol import (
     State,
     VehicleType,
 )
+from trimtab.wire.streams import Streams
 from trimtab.wire.texts import Texts
 
 HEARTBEAT_PERIOD = seconds(1)
+LISTENS_FOR = seconds(10)
+"""How long after its last heartbeat another system counts as one that listens."""
 NS_PER_UNIT = 100
 
 
@@ -66,6 +69,7 @@ class Station:
         *,
         vehicle: VehicleType = VehicleType.SURFACE_BOAT,
         live: bool = True,
+        streams: Streams | None = None,
     ) -> None:
         """A vehicle at rest.
 
@@ -75,6 +79,7 @@ class Station:
             modes: number of a mode -> its name for people.
             vehicle: what it says it is.
             live: whether parameters may be changed while armed.
+            streams: what is told again and again while another system (a ground station) is there.
         """
         if not modes:
             raise InputError("station", "there are no modes", fix='give modes={0: "MANUAL", …}')
@@ -86,6 +91,8 @@ class Station:
         """When the last heartbeat of each (system, component) came."""
         self.texts = Texts(endpoint)
         self._heartbeat_at: int | None = None
+        self._streams = streams or Streams(endpoint, {})
+        self._listens_until = 0
         self._answers = {
             "HEARTBEAT": self._hear,
             "TIMESYNC": self._synchronise,
@@ -96,6 +103,7 @@ class Station:
             "PARAM_REQUEST_LIST": lambda *_: self._parameters.list_all(),
             "PARAM_REQUEST_READ": lambda message, now, done: done.replies.extend(self._parameters.read(message)),
             "PARAM_SET": self._set_parameter,
+            "REQUEST_DATA_STREAM": lambda message, now, done: self._streams.ask(message, now),
             "RC_CHANNELS": lambda message, now, done: done.events.append(channels(message)),
             "RC_CHANNELS_OVERRIDE": lambda message, now, done: done.events.append(channels(message)),
             "MANUAL_CONTROL": lambda message, now, done: done.events.append(sticks(message)),
@@ -112,11 +120,13 @@ class Station:
         return done
 
     def due(self, now: int) -> list[bytes]:
-        """What is to be sent by now, unasked: heartbeats, texts, the parameters that were asked for, paced."""
+        """What is to be sent by now: heartbeats, texts, streams, the parameters that were asked for, paced."""
         found = self.texts.take()
         if self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD:
             self._heartbeat_at = now
             found.append(self._heartbeat())
+        if now < self._listens_until:
+            found += self._streams.due(now)
         return found + self._parameters.due(now)
 
     def say(self, severity: Severity, text: str) -> None:
@@ -147,6 +157,8 @@ class Station:
 
     def _hear(self, message: Message, now: int, done: Handled) -> None:
         self.heard[_who(message)] = now
+        if message.system != self._endpoint.system:
+            self._listens_until = now + LISTENS_FOR
 
     def _synchronise(self, message: Message, now: int, done: Handled) -> None:
         if message.get("tc1") == 0:
@@ -173,7 +185,8 @@ class Station:
             done.replies.append(self._heartbeat())
             result = Result.ACCEPTED
         else:
-            result = Result.UNSUPPORTED
+            result, packets = self._streams.order(command, first, second, now)
+            done.replies.extend(packets)
         done.replies.append(self._acknowledge(command, result, message))
 
     def _acknowledge(self, command: int, result: Result, message: Message) -> bytes:

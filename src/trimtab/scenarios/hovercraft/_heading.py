@@ -8,7 +8,7 @@ from trimtab.core.record import replace
 from trimtab.logs.metrics import Target
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import HovercraftState
 
@@ -16,7 +16,9 @@ Initial = Literal["moving", "rest"]
 TOLERANCE = np.pi / 180
 
 
-def heading_flight(name: str, law: Any, initial: Initial, links: Links, navigation: Navigation) -> Scenario:
+def heading_flight(
+    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervised
+) -> Scenario:
     """Turn to 5 rad out of a spinning slide, or to 1 rad from rest.
 
     The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
@@ -30,4 +32,4 @@ def heading_flight(name: str, law: Any, initial: Initial, links: Links, navigati
         law, errors = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
     law = replace(law, target=target)
     targets = (*towards(), Target("truth.heading", target, 5 * TOLERANCE))
-    return flight(name, law, x, 35, targets, links, navigation, errors=errors, floor=(-6, 6, -5, 9))
+    return flight(name, law, x, 35, targets, links, navigation, supervisor, errors=errors, floor=(-6, 6, -5, 9))

@@ -7,18 +7,24 @@ from typing import Any, Literal
 
 from trimtab.actuators.allocation import ThrustVectorAllocation
 from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.time import ms, seconds
 from trimtab.links.bluetooth import bluetooth
 from trimtab.links.delay_chain import DelayChain
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.flight_limit import Limit
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.supervisor import Supervisor
 from trimtab.loop.world import World
 from trimtab.scenarios.hovercraft._navigation import Floor, Navigation, equipment
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 Links = Literal["chain", "measured"]
+Supervised = Literal["none", "automatic"]
+MARGIN = 5.0
+"""How far beyond its floor (m) a supervised hovercraft may get."""
 PAIRING = "free2move/linksys 2.9/22.0"
 """The radios that the source flew with."""
 
@@ -31,6 +37,7 @@ def flight(
     targets: tuple[Target, ...],
     links: Links = "chain",
     navigation: Navigation = "errors",
+    supervisor: Supervised = "none",
     *,
     errors: NavigationErrors | None = None,
     floor: Floor = (-5, 5, -5, 5),
@@ -46,6 +53,8 @@ def flight(
         links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with
             the statistics of [1, table 5.1].
         navigation: what the vehicle finds its way with, see `_navigation`.
+        supervisor: "automatic" flies as soon as all checks pass, inside a speed envelope, and, where the position is
+            known, over the floor and 5 m around it.
         errors: of "errors"; the source's when None.
         floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
@@ -61,10 +70,34 @@ def flight(
         uplink=uplink,
         actuators=FanDrive(),
     )
-    autopilot = Autopilot(estimator=estimator, law=law, allocation=ThrustVectorAllocation())
-    return Scenario(
-        world=world, autopilot=autopilot, initial=x, duration=seconds(duration_s), targets=targets, name=name
+    autopilot = Autopilot(
+        estimator=estimator,
+        law=law,
+        allocation=ThrustVectorAllocation(),
+        supervisor=None if supervisor == "none" else Supervisor(automatic=True, limits=_limits(navigation, floor)),
     )
+    return Scenario(
+        world=world,
+        autopilot=autopilot,
+        initial=x,
+        duration=seconds(duration_s),
+        targets=targets,
+        failsafe=Failsafe(),
+        name=name,
+    )
+
+
+def _limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
+    """Reconstructed: far beyond what these flights need, well below what a hall stands."""
+    speeds = (
+        Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
+        Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),
+    )
+    if navigation == "errors":
+        return speeds
+    south, north, west, east = floor
+    fence = (("north", south, north), ("east", west, east))
+    return speeds + tuple(Limit(fields=(f,), low=low - MARGIN, high=high + MARGIN) for f, low, high in fence)
 
 
 def towards(surge: float = 0.0, sway: float = 0.0, yaw_rate: float = 0.0, **bands: float) -> tuple[Target, ...]:

@@ -3,11 +3,11 @@
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scenario:
+def scenario(links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none") -> Scenario:
     """[1] fig. 6.8, table 6.2."""
     law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
     return flight(
@@ -18,5 +18,6 @@ def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scena
         towards(surge=2.8 / 2.6),
         links,
         navigation,
+        supervisor,
         floor=(-2, 18, -4, 5),
     )

@@ -3,11 +3,11 @@
 from trimtab.laws.spin import SupervisedSpin
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scenario:
+def scenario(links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none") -> Scenario:
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
@@ -19,5 +19,6 @@ def scenario(links: Links = "chain", navigation: Navigation = "errors") -> Scena
         towards(yaw_rate=3.0, yaw_band=0.15),
         links,
         navigation,
+        supervisor,
         floor=(-4, 4, -4, 4),
     )

@@ -1,0 +1,70 @@
+"""`trimtab live-faults`: a vehicle and an autopilot as two processes, and all that can go wrong between them."""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from trimtab.commands.fly_scenario import check_folder
+from trimtab.core.errors import InputError
+
+if TYPE_CHECKING:
+    from trimtab.studies.live_faults.case import Outcome
+
+
+class Request(NamedTuple):
+    """What was asked for on the command line."""
+
+    only: tuple[str, ...] = ()
+    out: Path | None = None
+    page: Path | None = None
+    jobs: int = 2
+    as_json: bool = False
+
+
+def live_faults(request: Request) -> bool:
+    """Fly the cases; whether all of them hold."""
+    from trimtab.scenarios import catalogue
+    from trimtab.studies.live_faults.campaign import chosen, fly_cases
+    from trimtab.studies.live_faults.flight import NAME
+
+    wanted = chosen(request.only)
+    if request.out is not None:
+        check_folder("--out", request.out)
+        for case in wanted:
+            if (request.out / case.name).exists():
+                raise InputError("--out", f"there is a case already: {request.out / case.name}", fix="a new folder")
+    if request.page is not None:
+        check_folder("--page", request.page.parent)
+    scenario, _ = catalogue.load(NAME)
+    began = monotonic()
+
+    def tell(outcome: "Outcome") -> None:
+        if not request.as_json:
+            click.echo(f"{outcome.verdict:8s}{outcome.name:26s} {outcome.happened or outcome.skipped}")
+        for problem in outcome.problems:
+            click.echo(f"        {outcome.name}: {problem}", err=True)
+
+    outcomes = fly_cases(wanted, scenario, out=request.out, jobs=request.jobs, tell=tell)
+    wall = monotonic() - began
+    _show(request, outcomes, wall)
+    return all(one.verdict != "fails" for one in outcomes)
+
+
+def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
+    from trimtab.studies.live_faults.page import page
+
+    if request.page is not None:
+        request.page.write_text(page(outcomes, wall, os.cpu_count() or 1), "utf-8")
+    if request.as_json:
+        found = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
+        click.echo(json.dumps({"wall_s": round(wall, 1), "cases": found}))
+        return
+    count = {v: sum(one.verdict == v for one in outcomes) for v in ("holds", "fails", "skipped")}
+    click.echo(f"{len(outcomes)} cases in {wall:.0f} s: " + ", ".join(f"{n} {v}" for v, n in count.items() if n))
+    if request.page is not None:
+        click.echo(f"wrote {request.page}")

@@ -1,0 +1,102 @@
+"""A slow bus between two microcontrollers of the vehicle: a few bytes at a time, in fixed slots.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Sample
+from trimtab.core.time import UNITS_PER_SECOND, ms, show, to_seconds
+from trimtab.links.fifo import NEVER, Fifo, check_ring, deliver, empty, measurement_time
+
+BITS_PER_BYTE = 9
+"""Eight and an acknowledgement."""
+
+
+@record
+class SlaveBusState:
+    """What is on the bus, and until when it is taken. Frames: those of the values carried. Source: docs page."""
+
+    fifo: Fifo = part("Messages on their way; those that found the queue full count as lost.")
+    taken: Scalar = quantity("100 ns", "Up to when slots are promised to messages that wait.", kind="time")
+
+
+@record
+class SlaveBus:
+    """Messages cut into pieces of at most `piece` bytes, one piece each `slot`, in order; a queue before it.
+
+        pieces = ceil(bytes/piece)      first slot = the first that begins after now and after what waits
+        arrives = first slot + (pieces − 1) slot + 9 (bytes of the last piece + 1 address)/bit_rate
+
+    The bytes follow from what a sample holds: `overhead`, two for a real number, one for an integer, a bit for a flag;
+    or they are told. The time of measurement travels with it. A message that would be longer on its way than `queue` is
+    dropped and counted.
+
+    Frames:  those of the values carried.    Not modelled: repeated pieces, other traffic.
+    Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and at most 10 bytes go to it each
+             10 ms. Bit rate, sizes and queue are reconstructed.
+    """
+
+    bit_rate: Scalar = quantity("1/s", "Bits per second.", default=100e3, above=0)
+    slot: int = period("Time between pieces.", default=ms(10))
+    piece: int = option("Most bytes in a piece.", default=10)
+    overhead: int = option("Bytes of a message besides its numbers: header, name, length, time.", default=5)
+    size: int = option("Bytes of a message; 0: they follow from the sample.", default=0)
+    queue: int = period("Longest time that a message may be on its way.", default=ms(200))
+    period: int = period("How often the receiving end looks.", default=ms(1))
+    capacity: int = option("Slots of the ring, one per period.", default=256)
+    limited: bool = option("Whether the bus takes any time.", default=True, choices=(True, False))
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay",)
+
+    def check(self) -> None:
+        """Refuse pieces without room, a piece longer than its slot, and a ring too short for the queue."""
+        if self.piece < 1 or self.size < 0 or self.overhead < 0:
+            problem = f"{self.piece} bytes a piece, {self.size} a message, {self.overhead} over"
+            raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")
+        longest = (self.piece + 1) * BITS_PER_BYTE / float(self.bit_rate)
+        if longest > to_seconds(self.slot):
+            problem = f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {show(self.slot)}"
+            raise InputError("SlaveBus.slot", problem, fix="make the pieces smaller or the slot longer")
+        check_ring("SlaveBus", self.capacity, to_seconds(self.queue), self.period, self.period)
+
+    def without(self, name: str) -> "SlaveBus":
+        """A copy with its one fault off: "delay"."""
+        if name == "delay":
+            return replace(self, limited=False)
+        raise InputError("SlaveBus", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+
+    def bytes_of(self, value: Any) -> int:
+        """How many bytes a message with this value has."""
+        if self.size:
+            return self.size
+        counts = {"f": 0, "i": 0, "u": 0, "b": 0}
+        for leaf in jax.tree.leaves(value):
+            counts[np.dtype(jnp.result_type(leaf)).kind] += int(np.prod(jnp.shape(leaf)))
+        return self.overhead + 2 * counts["f"] + counts["i"] + counts["u"] + -(-counts["b"] // 8)
+
+    def init(self, key: Key, like: Sample) -> SlaveBusState:
+        """An empty bus."""
+        return SlaveBusState(fifo=empty(None, like, self.capacity), taken=np.int64(NEVER))
+
+    def step(self, t: Any, state: SlaveBusState, sample: Sample) -> tuple[SlaveBusState, Sample]:
+        """What the receiving end holds at integer time t."""
+        size = self.bytes_of(sample.value)
+        pieces = -(-size // self.piece)
+        last = size - (pieces - 1) * self.piece
+        begins = -(-jnp.maximum(t, state.taken) // self.slot) * self.slot
+        time = (last + 1) * BITS_PER_BYTE / self.bit_rate
+        arrives = begins + (pieces - 1) * self.slot + jnp.round(time * UNITS_PER_SECOND).astype(np.int64)
+        latency = jnp.where(self.limited, to_seconds(arrives - t), 0.0)
+        full = (arrives - t > self.queue) & self.limited
+        sent = (measurement_time(sample) > state.fifo.offered) & ~full
+        fifo, out = deliver(t, state.fifo, sample, lambda: (latency, full), send_period=self.period, period=self.period)
+        taken = jnp.where(sent & (t % self.period == 0), begins + pieces * self.slot, state.taken)
+        return SlaveBusState(fifo=fifo, taken=taken), out

@@ -1,0 +1,95 @@
+"""A vehicle or an autopilot as a process of its own, started as a person would start it."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+PRIORITY = 38
+LOOK_S = 0.02
+START_S, END_S = 240.0, 120.0
+"""How long a process may take to be ready, and to end after it was told: only a failure takes as long."""
+
+
+class NotReady(Exception):
+    """A process did not say what was waited for, or did not end."""
+
+
+class Process:
+    """`trimtab …`, with what it says kept in a file."""
+
+    def __init__(self, *words: str, folder: Path, name: str, environment: dict[str, str]) -> None:
+        self.name, self._said, self._out = name, folder / f"{name}.said", folder / f"{name}.json"
+        path = os.pathsep.join(p for p in sys.path if p)
+        with self._said.open("wb") as said, self._out.open("wb") as out:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "trimtab.cli", *words, "--json"],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=said,
+                env={**os.environ, "PYTHONPATH": path, **environment},
+            )
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """Exit status; None while it runs."""
+        return self._process.poll()
+
+    @property
+    def said(self) -> str:
+        """What it has said to people so far."""
+        return self._said.read_text("utf-8", "replace")
+
+    @property
+    def result(self) -> dict[str, Any] | None:
+        """What it printed as JSON, at its end."""
+        lines = self._out.read_text("utf-8", "replace").strip().splitlines()
+        with contextlib.suppress(ValueError, IndexError):
+            return json.loads(lines[-1])
+        return None
+
+    def wait_for(self, text: str, count: int = 1, patience: float = START_S) -> None:
+        """Until it has said a text; NotReady where it ends or keeps silent."""
+        given_up = monotonic() + patience
+        while self.said.count(text) < count:
+            if self.status is not None or monotonic() > given_up:
+                raise NotReady(f"{self.name} did not say {text!r}: {self.said.strip()[-300:]}")
+            sleep(LOOK_S)
+
+    def hurry(self) -> None:
+        """Scheduled before ordinary processes, where that is allowed, so that a loaded machine spoils no case."""
+        with contextlib.suppress(OSError, AttributeError):
+            os.sched_setscheduler(self.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
+
+    def send(self, number: int) -> None:
+        """A signal."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.send_signal(number)
+
+    def children(self) -> list[int]:
+        """Processes that it started: the writer of its log."""
+        found = Path(f"/proc/{self.pid}/task/{self.pid}/children")
+        return [int(n) for n in found.read_text().split()] if found.exists() else []
+
+    def finish(self, patience: float = END_S) -> None:
+        """Wait for its end; NotReady, and killed, where there is none."""
+        try:
+            self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise NotReady(f"{self.name} did not end: {self.said.strip()[-300:]}") from None
+
+    def kill(self) -> None:
+        """Without a word."""
+        self.send(signal.SIGKILL)
+        self._process.wait()

@@ -1,0 +1,131 @@
+"""Whether a vehicle was safe, told by its own log at every millisecond, with none of the firmware's code.
+
+All times are the log's, so that a machine that is busy elsewhere changes no verdict.
+"""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trimtab.actuators.failsafe import CAUSES, MODES
+from trimtab.logs.log import Log
+
+DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
+SILENCE_S, LIFT_S, SERVO_S, ROW_S = 0.25, 1.0, 0.02, 0.0015
+"""Longest silence that is flown on; from there until the lift fan stops; a frame of the servos; a row and a half."""
+BOUNDS = {"truth.surge_velocity": 2.5, "truth.sway_velocity": 2.5, "truth.yaw_rate": 6.0}
+"""What a vehicle that flies on must stay within, in m/s and rad/s."""
+REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover", "no command since arming")}
+"""Why failsafe may be left, and armed time end without failsafe."""
+
+
+def stays(log: Log) -> list[tuple[int, int, int, int]]:
+    """Each stay in a mode: mode, cause, first row, row after the last."""
+    mode, cause = log["firmware.mode"].astype(int), log["firmware.cause"].astype(int)
+    edges = [0, *(np.flatnonzero(np.diff(mode) | np.diff(cause)) + 1).tolist(), len(mode)]
+    return [(mode[a], cause[a], a, b) for a, b in pairwise(edges)]
+
+
+def violations(log: Log, *, broken: tuple[float, float] | None = None) -> list[str]:
+    """Each rule that was broken; none for a vehicle that was safe.
+
+    Args:
+        log: of the vehicle.
+        broken: from when to when (s) the actuators obeyed nobody, because a fault of theirs was put in.
+    """
+    found = [*_drives(log, broken), *_silence(log), *_lift(log), *_latch(log), *_end(log)]
+    return [*found, *_bounds(log)]
+
+
+def _force(log: Log) -> Any:
+    return np.hypot(log["actuators.u.FX"], log["actuators.u.FY"])
+
+
+def _drives(log: Log, broken: tuple[float, float] | None) -> list[str]:
+    """No force but by a command."""
+    t, force = log.t, _force(log)
+    sound = np.ones(len(t), bool) if broken is None else (t < broken[0]) | (t > broken[1] + 2 * SERVO_S)
+    found = []
+    for mode, cause, a, b in stays(log):
+        if mode in (DISARMED, FAILSAFE):
+            rows = np.arange(a, b)[(t[a:b] > t[a] + SERVO_S + ROW_S) & sound[a:b]]
+            if len(rows) and force[rows].max() > 0:
+                worst = rows[np.argmax(force[rows])]
+                found.append(f"{force[worst]:.2f} N at {t[worst]:.3f} s, {MODES[mode]} ({CAUSES[cause]})")
+    return found
+
+
+def _silence(log: Log) -> list[str]:
+    """While the computer flies, a command that was taken in every 250 ms."""
+    t = log.t
+    came = log["firmware.command.fresh"] & (np.diff(log["firmware.rejected"], prepend=0) == 0)
+    found = []
+    for mode, _, a, b in stays(log):
+        times = t[a:b][came[a:b]]
+        if mode == COMPUTER and len(times):
+            gap = np.diff(np.append(times, t[b - 1])).max()
+            if gap > SILENCE_S + ROW_S:
+                found.append(f"flew on through {gap * 1e3:.0f} ms without a command")
+    return found
+
+
+def _lift(log: Log) -> list[str]:
+    """The lift fan stops a second after failsafe began, and at once when disarmed."""
+    t, lift, found, since = log.t, log["firmware.lift"], [], None
+    for mode, _, a, b in stays(log):
+        since = (t[a] if since is None else since) if mode == FAILSAFE else None
+        limit = t[a] if mode == DISARMED else None if since is None else since + LIFT_S
+        if limit is not None and lift[a:b][t[a:b] > limit + ROW_S].any():
+            found.append(f"the lift fan turned {t[a:b][lift[a:b]].max() - limit:.3f} s too long")
+    return found
+
+
+def _latch(log: Log) -> list[str]:
+    """Failsafe is left only when somebody asks."""
+    found, before = [], None
+    for mode, cause, a, _ in stays(log):
+        if before == FAILSAFE and mode != FAILSAFE and cause not in REASONS:
+            found.append(f"left failsafe at {log.t[a]:.3f} s by {CAUSES[cause]}")
+        before = mode
+    return found
+
+
+def _end(log: Log) -> list[str]:
+    mode = int(log["firmware.mode"][-1])
+    still = _force(log)[-1] == 0 and not log["firmware.lift"][-1]
+    return [] if mode in (DISARMED, FAILSAFE) and still else [f"at the end: {MODES[mode]}, {_force(log)[-1]:.2f} N"]
+
+
+def _bounds(log: Log) -> list[str]:
+    found = []
+    for path, limit in BOUNDS.items():
+        worst = float(np.abs(log[path]).max())
+        if not worst <= limit:
+            found.append(f"{path.removeprefix('truth.').replace('_', ' ')} reached {worst:.2f}")
+    return found
+
+
+def course(log: Log) -> str:
+    """What the vehicle did, in words."""
+    said, t = [], log.t
+    for mode, cause, a, b in stays(log)[1:]:
+        said.append(f"{MODES[mode]} ({CAUSES[cause]}) after {t[a] - _first(log):.2f} s" if said else "armed")
+        if mode == FAILSAFE:
+            lift = t[a:b][log["firmware.lift"][a:b]]
+            if len(lift) and b - a > len(lift):
+                said.append(f"lift off {lift[-1] - t[a]:.2f} s later")
+    surge = np.abs(log["truth.surge_velocity"]).max()
+    return f"{'; '.join(said) or 'never armed'}; at most {surge:.2f} m/s"
+
+
+def _first(log: Log) -> float:
+    """When it was first armed."""
+    changed = stays(log)
+    return float(log.t[changed[1][2]]) if len(changed) > 1 else 0.0
+
+
+def tripped(log: Log) -> list[str]:
+    """The causes for which failsafe was entered."""
+    modes = [(mode, cause) for mode, cause, _, _ in stays(log)]
+    return [CAUSES[c] for (m, c), (p, _) in zip(modes[1:], modes, strict=False) if m == FAILSAFE and p != FAILSAFE]

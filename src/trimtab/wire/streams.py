@@ -1,0 +1,112 @@
+"""Messages sent again and again, each at its own rate, which ground stations may ask to be another.
+
+One a call at most, so that a slow line is never given a burst.
+Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; messages/common.html, MAV_DATA_STREAM.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from trimtab.core.time import FOREVER, ms, seconds
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.message import Message
+from trimtab.wire.protocol import Order, Result
+
+FASTEST = ms(20)
+"""Nothing is sent more often, whatever is asked for."""
+SLOWEST = seconds(60)
+UNITS_PER_US = 10
+ALL = 0
+STREAMS: Mapping[int, frozenset[str]] = {
+    1: frozenset({"HIGHRES_IMU"}),
+    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME"}),
+    3: frozenset({"RC_CHANNELS", "SERVO_OUTPUT_RAW"}),
+    6: frozenset({"LOCAL_POSITION_NED"}),
+    10: frozenset({"ATTITUDE"}),
+    11: frozenset({"VFR_HUD"}),
+}
+"""What REQUEST_DATA_STREAM means by its numbers."""
+INTERVAL = "MESSAGE_INTERVAL"
+
+
+class Stream(NamedTuple):
+    """A message and how often it is sent unasked. fields: its fields at a time, None while there is nothing to tell."""
+
+    fields: Callable[[int], Mapping[str, Any] | None]
+    period: int
+
+
+class Streams:
+    """The messages of one vehicle. Times are the vehicle's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint, streams: Mapping[str, Stream]) -> None:
+        """streams: name of a message -> what it tells."""
+        self._endpoint, self._streams = endpoint, dict(streams)
+        self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
+        self._periods = {n: s.period for n, s in self._streams.items()}
+        self._due = dict.fromkeys(self._streams, 0)
+        self._next = 0 if self._due else FOREVER
+
+    def due(self, now: int) -> list[bytes]:
+        """The one message that has been due for longest, if any is."""
+        if now < self._next:
+            return []
+        name = min(self._due, key=lambda n: self._due[n])
+        period = self._periods[name]
+        late = now - self._due[name]
+        self._due[name] = self._due[name] + period if late < period else now + period
+        self._next = min(self._due.values())
+        return self._packet(name, now)
+
+    def order(self, command: int, first: float, second: float, now: int) -> tuple[Result, list[bytes]]:
+        """Follow a request for a message, or for its rate: what to answer, and packets."""
+        if command == Order.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
+            command, first = Order.GET_INTERVAL, second
+        name = self._names.get(int(first)) if math.isfinite(first) else None
+        if name is None or command not in (Order.REQUEST_MESSAGE, Order.SET_INTERVAL, Order.GET_INTERVAL):
+            return Result.UNSUPPORTED, []
+        if command == Order.GET_INTERVAL:
+            return Result.ACCEPTED, [self._interval(name)]
+        if command == Order.SET_INTERVAL:
+            return self._set_interval(name, second, now), []
+        packets = self._packet(name, now)
+        return (Result.ACCEPTED if packets else Result.NOT_NOW), packets
+
+    def ask(self, message: Message, now: int) -> None:
+        """Follow a REQUEST_DATA_STREAM."""
+        which, rate, start = (message.get(n) for n in ("req_stream_id", "req_message_rate", "start_stop"))
+        for name in self._streams if which == ALL else STREAMS.get(which, ()):
+            self._pace(name, seconds(1) // rate if start and rate else 0, now)
+
+    def _packet(self, name: str, now: int) -> list[bytes]:
+        fields = self._streams[name].fields(now)
+        return [] if fields is None else [self._endpoint.pack(name, fields)]
+
+    def _interval(self, name: str) -> bytes:
+        period = self._periods.get(name, 0)
+        fields = {"message_id": self._endpoint.dialect.definitions[name].id}
+        return self._endpoint.pack(INTERVAL, fields | {"interval_us": period // UNITS_PER_US or -1})
+
+    def _set_interval(self, name: str, micros: float, now: int) -> Result:
+        if micros == 0:
+            self._pace(name, self._streams[name].period, now)
+        elif micros == -1:
+            self._pace(name, 0, now)
+        elif math.isfinite(micros) and micros > 0:
+            self._pace(name, int(micros) * UNITS_PER_US, now)
+        else:
+            return Result.DENIED
+        return Result.ACCEPTED
+
+    def _pace(self, name: str, period: int, now: int) -> None:
+        """Send it each `period` from now on; 0: never."""
+        if name not in self._streams:
+            return
+        if not period:
+            self._periods.pop(name, None)
+            self._due.pop(name, None)
+        else:
+            self._periods[name] = period = min(max(period, FASTEST), SLOWEST)
+            self._due[name] = min(self._due.get(name, now), now + period)
+        self._next = min(self._due.values(), default=FOREVER)

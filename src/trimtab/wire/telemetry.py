@@ -1,0 +1,138 @@
+"""What a vehicle is and does, as fields of the standard messages that ground stations show. Nothing here has a state.
+
+Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
+Source: https://mavlink.io/en/messages/common.html.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import IntFlag
+from typing import Any, NamedTuple
+
+Vector = Sequence[float]
+Fields = Mapping[str, Any]
+UNITS_PER_MS, UNITS_PER_US = 10_000, 10
+UNKNOWN_16, UNKNOWN_8 = 0xFFFF, 0xFF
+SERVOS, RECEIVER = 16, 18
+LOW_PULSE, PULSE_RANGE = 1000, 1000
+"""Of a servo (µs)."""
+ON_GROUND = 1
+GAUSS_PER_TESLA = 1e4
+
+
+class Health(IntFlag):
+    """MAV_SYS_STATUS_SENSOR: what a vehicle has, and whether it is well."""
+
+    GYRO = 1
+    ACCELEROMETER = 2
+    MAGNETOMETER = 4
+    MOTORS = 0x8000
+    RECEIVER = 0x10000
+    FENCE = 0x100000
+    ARMING_CHECK = 0x10000000
+
+
+class Seen(NamedTuple):
+    """How a vehicle moves: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
+
+    p_WB: Vector
+    attitude: Vector
+    v_WB_B: Vector
+    w_WB_B: Vector
+
+
+def attitude(now: int, seen: Seen) -> Fields:
+    """ATTITUDE; angles from -pi to pi."""
+    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrapped, seen.attitude), strict=True))
+    rates = zip(("rollspeed", "pitchspeed", "yawspeed"), seen.w_WB_B, strict=True)
+    return {"time_boot_ms": _ms(now)} | angles | dict(rates)
+
+
+def local_position(now: int, seen: Seen) -> Fields:
+    """LOCAL_POSITION_NED; the origin is that of W."""
+    place = zip("xyz", seen.p_WB, strict=True)
+    velocity = zip(("vx", "vy", "vz"), in_world(seen.attitude, seen.v_WB_B), strict=True)
+    return {"time_boot_ms": _ms(now)} | dict(place) | dict(velocity)
+
+
+def head_up(seen: Seen) -> Fields:
+    """VFR_HUD; there is no wind, so the speed through the air is that over the ground."""
+    north, east, down = in_world(seen.attitude, seen.v_WB_B)
+    return {
+        "airspeed": math.sqrt(sum(v * v for v in seen.v_WB_B)),
+        "groundspeed": math.hypot(north, east),
+        "heading": round(math.degrees(seen.attitude[2])) % 360,
+        "alt": 0.0 - seen.p_WB[2],
+        "climb": 0.0 - down,
+    }
+
+
+def inertial(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
+    """HIGHRES_IMU from a sample measured at t; field: of a magnetometer (T)."""
+    found: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
+    for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
+        found |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
+    for axis in "xyz":
+        found[f"{axis}mag"] *= GAUSS_PER_TESLA
+    return found
+
+
+def servos(now: int, shares: Vector) -> Fields:
+    """SERVO_OUTPUT_RAW: what the actuators are given, from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
+    pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
+    time = now // UNITS_PER_US & 0xFFFFFFFF
+    return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
+
+
+def receiver(now: int, pulses: Vector) -> Fields:
+    """RC_CHANNELS: what the safety pilot's receiver gives (s), NaN for a channel that isn't there."""
+    raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
+    raw += [UNKNOWN_16] * (RECEIVER - len(raw))
+    count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
+    named = {f"chan{k + 1}_raw": v for k, v in enumerate(raw)}
+    return {"time_boot_ms": _ms(now), "chancount": count, "rssi": UNKNOWN_8} | named
+
+
+def health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
+    """SYS_STATUS; there is no battery. lost, accepted, refused: frames of the line so far.
+
+    A fence that isn't there is told to be well: MAVProxy reports a breach else.
+    """
+    share = 10_000 * lost // max(lost + accepted, 1)
+    return {
+        "onboard_control_sensors_present": has,
+        "onboard_control_sensors_enabled": has,
+        "onboard_control_sensors_health": has & well | Health.FENCE,
+        "voltage_battery": UNKNOWN_16,
+        "current_battery": -1,
+        "battery_remaining": -1,
+        "drop_rate_comm": share,
+        "errors_comm": refused & 0xFFFF,
+    }
+
+
+def landed(held: bool) -> Fields:
+    """EXTENDED_SYS_STATE: on the ground while it is held, else not known."""
+    return {"landed_state": ON_GROUND if held else 0}
+
+
+def system_time(now: int, unix: float) -> Fields:
+    """SYSTEM_TIME; unix: seconds since 1970 by the vehicle's computer."""
+    return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _ms(now)}
+
+
+def in_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
+    """A vector of B in W: turned by roll, then pitch, then yaw."""
+    x, y, z = of_body
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
+    y, z = cr * y - sr * z, sr * y + cr * z
+    x, z = cp * x + sp * z, -sp * x + cp * z
+    return cy * x - sy * y, sy * x + cy * y, z
+
+
+def _ms(now: int) -> int:
+    return now // UNITS_PER_MS & 0xFFFFFFFF
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, math.tau) if math.isfinite(angle) else angle

@@ -1,0 +1,50 @@
+"""MAVSDK discovers, reads, arms and commands a running vehicle, an unsigned one on loopback: it can't sign."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ground.serving import PATIENCE, served
+
+mavsdk = pytest.importorskip("mavsdk", reason='pip install "mavsdk>=4.1"')
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(mavsdk, "Configuration"), reason='pip install "mavsdk>=4.1"'),
+]
+STATION = Path(__file__).with_name("mavsdk_station.py")
+
+
+def station(port):
+    """What MAVSDK found, in a process of its own: it has threads that outlive a test."""
+    done = subprocess.run(
+        [sys.executable, str(STATION), str(port)], capture_output=True, text=True, timeout=PATIENCE, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_mavsdk_reads_state_arms_and_changes_mode_and_parameters(tmp_path):
+    with served(tmp_path, "--unsigned") as vehicle:
+        found = station(vehicle.port)
+        report = vehicle.stop()
+    assert (found["system"], found["components"]) == (1, [1])
+    assert found["attitude"] == pytest.approx([0.0, 0.0, 0.0])
+    assert found["position"] == pytest.approx([0.0, 0.0, 0.0])
+    assert found["local_position_ok"]
+    assert found["mass"] == pytest.approx([2.6, 2.8])
+    assert 3 < found["parameters"] < 1000
+    assert found["armed"] == [False, True, False]
+    assert found["modes"] == [15, 0]
+    assert any("arm request" in text for text in found["texts"])
+    assert report["released_s"] is not None
+
+
+def test_mavsdk_sees_no_vehicle_that_signs(tmp_path):
+    with served(tmp_path) as vehicle:
+        found = station(vehicle.port)
+        report = vehicle.stop()
+    assert found == {"system": None}
+    assert report["line"]["bytes_out"] == 0
+    assert report["released_s"] is None
+    assert report["wire"]["unsigned"] > 0

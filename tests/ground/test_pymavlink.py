@@ -1,0 +1,150 @@
+"""An independent implementation of MAVLink, and of its signatures, as ground station of a running vehicle."""
+
+import hashlib
+import socket
+import time
+
+import pytest
+from ground.serving import served
+
+common = pytest.importorskip("pymavlink.dialects.v20.common", reason="pip install pymavlink")
+
+PATIENCE = 30.0
+"""Seconds; only a failure takes this long."""
+SIGNING_EPOCH = 1_420_070_400
+ARM, SET_MODE, SET_INTERVAL = 400, 176, 511
+GUIDED, MANUAL = 15, 0
+
+
+class Peer:
+    """A ground station made of pymavlink and a socket."""
+
+    def __init__(self, port, passphrase=None, link=0) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self.mav = common.MAVLink(self, srcSystem=255, srcComponent=190)
+        self.mav.robust_parsing = True
+        self.sent, self.bytes_heard, self._beat = [], 0, 0.0
+        if passphrase:
+            signing = self.mav.signing
+            signing.secret_key = hashlib.sha256(passphrase.encode()).digest()
+            signing.timestamp = int((time.time() - SIGNING_EPOCH) * 1e5)
+            signing.sign_outgoing, signing.link_id = True, link
+
+    def write(self, packet):
+        self.sent.append(bytes(packet))
+        self.send(packet)
+
+    def send(self, packet):
+        self._socket.send(packet)
+
+    def hear(self, wait):
+        """The messages of the next packet."""
+        if time.monotonic() > self._beat:
+            self._beat = time.monotonic() + 0.5
+            self.mav.heartbeat_send(6, 8, 0, 0, 0)
+        self._socket.settimeout(wait)
+        try:
+            packet = self._socket.recv(65535)
+        except TimeoutError:
+            return []
+        self.bytes_heard += len(packet)
+        return self.mav.parse_buffer(packet) or []
+
+    def await_(self, name, good=lambda message: True, ask=lambda: None):
+        """The first message of a name that is good; asks twice a second."""
+        end, again = time.monotonic() + PATIENCE, 0.0
+        while time.monotonic() < end:
+            if time.monotonic() > again:
+                again = time.monotonic() + 0.5
+                ask()
+            for message in self.hear(0.1):
+                if message.get_type() == name and good(message):
+                    return message
+        raise AssertionError(f"no {name}")
+
+    def command(self, number, *params):
+        params = [*params, *[0.0] * (7 - len(params))]
+        return self.await_(
+            "COMMAND_ACK",
+            lambda m: m.command == number,
+            lambda: self.mav.command_long_send(1, 1, number, 0, *params),
+        ).result
+
+    def attack(self):
+        """Everything a stranger would try, for a second."""
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            self.mav.command_long_send(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0)
+            self.mav.command_long_send(1, 1, SET_MODE, 0, 1, MANUAL, 0, 0, 0, 0, 0)
+            self.mav.param_set_send(1, 1, b"WV_MASS", 5.0, 9)
+            self.mav.param_request_list_send(1, 1)
+            self.mav.ping_send(0, 1, 0, 0)
+            self.hear(0.05)
+
+    def is_armed(self):
+        return bool(self.await_("HEARTBEAT").base_mode & 128)
+
+    def close(self):
+        self._socket.close()
+
+
+def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
+    with served(tmp_path) as vehicle:
+        peer = Peer(vehicle.port, vehicle.passphrase)
+        beat = peer.await_("HEARTBEAT")
+        assert (beat.type, beat.custom_mode, beat.base_mode & 128) == (11, GUIDED, 0)
+        for name in ("ATTITUDE", "LOCAL_POSITION_NED", "VFR_HUD", "SERVO_OUTPUT_RAW", "SYS_STATUS", "SYSTEM_TIME"):
+            peer.await_(name)
+        assert peer.await_("EXTENDED_SYS_STATE").landed_state == 1
+
+        def read():
+            peer.mav.param_request_read_send(1, 1, b"WV_MASS", -1)
+
+        assert peer.await_("PARAM_VALUE", ask=read).param_value == pytest.approx(2.6)
+        changed = peer.await_("PARAM_VALUE", ask=lambda: peer.mav.param_set_send(1, 1, b"WV_MASS", 2.8, 9))
+        assert changed.param_value == pytest.approx(2.8)
+        assert peer.command(SET_INTERVAL, 30, 100_000) == 0
+        times = [peer.await_("ATTITUDE").time_boot_ms for _ in range(6)]
+        assert times[-1] - times[0] < 6 * 250  # the vehicle's own clock: a loaded machine makes it no longer
+
+        assert peer.command(SET_MODE, 1, MANUAL) == 0
+        assert peer.await_("HEARTBEAT", lambda m: m.custom_mode == MANUAL)
+        assert peer.command(SET_MODE, 1, GUIDED) == 0
+        assert peer.command(ARM, 1) == 0
+        assert peer.await_("HEARTBEAT", lambda m: m.base_mode & 128)
+        assert peer.command(ARM, 0) == 0
+        assert peer.await_("HEARTBEAT", lambda m: not m.base_mode & 128)
+        report = vehicle.stop()
+        assert report["released_s"] is not None
+        assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
+        peer.close()
+
+
+def test_without_the_key_nothing_is_done_and_nothing_is_told(tmp_path):
+    with served(tmp_path) as vehicle:
+        port = vehicle.port
+        for passphrase in (None, "a-passphrase-that-is-another"):
+            stranger = Peer(port, passphrase)
+            stranger.attack()
+            assert stranger.bytes_heard == 0
+            stranger.close()
+        friend = Peer(port, vehicle.passphrase)
+        assert friend.command(ARM, 1) == 0
+        assert friend.command(ARM, 0) == 0
+        captured = list(friend.sent)
+        replayer = Peer(port)
+        for packet in captured:
+            replayer.send(packet)
+        replayer.attack()
+        assert replayer.bytes_heard == 0
+        assert not friend.await_("HEARTBEAT", ask=lambda: None).base_mode & 128
+        assert friend.await_("HEARTBEAT").custom_mode == GUIDED
+        read = friend.await_("PARAM_VALUE", ask=lambda: friend.mav.param_request_read_send(1, 1, b"WV_MASS", -1))
+        assert read.param_value == pytest.approx(2.6)
+        for peer in (replayer, friend):
+            peer.close()
+        refused = vehicle.stop()["wire"]
+        assert refused["unsigned"] > 20
+        assert refused["wrong_signature"] > 20
+        assert refused["replayed"] >= len(captured)

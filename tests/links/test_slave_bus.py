@@ -1,0 +1,113 @@
+"""Slave bus: the specification's figure, and every arrival against a list of slots written here."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, numeric, quantity, record, replace
+from trimtab.core.rng import key
+from trimtab.core.signals import Sample
+from trimtab.core.time import ms
+from trimtab.links.slave_bus import SlaveBus
+from trimtab.loop.structure import strong
+
+
+@record
+class Ranges:
+    """Source: this test."""
+
+    range: Scalar = quantity("m", "To beacons.", shape=(4,))
+    arrived: Scalar = quantity("1", "Which replied.", kind="flag", shape=(4,))
+    unit: Scalar = quantity("1", "Which unit.", kind="count")
+
+
+BYTES = 5 + 2 * 4 + 1 + 1
+"""Overhead, four ranges, one byte of flags, a unit."""
+
+
+def flown(bus, made, n, grid=10_000):
+    """Samples at the receiving end at n instants, where samples are measured at the times `made` (ms)."""
+    bus, times = numeric(bus), np.array(made) * ms(1)
+
+    def given(t):
+        newest = jnp.sum(times <= t) - 1
+        at = jnp.asarray(times)[jnp.maximum(newest, 0)]
+        value = Ranges(jnp.ones(4) * at * 1e-4, jnp.ones(4, bool), at.astype(np.int32))
+        return Sample(value, at, (t - at) * 1e-7, at == t, newest >= 0)
+
+    def run(bus):
+        state = strong(bus.init(key(0), given(np.int64(0))))
+        return jax.lax.scan(lambda s, t: bus.step(t, s, given(t)), state, jnp.arange(n, dtype=np.int64) * grid)
+
+    return jax.tree.map(np.asarray, jax.jit(run)(bus))
+
+
+def slots(made, size=BYTES, queue=200.0):
+    """Arrival (ms) of each message by filling a list of slots one by one; None: dropped."""
+    free, arrivals = 0, []
+    for t in made:
+        pieces = [10] * (size // 10) + ([size % 10] if size % 10 else [])
+        first = free
+        while first * 10 < t:
+            first += 1
+        arrives = (first + len(pieces) - 1) * 10 + (pieces[-1] + 1) * 9 / 100
+        if arrives - t > queue:
+            arrivals.append(None)
+            continue
+        free = first + len(pieces)
+        arrivals.append(arrives)
+    return arrivals
+
+
+def test_10_bytes_and_an_address_take_0_99_ms():
+    """Spec 4.2: 99 bits at 100 kHz."""
+    _, out = flown(SlaveBus(size=10, period=ms("0.01"), queue=ms(2)), [0], 110, ms("0.01"))
+    assert int(np.argmax(out.valid)) == 99
+
+
+CASES = {
+    "one": [3],
+    "on the slot": [10],
+    "every 50 ms": list(range(7, 400, 50)),
+    "bursts": [100, 101, 102, 103, 250, 251, 400],
+    "too many": list(range(0, 400, 5)),
+}
+
+
+@pytest.mark.parametrize("made", CASES.values(), ids=CASES)
+@pytest.mark.parametrize("size", [0, 10, 37])
+def test_arrivals_are_those_of_the_slots(made, size):
+    n = 700
+    state, out = flown(SlaveBus(size=size), made, n)
+    arrivals = slots(made, size or BYTES)
+    fresh = np.nonzero(out.fresh)[0]
+    wanted = [(int(np.ceil(a)), t) for a, t in zip(arrivals, made, strict=True) if a is not None]
+    assert list(zip(fresh.tolist(), (out.t[fresh] // ms(1)).tolist(), strict=True)) == wanted
+    assert int(state.fifo.lost) == sum(a is None for a in arrivals)
+    np.testing.assert_allclose(out.age[out.valid], (np.arange(n) * ms(1) - out.t)[out.valid] * 1e-7, atol=1e-12)
+    np.testing.assert_array_equal(out.value.unit[out.valid], out.t[out.valid])
+
+
+def test_a_message_follows_from_its_sample():
+    value = Ranges(np.zeros(4), np.zeros(4, bool), np.int32(0))
+    assert SlaveBus().bytes_of(value) == BYTES
+    assert SlaveBus(size=12).bytes_of(value) == 12
+
+
+def test_without_delay_it_is_a_wire():
+    _, out = flown(SlaveBus().without("delay"), CASES["bursts"], 420)
+    assert np.nonzero(out.fresh)[0].tolist() == CASES["bursts"]
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="takes 18"):
+        replace(SlaveBus(), bit_rate=5.5e3).check()
+    with pytest.raises(InputError, match="capacity"):
+        replace(SlaveBus(), queue=ms(400)).check()
+    with pytest.raises(InputError, match="bytes a piece"):
+        replace(SlaveBus(), piece=0).check()
+    with pytest.raises(InputError, match="no imperfection"):
+        SlaveBus().without("loss")
+    SlaveBus().check()

@@ -1,0 +1,157 @@
+"""Faults over a live pair: three cases in every run, all of them when slow tests are asked for.
+
+The verdict is tested by logs of vehicles that were not safe.
+"""
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trimtab.actuators.failsafe import CAUSES, MODES
+from trimtab.cli import main
+from trimtab.logs.log import Log
+from trimtab.studies.live_faults.case import STOPS, Case, judge
+from trimtab.studies.live_faults.cases import PARTS, WORDS, cases
+from trimtab.studies.live_faults.flight import Ended
+from trimtab.studies.live_faults.verdict import tripped, violations
+
+PAGE = Path(__file__).parents[2] / "docs" / "studies" / "live-faults.md"
+QUICK = "cut-0.3", "uplink-stuck", "autopilot-killed"
+MODE = {name: k for k, name in enumerate(MODES)}
+CAUSE = {name: k for k, name in enumerate(CAUSES)}
+
+
+def flown(stops=2.25, duration=5.0, lift=1.0, force_until=None):
+    """The log of a vehicle: armed at 1 s, commands each 20 ms until 250 ms before it goes to failsafe."""
+    t = np.arange(0, duration, 1e-3)
+    ticks = np.rint(t * 1e7).astype(np.int64)
+    t = ticks * 1e-7
+    mode = np.where(t < 1, MODE["disarmed"], np.where(t < stops, MODE["computer"], MODE["failsafe"]))
+    cause = np.where(t < 1, CAUSE["start"], np.where(t < stops, CAUSE["arm request"], CAUSE["no command"]))
+    last = stops - 0.25
+    pushes = (t >= 1) & (t < (stops if force_until is None else force_until))
+    zero = np.zeros(len(t))
+    return Log(
+        t,
+        ticks,
+        {
+            "firmware.mode": mode,
+            "firmware.cause": cause,
+            "firmware.lift": (t >= 1) & (t < stops + lift),
+            "firmware.command.fresh": (t >= 1) & (t <= last + 1e-4) & (np.arange(len(t)) % 20 == 0),
+            "firmware.rejected": np.zeros(len(t), int),
+            "actuators.u.FX": np.where(pushes, 1.2, 0.0),
+            "actuators.u.FY": zero,
+            "truth.surge_velocity": zero,
+            "truth.sway_velocity": zero,
+            "truth.yaw_rate": zero,
+        },
+        {},
+        {},
+        {},
+    )
+
+
+def changed(log, **signals):
+    return dataclasses.replace(log, signals={**log.signals, **{n.replace("__", "."): v for n, v in signals.items()}})
+
+
+def test_a_vehicle_that_stopped_in_time_was_safe():
+    log = flown()
+    assert violations(log) == []
+    assert tripped(log) == ["no command"]
+
+
+@pytest.mark.parametrize(
+    ("log", "says"),
+    [
+        (flown(force_until=2.5), r"1\.20 N at 2\.2\d\d s, failsafe \(no command\)"),
+        (flown(lift=1.5), "lift fan turned 0.499 s too long"),
+        (flown(duration=2.0), "at the end: computer"),
+        (changed(flown(), truth__yaw_rate=np.full(5000, 7.0)), "yaw rate reached 7.00"),
+        (changed(flown(), truth__surge_velocity=np.full(5000, np.nan)), "surge velocity reached nan"),
+    ],
+)
+def test_one_that_broke_a_rule_was_not(log, says):
+    assert any(re.search(says, found) for found in violations(log)), violations(log)
+
+
+def test_silence_that_was_flown_on_through_is_found():
+    log = flown(stops=4.0)
+    fresh = log["firmware.command.fresh"] & ((log.t < 2) | (log.t > 2.3))
+    assert any("flew on through 3" in found for found in violations(changed(log, firmware__command__fresh=fresh)))
+    refused = np.cumsum(log["firmware.command.fresh"] & (log.t >= 2) & (log.t <= 2.3))
+    assert any("flew on through 3" in found for found in violations(changed(log, firmware__rejected=refused)))
+
+
+def test_failsafe_that_is_left_unasked_is_found():
+    log = flown()
+    mode = np.where(log.t > 3, MODE["computer"], log["firmware.mode"])
+    cause = np.where(log.t > 3, CAUSE["takeover ended"], log["firmware.cause"])
+    found = violations(changed(log, firmware__mode=mode, firmware__cause=cause))
+    assert any("left failsafe" in one for one in found)
+
+
+def test_a_crash_and_a_missing_log_are_found(tmp_path):
+    left = [
+        Ended("vehicle-1", 1, "Traceback (most recent call last):", None, tmp_path / "vehicle.mcap"),
+        Ended("autopilot-1", 0, "", None, tmp_path / "flight.mcap"),
+    ]
+    outcome = judge(Case("x", "nothing", lambda _: None, STOPS), left)
+    assert outcome.verdict == "fails"
+    for says in ("vehicle-1 ended with 1", "vehicle-1 crashed", "log of autopilot-1 can't be read"):
+        assert any(says in problem for problem in outcome.problems)
+
+
+def test_the_campaign_has_each_word_on_each_part_and_more():
+    names = [case.name for case in cases()]
+    assert len(names) == len(set(names)) >= 40
+    parts = [part.rpartition(":")[2] for part in PARTS]
+    assert {f"{part}-{word}" for part in parts for word in WORDS} <= set(names)
+    assert all(case.words for case in cases())
+
+
+def test_a_case_that_is_not_there_is_refused():
+    done = CliRunner().invoke(main, ["live-faults", "--only", "cut-2"])
+    assert done.exit_code == 2
+    assert "there is no case 'cut-2'" in done.output
+    assert "cut-0.3" in done.output
+
+
+def test_the_page_shows_all_cases_and_all_hold():
+    rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
+    assert [name for name, _ in rows] == [case.name for case in cases()]
+    assert {verdict for _, verdict in rows} <= {"holds"}
+
+
+def campaign(*words, timeout):
+    command = [sys.executable, "-m", "trimtab.cli", "live-faults", "--json", *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, env=dict(os.environ))
+    assert done.stdout, done.stderr
+    return done, json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.timeout(900)
+def test_three_cases_hold(tmp_path):
+    done, found = campaign(*(w for name in QUICK for w in ("--only", name)), "--out", str(tmp_path), timeout=880)
+    assert done.returncode == 0, done.stderr
+    assert [case["verdict"] for case in found["cases"]] == ["holds"] * 3
+    assert all("failsafe (no command)" in case["happened"] for case in found["cases"])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_all_cases_hold():
+    """Some ten minutes on a machine that has nothing else to do."""
+    done, found = campaign(timeout=3500)
+    print(f"{len(found['cases'])} cases in {found['wall_s']:.0f} s")
+    assert done.returncode == 0, done.stderr
+    assert {case["verdict"] for case in found["cases"]} <= {"holds", "skipped"}

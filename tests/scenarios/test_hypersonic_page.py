@@ -1,0 +1,155 @@
+"""Every figure of docs/scenarios-hypersonic.md but those of the board: flown, printed, and found on the page."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trimtab.core.time import ms, seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.run.batch import simulate_batch
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(900),
+    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
+]
+PAGE = Path(__file__).parents[2] / "docs" / "scenarios-hypersonic.md"
+NOISE = "world.sensors.angular-accelerometer.noise"
+SEEDS = range(20)
+STRUCK = 20.0
+"""When impulses and steps begin (s)."""
+
+
+def says(text):
+    """Print a statement, and find it on the page."""
+    print(text)
+    assert " ".join(text.split()) in " ".join(PAGE.read_text(encoding="utf-8").split())
+
+
+@cache
+def flown(name, **choices):
+    """One flight, seed 0, every 50 ms."""
+    scenario, rest = catalogue.load(f"hypersonic/{name}", choices)
+    assert not rest
+    return simulate(scenario, seed=0, log_period=ms(50))
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.square(x), axis=-1))
+
+
+def errors(log):
+    """Of altitude (ft) and speed (ft/s), rms after 20 s."""
+    late = log.t > 20
+    return rms(log["law.h_error"][late]), rms(log["law.V_error"][late])
+
+
+def test_climbs():
+    for name, change, digits in (
+        ("climb-small", "+1 000 ft, +200 ft/s", 4),
+        ("climb-large", "+5 000 ft, +1 000 ft/s", 3),
+    ):
+        h, V = errors(flown(name))
+        says(f"| `{name}` | {change} | {h:.3f}, {V:.{digits}f} |")
+
+
+@cache
+def batch(filter):
+    """20 seeds with noise of the large climb, and one without: errors of h, of V, elevator (deg), by run."""
+    scenario, _ = catalogue.load("hypersonic/noise", {"filter": filter})
+    spread = {NOISE: np.array([0.01] * len(SEEDS) + [0.0])}
+    signals = ("law.h_error", "law.V_error", "actuators.u.delta_e")
+    options = {"signals": signals, "log": True, "log_period": ms(50), "spread": spread}
+    found = simulate_batch(scenario, seeds=[*SEEDS, 0], **options)
+    late = found.ticks > seconds(20)
+    return tuple(found.log[s][:, late] for s in signals)
+
+
+def moved(elevator):
+    """What noise adds in each of the seeds: rms of the difference from the climb without it, (smallest, largest)."""
+    added = rms(elevator[:-1] - elevator[-1])
+    return np.rad2deg(added.min()), np.rad2deg(added.max())
+
+
+def test_noise():
+    h, V, elevator = batch("tuned")
+    h, V = rms(h[:-1]), rms(V[:-1])
+    says(f"| {h.min():.3f} to {h.max():.3f}, {V.max():.4f} at most (20 seeds) |")
+    says("an elevator that noise moves by {:.2f} to {:.2f}° rms".format(*moved(elevator)))
+    h, _, elevator = batch("adaptive")
+    low, high = (f"{m:.2f}" for m in moved(elevator))
+    assert low == high
+    says(f"learns the frequencies and moves it by {low}°")
+    h, without = rms(h[:-1]), rms(h[-1])
+    says(f"stays: {h.min():.2f} to {h.max():.2f} ft rms of altitude, {without:.2f} without noise")
+
+
+def test_no_measurement_tracks_best_with_an_exact_model():
+    h, _ = errors(flown("noise", filter="none"))
+    says(f"it even tracks best ({h:.3f} ft under noise")
+
+
+def test_frequencies_off():
+    rows = {
+        f: [errors(flown("modal-mismatch", filter=f, frequency=q))[0] for q in ("0.90", "1.10")]
+        for f in ("tuned", "adaptive")
+    }
+    says("| `tuned` | {:.3f} | {:.3f} |".format(*rows["tuned"]))
+    says("| `adaptive` | {:.2f} | {:.2f} |".format(*rows["adaptive"]))
+    for kind in ("accurate", "printed", "none"):
+        for q in ("0.90", "1.10"):
+            log = flown("modal-mismatch", filter=kind, frequency=q)
+            print(kind, q, errors(log), log["law.saturated"][log.t > 100].mean())
+            assert np.abs(log["law.h_error"]).max() > 5000
+    says("| `accurate`, `printed`, `none` | lost | lost |")
+
+
+def test_frequencies_off_over_seeds():
+    found = []
+    for q in ("0.90", "1.10"):
+        scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"frequency": q})
+        runs = simulate_batch(scenario, seeds=SEEDS, signals=("law.h_error",), log=True, log_period=ms(50))
+        found.append(rms(runs.log["law.h_error"][:, runs.ticks > seconds(20)]))
+        print(q, found[-1].min(), found[-1].max())
+    says(f"noise | {np.min(found):.3f} to {np.max(found):.3f} for either sign (20 seeds) |")
+
+
+def test_remedies_of_a_wrong_model():
+    def of(**choices):
+        h, V = errors(flown("mismatch", **choices))
+        return h, V
+
+    says("nothing {:.1f} ft, {:.2f} ft/s;".format(*of()))
+    says("| {:.1f}, {:.2f}; see below |".format(*of()))
+    says("u_h with the published sign {:.1f}, {:.2f}".format(*of(robust="published")))
+    says("with the other {:.1f}, {:.2f};".format(*of(robust="minus")))
+    says("u_s smoothed {:.1f}, {:.2f};".format(*of(robust="smooth")))
+    says("u_s with sgn {:.1f}, {:.2f};".format(*of(robust="sign")))
+    end = abs(flown("mismatch", integral="on")["law.h_error"][-1])
+    says("integrals {:.1f}, {:.2f} and {:.2f} ft at the end.".format(*of(integral="on"), end))
+
+
+def test_impulses_and_steps():
+    peaks, gone = [], []
+    for kind in ("moment", "normal-force"):
+        log = flown("impulse", kind=kind)
+        h = np.abs(log["law.h_error"])
+        peaks.append(h.max())
+        gone.append(log.t[h > 1][-1] + 0.05 - STRUCK)  # from the next row on
+    step, better = (flown("step-gust", integral=i)["law.h_error"][-1] for i in ("off", "on"))
+    says(f"offset {abs(step):.1f} ft; with integrals {abs(better):.2f} at the end")
+    says(f"peak {peaks[0]:.1f} ft ({peaks[1]:.0f} ft), below 1 ft after {gone[0]:.0f} s ({gone[1]:.0f} s)")
+
+
+def test_internal_motion():
+    linear, table = flown("climb-large", internal="linear"), flown("climb-large")
+    h, end = errors(linear)[0], abs(linear["law.h_error"][-1])
+    says(f"`climb-large` with the linear one is {h:.1f} ft off, {end:.1f} ft for good;")
+    says(f"quasi-static {errors(flown('climb-large', internal='quasi-static'))[0]:.2f} ft;")
+    preview = errors(flown("climb-large", internal="preview"))[0]
+    assert f"{preview:.3f}" == f"{errors(table)[0]:.3f}"
+    says("looking 4 s ahead in flight as good as the table computed before")
