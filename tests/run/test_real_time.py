@@ -8,19 +8,48 @@ from trimtab.core.time import ms
 from trimtab.run.real_time import NS, Deadlines, real_time
 
 
+class Processor:
+    """Processor time of the thread, as a test says."""
+
+    def __init__(self):
+        self.ns = 0
+
+    def __call__(self):
+        return self.ns
+
+
 def test_overruns_are_put_down_to_their_cause():
-    kept = Deadlines(ms(1))
+    """Period k is said to have woken `late` and worked for `work` periods, of which the thread had `busy`."""
+    processor = Processor()
+    kept = Deadlines(ms(1), processor)
     period = ms(1) * NS
-    now = monotonic_ns()
-    kept.start = now - 10 * period  # deadline 10 is now
-    assert not kept.done(10, now + 100, now + 200, now + 700)
-    assert (kept.own, kept.scheduler) == (0, 0)
-    assert kept.done(8, now - 1000, now - 900, now - 100)  # woke two periods late, worked a microsecond
-    assert (kept.own, kept.scheduler) == (0, 1)
-    assert kept.done(7, now - 2 * period, now - 2 * period, now)  # worked for two periods
-    assert (kept.own, kept.scheduler) == (1, 1)
-    assert kept.summary()["overruns"] == {"own_work": 1, "scheduler": 1}
-    assert kept.step.summary().n == 3
+
+    def done(late, work, busy):
+        now = monotonic_ns()
+        kept.start = now - round((late + work) * period) - 10 * period
+        processor.ns += round(busy * period)
+        woke = now - round(work * period)
+        return kept.done(10, woke, woke + 100, woke + 700)
+
+    causes = []
+    for late, work, busy in (
+        (0.0, 0.2, 0.2),
+        (2.0, 0.1, 0.1),  # woken two periods late
+        (1.2, 0.1, 0.1),  # making up for it
+        (0.0, 0.1, 0.1),
+        (0.0, 2.5, 2.5),  # its own work took too long
+        (1.5, 0.1, 0.1),  # making up for that
+        (0.0, 0.1, 0.1),
+        (0.0, 2.5, 0.3),  # the system took the processor away in the middle
+        (0.0, 0.1, 0.1),
+    ):
+        before = kept.own, kept.scheduler
+        over = done(late, work, busy)
+        causes.append((over, kept.own - before[0], kept.scheduler - before[1]))
+    in_time, slow, waited = (False, 0, 0), (True, 1, 0), (True, 0, 1)
+    assert causes == [in_time, waited, waited, in_time, slow, slow, in_time, waited, in_time]
+    assert kept.summary()["overruns"] == {"own_work": 2, "scheduler": 3}
+    assert kept.step.summary().n == 9
 
 
 def test_deadlines_do_not_drift():

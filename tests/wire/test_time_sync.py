@@ -148,3 +148,14 @@ def test_answers_to_others_late_ones_and_nonsense_are_refused():
     assert sync.refused == 4
     assert sync.answered(5, asked["ts1"], 2000)
     assert not sync.answered(5, asked["ts1"], 2000)  # once
+
+
+def test_there_and_back_is_where_it_began():
+    """Over a radio, while the offset turns: what is sent in their time is found again in this end's."""
+    sync = TimeSync()
+    assert sync.to_remote(5) == 5
+    for k, (up, down) in enumerate(zip(draw("up", 100, 3), draw("down", 100, 4), strict=True)):
+        back = exchange(sync, k * ms(100), int(up), int(down), 5e-5)
+        for later in range(0, ms(100), ms(7)):
+            remote = sync.to_remote(back + later)
+            assert abs(sync.to_local(remote) - back - later) <= 1

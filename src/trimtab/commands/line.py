@@ -36,11 +36,17 @@ def is_local(uri: str) -> bool:
     return host == "localhost"
 
 
+def vehicle_of(scenario: str) -> str:
+    """Whose key a scenario's line is signed with: the catalogue's folder, or a file's or module's name."""
+    where, own, _ = scenario.partition(":")
+    return Path(where).stem if own and where.endswith(".py") else where.partition("/")[0]
+
+
 def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> Key | None:
     """The key that both ends sign with; None where unsigned was asked for on a line that only this machine reaches.
 
     Args:
-        scenario: whose first name is the vehicle's: there is one key a vehicle.
+        scenario: tells the vehicle, see `vehicle_of`: there is one key a vehicle.
         file: the key's, where it is not in its usual place.
         unsigned: whether to go without.
         uri: the line.
@@ -53,7 +59,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         if file is not None:
             raise InputError("--unsigned", "there is a --key too", fix="leave one of them out")
         return None
-    path = file or key_path(scenario.partition("/")[0].partition(":")[0].removesuffix(".py").rpartition("/")[2])
+    path = file or key_path(vehicle_of(scenario))
     if path.exists():
         return load_key(path)
     if not create:

@@ -19,12 +19,13 @@ RESERVED |= {"sizeof", "static", "struct", "switch", "typedef", "union", "unsign
 
 
 class Member(NamedTuple):
-    """One array of a struct. path: as in the log, with dots, which is also how C reads it."""
+    """One array of a struct. path: with dots, as C reads it.  name: the same as the log has it, e.g. with a hyphen."""
 
     path: str
     shape: tuple[int, ...]
     dtype: str
     declared: Quantity | None
+    name: str
 
     @property
     def size(self) -> int:
@@ -43,9 +44,9 @@ def members(tree: Any, real: str) -> list[Member]:
     for keys, value in jax.tree_util.tree_flatten_with_path(tree)[0]:
         names = [str(getattr(k, "name", getattr(k, "key", getattr(k, "idx", "")))) for k in keys]
         dtype = type_name(value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype)
-        path = ".".join(map(identifier, names)) or "value"
+        path, name = ".".join(map(identifier, names)) or "value", ".".join(names) or "value"
         kept = real if dtype == "f64" else dtype
-        found.append(Member(path, np.shape(value), kept, declared.get(".".join(names))))
+        found.append(Member(path, np.shape(value), kept, declared.get(name), name))
     return found
 
 

@@ -27,6 +27,8 @@ The numbers are those of ArduPilot's GUIDED and MANUAL of rovers and boats, by w
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)
+WIDEST = 1e100
+"""Between limits that are further apart there is no place for a stick: such a vehicle can't be flown by hand."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
@@ -68,6 +70,7 @@ class Duties:
         )
         paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
         self._manual = _slots(self._inputs, paths, len(self.step.inputs))
+        self._by_hand = bool((self._high - self._low < WIDEST).all())
         self._radio_at: int | None = None
         self._arm = self._disarm = self._asked_manual = self._switch = False
         self.mode = Mode(MODES[0], CAUSES[0])
@@ -97,7 +100,7 @@ class Duties:
         self._sticks((sticks[: len(self._manual)] + 1) / 2, now)
 
     def _sticks(self, share: Any, now: int) -> None:
-        if len(share) == len(self._manual) and np.isfinite(share).all():
+        if self._by_hand and len(share) == len(self._manual) and np.isfinite(share).all():
             wanted = self._low + np.clip(share, 0, 1) * (self._high - self._low)
             self.step.inputs[self._manual] = wanted
             self._radio_at = now

@@ -71,7 +71,7 @@ class FastStep:
         self.inputs = self._view(library[f"{name}_inputs"], exported.inputs)
         self.outputs = self._view(library[f"{name}_outputs"], exported.outputs)
         self._parameters = {
-            m.path: _array(parameter(self._at, ctypes.c_int64(k)), m) for k, m in enumerate(exported.params)
+            m.name: _array(parameter(self._at, ctypes.c_int64(k)), m) for k, m in enumerate(exported.params)
         }
         self.reset()
 
@@ -136,6 +136,6 @@ def _array(address: int, m: Member) -> Any:
 def _places(held: list[Member]) -> dict[str, Any]:
     found, k = {}, 0
     for m in held:
-        found[m.path] = slice(k, k + m.size) if m.shape else k
+        found[m.name] = slice(k, k + m.size) if m.shape else k
         k += m.size
     return found

@@ -91,7 +91,7 @@ def _picked(source: Source, signals: list[Signal]) -> list[int]:
     """Which numbers of a vector are logged; what they are goes to the end of `signals`."""
     picked, at = [], 0
     for m in source.members:
-        path = source.name(m.path)
+        path = source.name(m.name)
         if path is not None:
             dtype = np.dtype("?" if m.dtype == "bool" else f"{m.dtype[0]}{int(m.dtype[1:]) // 8}")
             signals.append((path, m.shape, dtype, m.declared))

@@ -96,10 +96,9 @@ class Flyer:
         given_up = monotonic_ns() + int(patience * 1e9)
         while not self.remote.ready and not stop():
             now = monotonic_ns()
-            if now > given_up:
-                raise InputError(
-                    "--link", self.remote.why_not(), fix=f"trimtab vehicle {self.scenario.name} --listen …"
-                )
+            if now > given_up or self.remote.misfit:
+                fix = f"trimtab vehicle {self.scenario.name} --listen …, with the same --set on both ends"
+                raise InputError("--link", self.remote.why_not(), fix=fix)
             self.remote.due(now // NS)
             data = self.link.receive(0.02)
             if data is not None:
@@ -133,11 +132,13 @@ class Flyer:
         book = self._open(log) if log else None
         self.remote.tell = lambda text: self._say(text, book, tell)
         discard(self.link)
+        self.pilot.forget()
         try:
             with real_time(wanted_real_time) as granted:
                 t = self._loop(length, book, stop, tell)
         finally:
-            self.remote.disarm()
+            if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
+                self.remote.disarm()
             written = book.close() if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
@@ -155,7 +156,7 @@ class Flyer:
             now = kept.start // NS + t
             ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
             began = monotonic_ns()
-            self.pilot.fly(t, -ahead)
+            self.pilot.fly(t, self._to_local)
             stepped = monotonic_ns()
             if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send(t, ahead)
@@ -174,6 +175,10 @@ class Flyer:
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
         for packet in self.pilot.commands(self.endpoint, ahead):
             self.link.send(packet)
+
+    def _to_local(self, t: int) -> int:
+        """The vehicle's time as the loop's."""
+        return self.remote.sync.to_local(t) - self.deadlines.start // NS
 
     def _wait(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
@@ -202,7 +207,7 @@ class Flyer:
             self.armed_at = t
         elif self.armed_at is None and self.pilot.ready:
             self.remote.arm()
-        self.remote.due(now)
+        self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
         if self._watched:
             self._watch()
 

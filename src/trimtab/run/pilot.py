@@ -4,9 +4,10 @@ Source: docs page, Fly.
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
-from trimtab.core.time import SECONDS_PER_UNIT
+from trimtab.core.time import SECONDS_PER_UNIT, seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.run.exchange import Group, Taken, command_group, sample_groups
 from trimtab.run.fast_step import FastStep
@@ -17,6 +18,10 @@ from trimtab.wire.message import Message
 
 LONGEST_QUEUE = 64
 """Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""
+STANDING = 5 * LONGEST_QUEUE
+"""Steps after which what still waits does so for nothing: a sensor as quick as the steps never lets its queue end."""
+STRANGE = seconds(2)
+"""A sample from further away than this is not believed: its clock is not the one that is known."""
 
 
 class Pilot:
@@ -37,8 +42,9 @@ class Pilot:
         }
         self._last: dict[str, int] = {}
         self._now: Any = step.reads["t"]
-        self.overflowed = self.heard = 0
-        """Samples dropped because too many waited, and samples heard."""
+        self._standing = dict.fromkeys(self.sensors, 0)
+        self.overflowed = self.heard = self.strange = 0
+        """Samples dropped because too many waited or for too long, heard, and dropped because of their times."""
 
     def take(self, message: Message) -> bool:
         """Keep a message for the next step if it is a part of a sample; tells whether it was."""
@@ -59,17 +65,35 @@ class Pilot:
         """Samples that wait for a step."""
         return sum(map(len, self._waiting.values()))
 
-    def fly(self, t: int, shift: int = 0) -> None:
-        """One control period at integer time t; `shift` is added to the times of samples."""
+    def forget(self) -> None:
+        """Drop what waits: it is of a time when nobody flew."""
+        for waiting in self._waiting.values():
+            waiting.clear()
+
+    def fly(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
+        """One control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
         inputs = self.step.inputs
         inputs[self._now] = t
         for sensor, waiting in self._waiting.items():
             time, age, fresh = self._at[sensor]
-            inputs[fresh] = bool(waiting)
-            if waiting:
-                waiting.popleft().write(inputs, shift)
+            inputs[fresh] = bool(waiting) and self._fuse(sensor, waiting, t, to_local)
             inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
         self.step.step()
+
+    def _fuse(self, sensor: str, waiting: deque[Taken], t: int, to_local: Callable[[int], int] | None) -> bool:
+        """Give the step the sample that has waited longest; whether it can be believed."""
+        taken = waiting.popleft()
+        self._standing[sensor] = self._standing[sensor] + 1 if waiting else 0
+        if self._standing[sensor] > STANDING:
+            self.overflowed += len(waiting)
+            taken = waiting.pop()
+            waiting.clear()
+        local = taken.t if to_local is None else to_local(taken.t)
+        if to_local is not None and abs(t - local) > STRANGE:
+            self.strange += 1
+            return False
+        taken.write(self.step.inputs, local - taken.t)
+        return True
 
     @property
     def ready(self) -> bool:

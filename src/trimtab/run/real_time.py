@@ -1,15 +1,17 @@
 """Real time on an ordinary machine: absolute deadlines, what the system grants, and what became of each deadline.
 
 A control period k ends at start + k * period, whatever happened before: lateness never adds up. A period whose work
-ended after the next deadline is an overrun, and is put down to its own work or to a wake-up that came too late.
+ended after the next deadline is an overrun. Where the thread itself was on the processor for longer than a period it is
+put down to its own work, else to the scheduler; periods that are made up afterwards, without a wait, to what the first
+one was put down to.
 """
 
 import contextlib
 import ctypes
 import gc
 import os
-from collections.abc import Iterator
-from time import monotonic_ns
+from collections.abc import Callable, Iterator
+from time import monotonic_ns, thread_time_ns
 from typing import NamedTuple
 
 from trimtab.core.time import show
@@ -64,8 +66,10 @@ class Deadlines:
     late: from deadline to wake-up.  step: the compiled step alone.  work: from wake-up to the end of the period's work.
     """
 
-    def __init__(self, period: int) -> None:
-        self.period = period
+    def __init__(self, period: int, spent: Callable[[], int] = thread_time_ns) -> None:
+        """Begin now. spent: processor time of this thread (ns)."""
+        self.period, self._spent = period, spent
+        self._before, self._over, self._blamed = spent(), False, False
         self.start = monotonic_ns()
         self.late, self.step, self.work = Histogram(), Histogram(), Histogram()
         self.own = self.scheduler = self.skipped = 0
@@ -81,11 +85,16 @@ class Deadlines:
         self.late.add(woke - deadline)
         self.step.add(stepped - began)
         self.work.add(ended - woke)
+        spent = self._spent()
+        busy, self._before = spent - self._before, spent
         over = ended - deadline > self.period * NS
-        if over and ended - woke > self.period * NS:
-            self.own += 1
+        if over and not self._over:
+            self._blamed = busy > self.period * NS
         elif over:
-            self.scheduler += 1
+            self._blamed = self._blamed or busy > self.period * NS
+        self._over = over
+        self.own += over and self._blamed
+        self.scheduler += over and not self._blamed
         return over
 
     def summary(self) -> dict[str, object]:

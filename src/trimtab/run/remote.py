@@ -12,8 +12,13 @@ from trimtab.wire.message import Message
 from trimtab.wire.protocol import ModeFlag, Order, Result
 from trimtab.wire.time_sync import TimeSync
 
-HEARTBEAT = {"type": 18, "autopilot": 8, "system_status": 4}
+NO_AUTOPILOT = 8
+HEARTBEAT = {"type": 18, "autopilot": NO_AUTOPILOT, "system_status": 4}
 """Of an onboard computer that is no flight controller, running."""
+VERSION = 148
+"""The number of AUTOPILOT_VERSION."""
+MOST_ASKS = 4
+"""Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
 HEARTBEAT_PERIOD, ASK_PERIOD = seconds(1), ms(500)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ASKS = 8
@@ -30,17 +35,20 @@ class Remote:
         self.sync = TimeSync()
         self.tell: Callable[[str], None] = lambda _: None
         self.armed = False
-        self.system = 0
+        self.system = self.component = 0
         self.heard: int | None = None
         """When the vehicle's last heartbeat came."""
-        self._next = dict.fromkeys(("heartbeat", "sync", "ask"), 0)
+        self.misfit = ""
+        """Why its messages can't be understood; empty while nothing speaks against it."""
+        self._next = dict.fromkeys(("heartbeat", "sync", "ask", "version"), 0)
         self._wants: float | None = None
-        self._asks = 0
+        self._asks = self._jumps = 0
+        self._version_asks, self._compared = 0, False
 
     @property
     def ready(self) -> bool:
         """Whether there is a vehicle whose clock is known."""
-        return self.heard is not None and self._known
+        return self.heard is not None and self._known and self._compared and not self.misfit
 
     @property
     def _known(self) -> bool:
@@ -49,6 +57,8 @@ class Remote:
     def why_not(self) -> str:
         """Why it is not ready, for people."""
         counts, carried = self._endpoint.counts, self._link.statistics
+        if self.misfit:
+            return self.misfit
         if not carried.packets_in:
             return "no vehicle answers" + ("" if carried.connected else ": there is no connection")
         if counts.wrong_signature or counts.unsigned:
@@ -58,25 +68,59 @@ class Remote:
         return "a vehicle answers, but its clock is not known yet"
 
     def offset(self, now: int) -> int:
-        """The vehicle's clock minus this end's (100 ns)."""
-        return round(self.sync.offset)
+        """The vehicle's clock minus this end's (100 ns), as it is applied now: it turns, and does not jump."""
+        return self.sync.to_remote(now) - now
 
     def take(self, message: Message, now: int) -> None:
         """Follow a message that is no sample."""
-        if message.name == "HEARTBEAT":
-            self.heard, self.system = now, message.system
-            self.armed = bool(message.get("base_mode") & ModeFlag.ARMED)
+        if message.name == "HEARTBEAT" and message.get("autopilot") != NO_AUTOPILOT:
+            self._beat(message, now)
+        elif (message.system, message.component) != (self.system, self.component):
+            return  # of a ground station, or of another vehicle, passed on by a router
         elif message.name == "TIMESYNC":
-            if self.sync.answered(message.get("tc1"), message.get("ts1"), now) and self._asks < QUICK_ASKS:
-                self._asks += 1
+            self._synchronise(message, now)
         elif message.name == "STATUSTEXT":
-            self.tell(f"vehicle: {message.get('text')}")
-        elif message.name == "COMMAND_ACK" and message.get("command") == Order.ARM:
-            self._acknowledged(message.get("result"))
+            self.tell("vehicle: " + "".join(c if c.isprintable() else "?" for c in message.get("text")))
+        elif message.name == "COMMAND_ACK":
+            self._acknowledged(message)
+        elif message.name == "AUTOPILOT_VERSION":
+            self._compare(bytes(message.get("flight_custom_version")))
 
-    def _acknowledged(self, result: int) -> None:
-        if result == Result.ACCEPTED and self._wants is not None:
+    def _beat(self, message: Message, now: int) -> None:
+        if self.heard is None:
+            self.system, self.component = message.system, message.component
+        if (message.system, message.component) != (self.system, self.component):
+            return
+        armed = bool(message.get("base_mode") & ModeFlag.ARMED)
+        if self.armed and not armed:
+            self.tell("the vehicle is not armed any more")
+        self.heard, self.armed = now, armed
+
+    def _synchronise(self, message: Message, now: int) -> None:
+        if not self.sync.answered(message.get("tc1"), message.get("ts1"), now):
+            return
+        if self.sync.jumps != self._jumps:  # it was started anew, say
+            self._jumps, self._asks = self.sync.jumps, 0
+            self.tell("the vehicle's clock is another now")
+        self._asks = min(self._asks + 1, QUICK_ASKS)
+
+    def _acknowledged(self, message: Message) -> None:
+        ours = ("target_system", self._endpoint.system), ("target_component", self._endpoint.component)
+        if any(message.get(field) not in (0, own) for field, own in ours):
+            return
+        command, accepted = message.get("command"), message.get("result") == Result.ACCEPTED
+        if command == Order.ARM and accepted and self._wants is not None:
             self.armed, self._wants = bool(self._wants), None
+        elif command == Order.REQUEST_MESSAGE and not accepted:
+            self._compared = True
+
+    def _compare(self, theirs: bytes) -> None:
+        """Whether the vehicle has the same messages; one that doesn't say so is believed, for checksums tell too."""
+        ours = self._endpoint.dialect.fingerprint
+        self._compared = True
+        if any(theirs) and theirs != ours:
+            both = f"its dialect is {theirs.hex()}, this scenario's {ours.hex()}"
+            self.misfit = f"the vehicle has other sensors, or takes other commands: {both}"
 
     def due(self, now: int) -> None:
         """Send what is to be sent by now."""
@@ -89,6 +133,16 @@ class Remote:
         if self._wants is not None and now >= self._next["ask"]:
             self._next["ask"] = now + ASK_PERIOD
             self._send_arm(self._wants)
+        if self.heard is not None and not self._compared and now >= self._next["version"]:
+            self._next["version"] = now + ASK_PERIOD
+            self._version_asks += 1
+            self._compared = self._version_asks > MOST_ASKS
+            self._order(Order.REQUEST_MESSAGE, VERSION)
+
+    @property
+    def asking(self) -> bool:
+        """Whether it has been asked to arm and has not answered yet."""
+        return self._wants is not None
 
     def arm(self) -> None:
         """Ask the vehicle to arm, again and again until it has answered."""
@@ -101,5 +155,8 @@ class Remote:
         self._send_arm(0.0)
 
     def _send_arm(self, wanted: float) -> None:
-        fields = {"command": Order.ARM, "param1": wanted, "target_system": self.system, "target_component": 0}
+        self._order(Order.ARM, wanted)
+
+    def _order(self, command: Order, first: float) -> None:
+        fields = {"command": command, "param1": first, "target_system": self.system, "target_component": 0}
         self._link.send(self._endpoint.pack("COMMAND_LONG", fields))

@@ -145,6 +145,11 @@ class TimeSync:
             self._latest = local if self._latest is None else max(self._latest, local)
         return local
 
+    def to_remote(self, local: int) -> int:
+        """This end's time as theirs: where `to_local` would give it back."""
+        near = local + self._at(local + round(self._applied))
+        return round(local + self._at(round(near)))
+
 
 def fit(exchanges: list[Exchange]) -> Line:
     """The weighted line through the offsets, at the newest exchange; a drift that few exchanges tell is taken small."""

@@ -1,0 +1,27 @@
+"""Lockstep for what is no hovercraft: sensors with hyphens in their names, slower steps, inertial units."""
+
+import pytest
+from live.test_lockstep import in_step, same
+
+from trimtab.core.record import replace
+from trimtab.core.time import seconds
+from trimtab.export.compiler import find_compiler
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
+]
+NAMES = ["hypersonic/noise", "navigation/platform-cricket", "navigation/platform-ranging", "navigation/still"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_the_simulation(name, tmp_path):
+    scenario, _ = catalogue.load(name)
+    scenario = replace(scenario, duration=seconds("1.5"))
+    vehicle, flight = in_step(scenario, tmp_path, 2)
+    simulated = simulate(scenario, seed=2, backend="c")
+    same(vehicle, simulated)
+    same(flight, simulated)
+    assert len(flight) == scenario.duration // scenario.autopilot.period
