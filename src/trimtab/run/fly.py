@@ -168,10 +168,6 @@ class Flyer:
             k = self._next(k)
         return t
 
-    def _to_local(self, t: int) -> int:
-        """The vehicle's time as the loop's."""
-        return self.remote.sync.to_local(t) - self.deadlines.start // NS
-
     def _send(self, t: int, ahead: int) -> None:
         """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
         if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
@@ -179,6 +175,10 @@ class Flyer:
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
         for packet in self.pilot.commands(self.endpoint, ahead):
             self.link.send(packet)
+
+    def _to_local(self, t: int) -> int:
+        """The vehicle's time as the loop's."""
+        return self.remote.sync.to_local(t) - self.deadlines.start // NS
 
     def _wait(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
