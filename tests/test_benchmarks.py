@@ -171,3 +171,14 @@ def test_instructions_are_counted_on_programs_whose_results_agree():
     done = python(BENCHMARKS / "instructions.py")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all results agree to 1e-09" in done.stdout
+
+
+@needs_compilers
+def test_a_flight_is_timed_with_and_without_its_log():
+    done = python(BENCHMARKS / "deadlines.py", "--quick", "--markdown")
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert len([line for line in lines if line.startswith("| real time, 1 kHz")]) == 2
+    for name in ("with log", "without"):
+        rows = [line.split() for line in lines if line.startswith(f"  1 {name}")]
+        assert len(rows) == 3

@@ -125,8 +125,12 @@ def test_it_asks_to_arm_until_that_is_answered():
     line.run(ms(1200))
     assert len(line.arms()) == 3
     line.remote.disarm()
+    line.run(ms(250))
+    assert [wanted for _, wanted in line.arms()][3:] == [0.0] * 3
+    line.hear("COMMAND_ACK", command=Order.ARM, result=Result.ACCEPTED, target_system=1, target_component=191)
+    assert (line.remote.armed, line.remote.asking) == (False, False)
     line.run(ms(1200))
-    assert [wanted for _, wanted in line.arms()][3:] == [0.0]
+    assert len(line.arms()) == 6
 
 
 def test_a_vehicle_that_is_armed_is_not_asked():

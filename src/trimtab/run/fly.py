@@ -34,6 +34,8 @@ SERVO_FRAME = ms(20)
 """Commands are sent no more often than a servo takes them."""
 SILENCE = ms(250)
 """After which it is said that nothing comes."""
+FAREWELL = seconds("0.5")
+"""How long it waits for an answer when it disarms."""
 OWN: Mapping[str, tuple[str, Quantity]] = {
     "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
     "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
@@ -138,7 +140,7 @@ class Flyer:
                 t = self._loop(length, book, stop, tell)
         finally:
             if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
-                self.remote.disarm()
+                self._disarm()
             written = book.close() if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
@@ -155,8 +157,9 @@ class Flyer:
             woke = self._wait(k)
             now = kept.start // NS + t
             ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            self.pilot.give(t, self._to_local)
             began = monotonic_ns()
-            self.pilot.fly(t, self._to_local)
+            self.pilot.step.step()
             stepped = monotonic_ns()
             if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send(t, ahead)
@@ -175,6 +178,16 @@ class Flyer:
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
         for packet in self.pilot.commands(self.endpoint, ahead):
             self.link.send(packet)
+
+    def _disarm(self) -> None:
+        """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
+        self.remote.disarm()
+        given_up = monotonic_ns() + FAREWELL * NS
+        while self.remote.asking and monotonic_ns() < given_up:
+            data = self.link.receive(0.02)
+            if data is not None:
+                self._hear(data)
+            self.remote.due(monotonic_ns() // NS)
 
     def _to_local(self, t: int) -> int:
         """The vehicle's time as the loop's."""

@@ -72,13 +72,17 @@ class Pilot:
 
     def fly(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
         """One control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
+        self.give(t, to_local)
+        self.step.step()
+
+    def give(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
+        """What a period's step reads: see `fly`, which then makes the step."""
         inputs = self.step.inputs
         inputs[self._now] = t
         for sensor, waiting in self._waiting.items():
             time, age, fresh = self._at[sensor]
             inputs[fresh] = bool(waiting) and self._fuse(sensor, waiting, t, to_local)
             inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
-        self.step.step()
 
     def _fuse(self, sensor: str, waiting: deque[Taken], t: int, to_local: Callable[[int], int] | None) -> bool:
         """Give the step the sample that has waited longest; whether it can be believed."""

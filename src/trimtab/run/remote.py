@@ -19,7 +19,7 @@ VERSION = 148
 """The number of AUTOPILOT_VERSION."""
 MOST_ASKS = 4
 """Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
-HEARTBEAT_PERIOD, ASK_PERIOD = seconds(1), ms(500)
+HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ASKS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
@@ -131,8 +131,8 @@ class Remote:
             self._next["sync"] = now + (SYNC_SLOW if self._known else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
         if self._wants is not None and now >= self._next["ask"]:
-            self._next["ask"] = now + ASK_PERIOD
-            self._send_arm(self._wants)
+            self._next["ask"] = now + (ASK_PERIOD if self._wants else DISARM_PERIOD)
+            self._order(Order.ARM, self._wants)
         if self.heard is not None and not self._compared and now >= self._next["version"]:
             self._next["version"] = now + ASK_PERIOD
             self._version_asks += 1
@@ -141,7 +141,7 @@ class Remote:
 
     @property
     def asking(self) -> bool:
-        """Whether it has been asked to arm and has not answered yet."""
+        """Whether it has been asked to arm or disarm and has not answered yet."""
         return self._wants is not None
 
     def arm(self) -> None:
@@ -150,12 +150,8 @@ class Remote:
             self._wants, self._next["ask"] = 1.0, 0
 
     def disarm(self) -> None:
-        """Ask the vehicle to disarm, once."""
-        self._wants = None
-        self._send_arm(0.0)
-
-    def _send_arm(self, wanted: float) -> None:
-        self._order(Order.ARM, wanted)
+        """Ask the vehicle to disarm, again and again until it has answered."""
+        self._wants, self._next["ask"] = 0.0, 0
 
     def _order(self, command: Order, first: float) -> None:
         fields = {"command": command, "param1": first, "target_system": self.system, "target_component": 0}

@@ -1,0 +1,115 @@
+"""`trimtab inject` against a vehicle that this test plays, message by message."""
+
+import json
+import threading
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.core.time import seconds
+from trimtab.links.open_link import open_link
+from trimtab.loop.fault import WORDS
+from trimtab.run.injector import ready_for_faults
+from trimtab.run.pilot import dialect_for
+from trimtab.scenarios import catalogue
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.parameters import Parameters
+from trimtab.wire.station import Station
+
+NAME = "hovercraft/forward"
+NOW = seconds(123)
+
+
+class Played:
+    """A vehicle's end that answers as the real one, at one time, and keeps what was set."""
+
+    def __init__(self, uri):
+        scenario, _ = catalogue.load(NAME)
+        self.link = open_link(uri, listen=True)
+        self.endpoint = Endpoint(dialect_for(scenario), 1, 1, unsigned=True)
+        parameters = Parameters(ready_for_faults(scenario).world, "world")
+        self.station = Station(self.endpoint, parameters, {0: "computer"})
+        self.set, self.loses, self._ended = [], 0, threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        while not self._ended.is_set():
+            for message in self.endpoint.feed(self.link.receive(0.02)):
+                if self.loses:
+                    self.loses -= 1
+                    continue
+                handled = self.station.handle(message, NOW)
+                self.set += [(e.path, e.value) for e in handled.events]
+                for packet in handled.replies:
+                    self.link.send(packet)
+
+    def end(self):
+        self._ended.set()
+        self._thread.join()
+        self.link.close()
+
+
+@pytest.fixture
+def played():
+    vehicle = Played("loopback://test-inject")
+    yield vehicle
+    vehicle.end()
+
+
+def inject(*arguments):
+    return CliRunner().invoke(main, ["inject", NAME, *arguments, "--link", "loopback://test-inject", "--unsigned"])
+
+
+def numbers(played):
+    """Last value of each number that was set, and the order of the first settings."""
+    return dict(played.set), list(dict.fromkeys(path for path, _ in played.set))
+
+
+def test_a_fault_is_set_from_now_on_and_its_word_last(played):
+    done = inject("sensor:navigation stuck @ 2 s for 500 ms", "--json")
+    assert done.exit_code == 0, done.output
+    found, order = numbers(played)
+    before = "world.sensors.navigation.fault."
+    assert found[f"{before}start"] == pytest.approx(NOW + seconds(2), rel=1e-7)
+    assert found[f"{before}duration"] == seconds("0.5")
+    assert found[f"{before}word"] == WORDS.index("stuck")
+    assert order[-1] == f"{before}word"
+    assert set(order) == {f"{before}{n}" for n in ("start", "duration", "word")}  # the others stay as they are
+    assert json.loads(done.stdout) == {
+        "fault": "sensor:navigation stuck @ 2 s for 500 ms",
+        "from": "125 s",
+        "lasts": "for 500 ms",
+    }
+
+
+def test_what_is_lost_on_the_way_is_asked_again(played):
+    played.loses = 2
+    done = inject("uplink off")
+    assert done.exit_code == 0, done.output
+    assert numbers(played)[0]["world.uplink.fault.word"] == WORDS.index("off")
+    assert "uplink off: from 123 s on, until the end" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("sensor:navigation stuck when truth.yaw_rate above 1", "a condition can't be set while it flies"),
+        ("sensor:sonar off", "sonar"),
+        ("sensor:navigation exploded", "exploded"),
+    ],
+)
+def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, said):
+    done = inject(fault)
+    assert done.exit_code == 2
+    assert said in done.output
+    assert played.set == []
+
+
+def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
+    monkeypatch.setattr("trimtab.run.injector.PATIENCE", 0.3)
+    done = inject("uplink off")
+    assert done.exit_code == 2
+    assert "no vehicle answers" in done.output
+    assert "Fix:" in done.output
