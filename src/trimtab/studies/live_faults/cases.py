@@ -150,6 +150,7 @@ def machines() -> list[Case]:
             (noted(name, "can't be written"), *([told(name, "the log has a gap")] if after else [])),
             prepare=machine.small_disk(name),
             needs=machine.no_mount,
+            partial=(name,),
             statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
         )
         for name in (VEHICLE, AUTOPILOT)
@@ -162,6 +163,7 @@ def machines() -> list[Case]:
             acts.writer_killed(name.partition("-")[0]),
             FLIES,
             (noted(name, "log's writer died"),),
+            partial=(name,),
             statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
         )
         for name in (VEHICLE, AUTOPILOT)
