@@ -74,9 +74,9 @@ def processes() -> list[Case]:
             "vehicle-restarted",
             "vehicle's process killed and started again; nobody arms it",
             acts.vehicle_again,
-            words=(told(VEHICLE, "the flying process is gone"), silent),
+            words=(told(VEHICLE, "the flying process is gone"), silent, told(AUTOPILOT, "heard again")),
             statuses={VEHICLE: (KILLED,)},
-            fly=20.0,
+            fly=120.0,
         ),
         Case(
             "autopilot-killed",
