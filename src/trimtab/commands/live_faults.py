@@ -28,19 +28,17 @@ class Request(NamedTuple):
 
 def live_faults(request: Request) -> bool:
     """Fly the cases; whether all of them hold."""
-    from trimtab.scenarios import catalogue
     from trimtab.studies.live_faults.campaign import chosen, fly_cases
-    from trimtab.studies.live_faults.flight import NAME
 
     wanted = chosen(request.only)
     if request.out is not None:
         check_folder("--out", request.out)
-        for case in wanted:
-            if (request.out / case.name).exists():
-                raise InputError("--out", f"there is a case already: {request.out / case.name}", fix="a new folder")
+        for name in wanted:
+            if (request.out / name).exists():
+                problem = f"there is a case already: {request.out / name}"
+                raise InputError("--out", problem, fix="--out with a new folder")
     if request.page is not None:
         check_folder("--page", request.page.parent)
-    scenario, _ = catalogue.load(NAME)
     began = monotonic()
 
     def tell(outcome: "Outcome") -> None:
@@ -49,7 +47,7 @@ def live_faults(request: Request) -> bool:
         for problem in outcome.problems:
             click.echo(f"        {outcome.name}: {problem}", err=True)
 
-    outcomes = fly_cases(wanted, scenario, out=request.out, jobs=request.jobs, tell=tell)
+    outcomes = fly_cases(wanted, out=request.out, jobs=request.jobs, tell=tell)
     wall = monotonic() - began
     _show(request, outcomes, wall)
     return all(one.verdict != "fails" for one in outcomes)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.core.float64 import jax
 from trimtab.core.record import numeric, part, quantity, record
@@ -27,9 +28,14 @@ class Moment:
 
 
 def failsafe_of(scenario: Scenario, command: Command) -> Failsafe:
-    """The scenario's failsafe; where it has none, one that stops on silence and believes all finite numbers."""
+    """The scenario's failsafe; where it has none, the one of a fan drive for commands to a fan drive.
+
+    For others, one that stops on silence and believes all finite numbers.
+    """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
+    if isinstance(command.value, DriveCommand):
+        return Failsafe()
 
     def filled(number: float) -> Any:
         return jax.tree.map(lambda v: np.full(np.shape(v), number), command.value)

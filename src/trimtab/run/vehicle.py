@@ -11,6 +11,7 @@ import numpy as np
 
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, replace
+from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.logs.stream import Written
 from trimtab.loop.fault import DELAYED, slots_for
@@ -29,7 +30,7 @@ from trimtab.run.virtual_vehicle import VirtualVehicle
 from trimtab.run.wall_clock import NS, WallClock, discard
 from trimtab.run.world_step import compiled_world
 from trimtab.wire.dialect import Dialect, dialect_of
-from trimtab.wire.events import ParameterSet
+from trimtab.wire.events import ArmAsked, ParameterSet
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
 from trimtab.wire.protocol import Severity
@@ -44,6 +45,8 @@ OWN: Mapping[str, tuple[str, Quantity]] = {
     "wire.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
+LAST = ms(50)
+"""How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
 
 
 class Served(NamedTuple):
@@ -142,7 +145,7 @@ class Vehicle:
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> Served:
-        """Run until `duration` (100 ns) after its release, or until stop() says so.
+        """Run until `duration` (100 ns) after its release, or until stop() says so; it disarms first.
 
         Args:
             duration: None runs on without end.
@@ -155,12 +158,15 @@ class Vehicle:
         book = self._book = self._open(log) if log else None
         discard(self.link)
         self.clock = WallClock()
+        last: int | None = None
         try:
             for t in self.body.instants():
-                if stop():
-                    self._say("ended by request")
-                    break
-                if duration is not None and self.released is not None and t - self.released >= duration:
+                why = self._over(t, duration, stop) if last is None else ""
+                if why:
+                    self._say(why)
+                    last = t + (LAST if self.duties.flying else 0)
+                    self.duties.ask(ArmAsked(False, (self.endpoint.system, self.endpoint.component)), t)
+                if last is not None and t >= last:
                     break
                 self._instant(t, log_period)
         finally:
@@ -169,6 +175,13 @@ class Vehicle:
         if book is not None and written is None:
             tell(WRITER_DIED)
         return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
+
+    def _over(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
+        """Why it is to end now; empty: it isn't."""
+        if stop():
+            return "ended by request"
+        over = duration is not None and self.released is not None and t - self.released >= duration
+        return "ended, its time is over" if over else ""
 
     def _instant(self, t: int, log_period: int) -> None:
         book = self._book

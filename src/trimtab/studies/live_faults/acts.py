@@ -172,8 +172,9 @@ def vehicle_again(flight: Flight) -> None:
     flight.vehicle.kill()
     flight.start_vehicle(1.0)
     flight.pilot.wait_for("heard again")
-    pause(2.0)
-    flight.vehicle.send(signal.SIGINT)
+    pause(1.0)
+    for one in (flight.pilot, flight.vehicle):
+        one.send(signal.SIGINT)
 
 
 def writer_killed(who: str) -> Act:

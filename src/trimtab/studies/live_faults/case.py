@@ -26,6 +26,7 @@ class Case(NamedTuple):
     does: what is done to a flight that has been armed, in words.  act: does it.  ends: FLIES, no failsafe; STOPS, one;
     EITHER.  words: what the logs must say.  broken: for how long (s) actuators obey nobody.  statuses: exit statuses
     other than 0, by process.  fly: see FLY_S.  needs: why it can't be done here, or nothing.
+    partial: whose log can't be whole.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Case(NamedTuple):
     fly: float = FLY_S
     prepare: Callable[[Flight], dict[str, dict[str, str]]] = lambda _: {}
     needs: Callable[[], str] = lambda: ""
+    partial: tuple[str, ...] = ()
 
 
 class Outcome(NamedTuple):
@@ -57,14 +59,14 @@ class Outcome(NamedTuple):
         return "skipped" if self.skipped else "fails" if self.problems else "holds"
 
 
-def fly_case(case: Case, known: Ground, folder: Path, environment: dict[str, str]) -> Outcome:
+def fly_case(case: Case, known: Ground, folder: Path) -> Outcome:
     """Do it, and judge it; nothing that goes wrong in it is raised."""
     why = case.needs()
     if why:
         return Outcome(case.name, case.does, "", (), (), why)
     folder.mkdir(parents=True)
     try:
-        flight = Flight(folder, known, serial=case.serial, environment=environment)
+        flight = Flight(folder, known, serial=case.serial)
         try:
             given = case.prepare(flight)
             flight.start_vehicle(case.fly + AFTER_S, **given.get("vehicle", {}))
@@ -95,7 +97,8 @@ def judge(case: Case, ended: list[Ended]) -> Outcome:
     happened = "; ".join(_course(n, log) for n, log in logs.items() if n.startswith("vehicle"))
     for name, log in logs.items():
         if name.startswith("vehicle") and KILLED not in case.statuses.get(name, ()):
-            problems += [f"{name}: {p}" for p in _judged(case, log)]
+            result = next(one.result for one in ended if one.name == name) or {}
+            problems += [f"{name}: {p}" for p in _judged(case, log, result if name in case.partial else None)]
     evidence = Evidence({one.name: one for one in ended}, logs)
     said = [words(evidence) for words in case.words]
     if "" in said:
@@ -107,8 +110,11 @@ def _course(name: str, log: Log) -> str:
     return course(log) if name == "vehicle-1" else f"{name}: {course(log)}"
 
 
-def _judged(case: Case, log: Log) -> list[str]:
-    found = violations(log, broken=_broken(case, log))
+def _judged(case: Case, log: Log, told: dict[str, Any] | None) -> list[str]:
+    """told: how a vehicle says that it ended, whose log can't be whole; else None."""
+    found = violations(log, broken=_broken(case, log), whole=told is None)
+    if told is not None and told.get("mode") not in ("disarmed", "failsafe"):
+        found.append(f"ended in mode {told.get('mode')}")
     causes = tripped(log)
     if case.ends == FLIES and causes:
         found.append(f"went to failsafe ({', '.join(causes)}), which this is no reason for")

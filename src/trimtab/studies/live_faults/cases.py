@@ -74,9 +74,9 @@ def processes() -> list[Case]:
             "vehicle-restarted",
             "vehicle's process killed and started again; nobody arms it",
             acts.vehicle_again,
-            words=(told(VEHICLE, "the flying process is gone"), silent),
+            words=(told(VEHICLE, "the flying process is gone"), silent, told(AUTOPILOT, "heard again")),
             statuses={VEHICLE: (KILLED,)},
-            fly=20.0,
+            fly=120.0,
         ),
         Case(
             "autopilot-killed",
@@ -150,6 +150,7 @@ def machines() -> list[Case]:
             (noted(name, "can't be written"), *([told(name, "the log has a gap")] if after else [])),
             prepare=machine.small_disk(name),
             needs=machine.no_mount,
+            partial=(name,),
             statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
         )
         for name in (VEHICLE, AUTOPILOT)
@@ -162,6 +163,7 @@ def machines() -> list[Case]:
             acts.writer_killed(name.partition("-")[0]),
             FLIES,
             (noted(name, "log's writer died"),),
+            partial=(name,),
             statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
         )
         for name in (VEHICLE, AUTOPILOT)

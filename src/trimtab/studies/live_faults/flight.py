@@ -47,13 +47,13 @@ class Ended(NamedTuple):
 class Flight:
     """One vehicle, the autopilots that fly it one after the other, and the line."""
 
-    def __init__(self, folder: Path, known: Ground, *, serial: bool = False, environment: dict[str, str]) -> None:
+    def __init__(self, folder: Path, known: Ground, *, serial: bool = False) -> None:
         self.folder, self.known = folder, known
         self.ends = Terminals(folder) if serial else Datagrams()
         self.relay = Relay(self.ends)
         self._key = folder / "config" / "keys" / "hovercraft.key"
         create_key(self._key)
-        self._environment = {"TRIMTAB_CONFIG": str(folder / "config"), **environment}
+        self._environment = {"TRIMTAB_CONFIG": str(folder / "config")}
         self.vehicles: list[Process] = []
         self.pilots: list[Process] = []
         self.cleaning: list[Callable[[], Any]] = []

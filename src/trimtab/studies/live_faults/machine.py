@@ -10,7 +10,7 @@ from time import sleep
 from trimtab.studies.live_faults.acts import FLOWN_S
 from trimtab.studies.live_faults.flight import Flight, pause
 
-DISK = 2_000_000
+DISK = 8_000_000
 """Bytes of the small disk."""
 CLOCK = """
 #define _GNU_SOURCE
@@ -88,7 +88,7 @@ def no_mount() -> str:
 
 
 def small_disk(name: str) -> Prepare:
-    """A disk of two megabytes, where a process writes its log."""
+    """A disk of eight megabytes, where a process writes its log."""
 
     def prepare(flight: Flight) -> dict[str, dict[str, str]]:
         where = flight.out(name)

@@ -39,15 +39,15 @@ fails where it doesn't.
 - Fault words are injected live, for a second, as [`trimtab inject`](../loop/faults.md) does. Those of the uplink act
   between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the vehicle obeys
   nobody, so the first rule rests until they work again.
-- The line is a relay in the campaign's process; it cuts, delays, shortens, turns bits, sends again.
+- The line is a relay in a process of the campaign; it cuts, delays, shortens, turns bits, sends again.
 - Wall clock stepped: a library in front of the C library's shifts what the process reads as the time of day, in
   mid-flight. Nothing else on the machine sees it. All that flies counts by the monotonic clock.
 - The *vehicle's* clock begins anew in `vehicle-restarted`: the autopilot finds another offset, and the vehicle stays
   disarmed, for an autopilot asks to arm once, at its start.
 - `autopilot-restarted`: `trimtab fly` arms by itself when it starts. That start is a person's explicit request, so it
   clears a latched failsafe. An autopilot that flies on never arms again by itself.
-- Disk full: a disk of two megabytes below the folder of the log, filled to the last byte in mid-flight (root only, else
-  skipped).
+- Disk full: a disk of eight megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
+  else skipped).
 - Flood: recorded frames, again and again, until they make up ten times the bytes that the line usually carries.
 
 ## Outcomes

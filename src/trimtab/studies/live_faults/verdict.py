@@ -14,6 +14,8 @@ from trimtab.logs.log import Log
 DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
 SILENCE_S, LIFT_S, SERVO_S, ROW_S = 0.25, 1.0, 0.02, 0.0015
 """Longest silence that is flown on; from there until the lift fan stops; a frame of the servos; a row and a half."""
+GAP_S = 0.01
+"""Longest time between two rows of a log without a gap."""
 BOUNDS = {"truth.surge_velocity": 2.5, "truth.sway_velocity": 2.5, "truth.yaw_rate": 6.0}
 """What a vehicle that flies on must stay within, in m/s and rad/s."""
 REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover", "no command since arming")}
@@ -27,15 +29,24 @@ def stays(log: Log) -> list[tuple[int, int, int, int]]:
     return [(mode[a], cause[a], a, b) for a, b in pairwise(edges)]
 
 
-def violations(log: Log, *, broken: tuple[float, float] | None = None) -> list[str]:
+def violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
     """Each rule that was broken; none for a vehicle that was safe.
 
     Args:
         log: of the vehicle.
         broken: from when to when (s) the actuators obeyed nobody, because a fault of theirs was put in.
+        whole: the log must have every row up to the end; else what it shows is judged.
     """
-    found = [*_drives(log, broken), *_silence(log), *_lift(log), *_latch(log), *_end(log)]
-    return [*found, *_bounds(log)]
+    found = [*_drives(log, broken), *_silence(log), *_lift(log), *_latch(log), *_bounds(log)]
+    return [*found, *_gaps(log), *_end(log)] if whole else found
+
+
+def _gaps(log: Log) -> list[str]:
+    """The log has every row."""
+    steps = np.diff(log.t, prepend=log.t[0])
+    return (
+        [f"the log has a gap of {steps.max():.3f} s at {log.t[np.argmax(steps)]:.3f} s"] if steps.max() > GAP_S else []
+    )
 
 
 def _force(log: Log) -> Any:
@@ -58,13 +69,14 @@ def _drives(log: Log, broken: tuple[float, float] | None) -> list[str]:
 
 def _silence(log: Log) -> list[str]:
     """While the computer flies, a command that was taken in every 250 ms."""
-    t = log.t
+    steps = np.diff(log.t, prepend=log.t[0])
+    seen = np.cumsum(np.where(steps > GAP_S, 0.0, steps))
     came = log["firmware.command.fresh"] & (np.diff(log["firmware.rejected"], prepend=0) == 0)
     found = []
     for mode, _, a, b in stays(log):
-        times = t[a:b][came[a:b]]
+        times = seen[a:b][came[a:b]]
         if mode == COMPUTER and len(times):
-            gap = np.diff(np.append(times, t[b - 1])).max()
+            gap = np.diff(np.append(times, seen[b - 1])).max()
             if gap > SILENCE_S + ROW_S:
                 found.append(f"flew on through {gap * 1e3:.0f} ms without a command")
     return found

@@ -1,0 +1,84 @@
+"""What an autopilot makes of its line: a clock that is found out late, queues, silence."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+from trimtab.core.time import ms, seconds
+from trimtab.run.fly import Flyer
+from trimtab.run.remote import QUICK_ASKS, Remote
+from trimtab.run.wall_clock import QUEUE, discard
+from trimtab.wire.time_sync import TimeSync
+
+OFFSET = 98_765_432
+
+
+class Line:
+    """A link of which packets are asked and to which they are given."""
+
+    def __init__(self, waiting=0):
+        self.waiting, self.sent = waiting, []
+
+    def receive(self, timeout):
+        assert timeout == 0.0
+        self.waiting -= 1
+        return b"x" if self.waiting >= 0 else None
+
+    def send(self, packet):
+        self.sent.append(packet)
+        return True
+
+
+def answered(remote, now, up, down):
+    asked = remote.sync.ask(now)
+    fields = {"tc1": (now + up + OFFSET) * 100, "ts1": asked["ts1"]}
+    remote.take(SimpleNamespace(name="TIMESYNC", get=fields.get), now + up + down)
+
+
+def heartbeat(remote, now):
+    fields = {"base_mode": 0}
+    remote.take(SimpleNamespace(name="HEARTBEAT", system=1, get=fields.get), now)
+
+
+def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
+    """Eight questions lay with a vehicle that was starting: its clock came out 0.3 s wrong, and it was armed."""
+    remote = Remote(SimpleNamespace(pack=lambda *_: b""), Line())
+    heartbeat(remote, 0)
+    for k in range(QUICK_ASKS):
+        answered(remote, ms(50 * k), seconds(1) - ms(50 * k), ms(1))
+    assert not remote.ready
+    answered(remote, seconds(2), ms(1), ms(1))
+    assert remote.ready
+    assert abs(remote.offset(seconds(2)) - OFFSET) < ms(5)
+
+
+def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
+    """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
+    stamps = []
+    flyer = object.__new__(Flyer)
+    flyer.pilot = SimpleNamespace(commands=lambda _, ahead: stamps.append(ahead) or [])
+    flyer.remote, flyer.endpoint, flyer.link = SimpleNamespace(sync=TimeSync()), None, Line()
+    flyer._sent = flyer._jumps = 0
+    times = [ms(20 * k) for k in range(40)]
+    for t in times:
+        flyer._send(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
+    issued = [t + ahead for t, ahead in zip(times, stamps, strict=True)]
+    assert all(b > a for a, b in pairwise(issued))
+    assert issued[-1] == times[-1] + OFFSET
+    flyer.remote.sync.jumps += 1  # another clock: a vehicle that was started again counts from zero
+    flyer._send(ms(800), 0)
+    assert ms(800) + stamps[-1] == ms(800)
+
+
+def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
+    assert discard(Line(3)) == 3
+    assert discard(Line(10**9)) == QUEUE
+
+
+def test_silence_is_told_once_and_so_is_its_end():
+    flyer, said = object.__new__(Flyer), []
+    flyer.endpoint = SimpleNamespace(counts=SimpleNamespace(accepted=0))
+    flyer._accepted, flyer._heard, flyer._silent = 0, 0, False
+    for k in range(100):
+        flyer.endpoint.counts.accepted += k < 20 or k > 80
+        flyer._listen(ms(10 * k), None, said.append)
+    assert said == ["nothing from the vehicle for 0.250 s", "the vehicle is heard again, after 0.620 s"]

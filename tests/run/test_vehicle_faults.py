@@ -1,0 +1,118 @@
+"""Faults of a vehicle on a real line: those of the uplink act before the failsafe, and stop the vehicle."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.record import replace
+from trimtab.core.time import ms
+from trimtab.links.wire import Wire
+from trimtab.loop.fault import WORDS
+from trimtab.loop.faults import injected
+from trimtab.loop.faulty_channel import FaultyChannel
+from trimtab.run.duties import Duties
+from trimtab.run.exchange import Taken
+from trimtab.run.fast_step import FastStep
+from trimtab.run.firmware_step import failsafe_of
+from trimtab.run.injector import names_for_faults, planned
+from trimtab.run.uplink_step import uplink_step
+from trimtab.run.vehicle import on_real_link
+from trimtab.run.world_step import compiled_world
+from trimtab.scenarios import catalogue
+from trimtab.wire.events import ArmAsked
+from trimtab.wire.parameters import Parameters
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    built, _ = catalogue.load("hovercraft/forward")
+    return built
+
+
+@pytest.fixture(scope="module")
+def parts(scenario):
+    bare = replace(scenario, world=replace(scenario.world, uplink=Wire(), downlink=Wire()))
+    world, _, command = compiled_world(bare)
+    return bare, world, command
+
+
+@pytest.fixture(scope="module")
+def step(parts):
+    return FastStep(uplink_step(FaultyChannel(inner=Wire(), capacity=600), parts[2]))
+
+
+def driven(parts, step, word, severity=1.0):
+    """Speeds (rpm) that reach the actuators each millisecond, and the modes: a command each 20 ms, none missing."""
+    bare, world, command = parts
+    if step is not None:
+        step.reset()
+        fault = {"word": WORDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
+        for name, value in fault.items():
+            step.parameters[f"uplink.fault.{name}"][...] = value
+    duties = Duties(failsafe_of(bare, command), command, world, step)
+    where = [duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
+    duties.ask(ArmAsked(True, (1, 191)), 0)
+    speeds, modes = [], []
+    for k in range(1500):
+        t = ms(k)
+        taken = Taken(t, where, (t, True, 1.5e-3, 5000.0 + k), 0) if k % 20 == 0 else None
+        duties.act(t, taken)
+        valid = world.inputs[world.reads["command.valid"]]
+        speeds.append(world.inputs[world.reads["command.value.speed_rpm"]] if valid else 0.0)
+        modes.append(duties.mode.mode)
+    return np.array(speeds), modes
+
+
+def test_without_a_fault_commands_pass_as_they_are(parts, step):
+    speeds, modes = driven(parts, step, "none")
+    assert set(modes) == {"computer"}
+    assert np.array_equal(speeds, 5000.0 + np.arange(1500) // 20 * 20)
+    assert np.array_equal(speeds, driven(parts, None, "none")[0])
+
+
+@pytest.mark.parametrize("word", ["off", "stuck", "garbage"])
+def test_an_uplink_that_brings_nothing_new_ends_in_failsafe(parts, step, word):
+    """The last good command came at 480 ms; 250 ms later the fan stands still, and stays so."""
+    speeds, modes = driven(parts, step, word)
+    assert modes.index("failsafe") == 730
+    assert (speeds[:730] > 0).all()
+    assert (speeds[730:] == 0).all()
+    assert modes[-1] == "failsafe"
+
+
+def test_a_late_uplink_is_flown_on_and_a_very_late_one_is_not(parts, step):
+    assert set(driven(parts, step, "delayed", 0.2)[1]) == {"computer"}
+    assert driven(parts, step, "delayed", 0.3)[1][-1] == "failsafe"
+
+
+def test_a_wrong_uplink_is_believed_only_within_limits(parts, step):
+    speeds, modes = driven(parts, step, "wrong", 0.1)
+    assert set(modes) == {"computer"}
+    assert speeds[700] == pytest.approx(1.1 * 5700)
+    speeds, modes = driven(parts, step, "wrong", 5.0)
+    assert modes[-1] == "failsafe"
+    assert speeds.max() < 6600
+
+
+def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
+    """They were lost with the simulated channels that they stood in."""
+    both = on_real_link(injected(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
+    for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
+        assert WORDS[int(channel.fault.word)] == word
+        assert isinstance(channel.inner, Wire)
+        channel.check()
+    assert isinstance(on_real_link(scenario).world.uplink, Wire)
+
+
+def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
+    from trimtab.run.injector import ready_for_faults
+
+    table = Parameters(ready_for_faults(scenario).world, "world").table()
+    plan = planned(scenario, "sensor:navigation wrong by 0.25 for 2 s", names_for_faults(scenario))
+    assert [table[name][0].removeprefix("world.sensors.navigation.fault.") for name in plan.values] == [
+        "start",
+        "duration",
+        "severity",
+        "bias",
+        "word",
+    ]
+    assert list(plan.values.values()) == [0.0, 2e7, 0.25, 0.0, WORDS.index("wrong")]
