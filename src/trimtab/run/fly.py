@@ -133,9 +133,11 @@ class Flyer:
         discard(self.link)
         try:
             with real_time(wanted_real_time) as granted:
-                t = self._loop(length, book, stop, tell)
+                try:
+                    t = self._loop(length, book, stop, tell)
+                finally:
+                    self.remote.disarm()
         finally:
-            self.remote.disarm()
             written = book.close() if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
