@@ -208,10 +208,9 @@ class Flyer:
         """Say when nothing comes any more, and when it does again."""
         accepted, silence = self.endpoint.counts.accepted, now - self._heard
         if accepted != self._accepted:
-            self._accepted, self._heard = accepted, now
             if self._silent:
                 self._say(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
-            self._silent = False
+            self._accepted, self._heard, self._silent = accepted, now, False
         elif silence >= SILENCE and not self._silent:
             self._silent = True
             self._say(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
@@ -236,7 +235,7 @@ class Flyer:
 
     def _say(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
         tell(text)
-        if book is not None:
+        if book:
             book.event(text)
 
     def _open(self, path: Path) -> FlightLog:
