@@ -13,6 +13,9 @@ JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object on 
 FILE = click.Path(path_type=Path)
 KEY = click.option("--key", type=FILE, metavar="FILE", help="Key that signs the line.  [default: the vehicle's]")
 UNSIGNED = click.option("--unsigned", is_flag=True, help="No signatures; for lines within this machine.")
+REAL_TIME = click.option(
+    "--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling."
+)
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers.")
 FAULT = click.option(
     "--fault", "faults", multiple=True, metavar="TEXT", help="E.g. 'sensor:imu off @ 3 s for 1 s'; repeatable."
@@ -47,6 +50,7 @@ SET = click.option(
 @click.option("--duration", metavar="TIME", help="End this long after arming.  [default: until Ctrl-C]")
 @KEY
 @UNSIGNED
+@REAL_TIME
 @click.option("--out", type=FILE, metavar="DIR", help="Folder for its log, vehicle.mcap, with the truth.")
 @JSON
 def vehicle(as_json: bool, **asked: Any) -> None:
@@ -77,7 +81,7 @@ def vehicle(as_json: bool, **asked: Any) -> None:
 @click.option("--duration", metavar="TIME", help="End this long after arming.  [default: the scenario's]")
 @KEY
 @UNSIGNED
-@click.option("--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling.")
+@REAL_TIME
 @click.option("--out", type=FILE, metavar="DIR", help="Folder for the flight's log, flight.mcap.")
 @JSON
 def fly(as_json: bool, **asked: Any) -> None:

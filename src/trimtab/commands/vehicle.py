@@ -34,6 +34,7 @@ class Request(NamedTuple):
     duration: str | None = None
     key: Path | None = None
     unsigned: bool = False
+    real_time: bool = True
     out: Path | None = None
     as_json: bool = False
 
@@ -68,7 +69,13 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: i
         one = Vehicle(ready_for_faults(scenario), link, end, seed=request.seed)
     _say(request, f"{scenario.name} listens on {request.listen}; held until it is armed. Ctrl-C ends it.")
     with until_interrupted() as stop, stamps_kept(one.endpoint):
-        served = one.serve(duration=duration, log=log, stop=stop, tell=lambda text: _say(request, text))
+        served = one.serve(
+            duration=duration,
+            log=log,
+            wanted_real_time=request.real_time,
+            stop=stop,
+            tell=lambda text: _say(request, text),
+        )
     found = _facts(request, scenario, served.t - (served.released or 0)) | {
         "released_s": None if served.released is None else to_seconds(served.released),
         "mode": served.mode,

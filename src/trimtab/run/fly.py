@@ -137,10 +137,12 @@ class Flyer:
         self.pilot.forget()
         try:
             with real_time(wanted_real_time) as granted:
-                t = self._loop(length, book, stop, tell)
+                try:
+                    t = self._loop(length, book, stop, tell)
+                finally:
+                    if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
+                        self._disarm()
         finally:
-            if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
-                self._disarm()
             written = book.close() if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
@@ -236,10 +238,9 @@ class Flyer:
         """Say when nothing comes any more, and when it does again."""
         accepted, silence = self.endpoint.counts.accepted, now - self._heard
         if accepted != self._accepted:
-            self._accepted, self._heard = accepted, now
             if self._silent:
                 self._say(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
-            self._silent = False
+            self._accepted, self._heard, self._silent = accepted, now, False
         elif silence >= SILENCE and not self._silent:
             self._silent = True
             self._say(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
@@ -264,7 +265,7 @@ class Flyer:
 
     def _say(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
         tell(text)
-        if book is not None:
+        if book:
             book.event(text)
 
     def _open(self, path: Path) -> FlightLog:

@@ -25,6 +25,7 @@ from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
 from trimtab.run.histogram import Histogram
 from trimtab.run.instruments import Instruments
 from trimtab.run.program import described
+from trimtab.run.real_time import real_time
 from trimtab.run.uplink_step import uplink_step
 from trimtab.run.virtual_vehicle import VirtualVehicle
 from trimtab.run.wall_clock import NS, WallClock, discard
@@ -142,6 +143,7 @@ class Vehicle:
         duration: int | None = None,
         log: Path | None = None,
         log_period: int = 10_000,
+        wanted_real_time: bool = False,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> Served:
@@ -151,30 +153,34 @@ class Vehicle:
             duration: None runs on without end.
             log: file of the vehicle's own log, with the truth.
             log_period: how often a row is written.
+            wanted_real_time: ask the system for real-time scheduling and locked memory.
             stop: asked at every instant.
             tell: is given lines for people.
         """
         self._people = tell
         book = self._book = self._open(log) if log else None
         discard(self.link)
-        self.clock = WallClock()
-        last: int | None = None
         try:
-            for t in self.body.instants():
-                why = self._over(t, duration, stop) if last is None else ""
-                if why:
-                    self._say(why)
-                    last = t + (LAST if self.duties.flying else 0)
-                    self.duties.ask(ArmAsked(False, (self.endpoint.system, self.endpoint.component)), t)
-                if last is not None and t >= last:
-                    break
-                self._instant(t, log_period)
+            with real_time(wanted_real_time):
+                self._run(duration, log_period, stop)
         finally:
             self._book = None
             written = book.close(self._final()) if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
         return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
+
+    def _run(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
+        self.clock, last = WallClock(), None
+        for t in self.body.instants():
+            why = self._over(t, duration, stop) if last is None else ""
+            if why:
+                self._say(why)
+                last = t + (LAST if self.duties.flying else 0)
+                self.duties.ask(ArmAsked(False, (self.endpoint.system, self.endpoint.component)), t)
+            if last is not None and t >= last:
+                break
+            self._instant(t, log_period)
 
     def _over(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
         """Why it is to end now; empty: it isn't."""

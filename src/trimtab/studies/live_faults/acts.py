@@ -183,7 +183,7 @@ def writer_killed(who: str) -> Act:
     def act(flight: Flight) -> None:
         pause(FLOWN_S)
         process = flight.vehicle if who == "vehicle" else flight.pilot
-        for child in process.children():
+        for child in process.children("stream_writer"):
             os.kill(child, signal.SIGKILL)
 
     return act

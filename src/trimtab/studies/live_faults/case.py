@@ -12,12 +12,14 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.studies.live_faults.flight import Ended, Flight, Ground
 from trimtab.studies.live_faults.process import NotReady
 from trimtab.studies.live_faults.verdict import course, tripped, violations
-from trimtab.studies.live_faults.words import Evidence, Words
+from trimtab.studies.live_faults.words import Evidence, Words, told
 
 FLY_S, AFTER_S = 4.0, 2.0
 """How long the autopilot flies from arming on, and how long the vehicle stays up after it."""
 FLIES, STOPS, EITHER = "flies on", "stops", "either"
 KILLED = -signal.SIGKILL
+VEHICLE, AUTOPILOT = "vehicle-1", "autopilot-1"
+FAILSAFE = told(VEHICLE, "failsafe: no command")
 
 
 class Case(NamedTuple):

@@ -83,7 +83,6 @@ class Flight:
         words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s")
         self.vehicles.append(self._start(name, words, environment))
         self.vehicle.wait_for("listens on")
-        self.vehicle.hurry()
 
     def start_pilot(self, duration: float, **environment: str) -> None:
         """Start it; it arms the vehicle by itself, once."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-PRIORITY = 38
 LOOK_S = 0.02
 START_S, END_S = 240.0, 120.0
 """How long a process may take to be ready, and to end after it was told: only a failure takes as long."""
@@ -66,20 +65,15 @@ class Process:
                 raise NotReady(f"{self.name} did not say {text!r}: {self.said.strip()[-300:]}")
             sleep(LOOK_S)
 
-    def hurry(self) -> None:
-        """Scheduled before ordinary processes, where that is allowed, so that a loaded machine spoils no case."""
-        with contextlib.suppress(OSError, AttributeError):
-            os.sched_setscheduler(self.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
-
     def send(self, number: int) -> None:
         """A signal."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
-    def children(self) -> list[int]:
-        """Processes that it started: the writer of its log."""
-        found = Path(f"/proc/{self.pid}/task/{self.pid}/children")
-        return [int(n) for n in found.read_text().split()] if found.exists() else []
+    def children(self, word: str) -> list[int]:
+        """Processes that it started, by a word of their command line."""
+        found = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        return [int(n) for n in found if word in Path(f"/proc/{n}/cmdline").read_text()]
 
     def finish(self, patience: float = END_S) -> None:
         """Wait for its end; NotReady, and killed, where there is none."""
