@@ -10,6 +10,8 @@ from trimtab.run.wall_clock import QUEUE, discard
 from trimtab.wire.time_sync import TimeSync
 
 OFFSET = 98_765_432
+VEHICLE = {"system": 1, "component": 1}
+FINGERPRINT = b"abcdefgh"
 
 
 class Line:
@@ -31,18 +33,25 @@ class Line:
 def answered(remote, now, up, down):
     asked = remote.sync.ask(now)
     fields = {"tc1": (now + up + OFFSET) * 100, "ts1": asked["ts1"]}
-    remote.take(SimpleNamespace(name="TIMESYNC", get=fields.get), now + up + down)
+    remote.take(SimpleNamespace(name="TIMESYNC", **VEHICLE, get=fields.get), now + up + down)
 
 
 def heartbeat(remote, now):
-    fields = {"base_mode": 0}
-    remote.take(SimpleNamespace(name="HEARTBEAT", system=1, get=fields.get), now)
+    fields = {"base_mode": 0, "autopilot": 0}
+    remote.take(SimpleNamespace(name="HEARTBEAT", **VEHICLE, get=fields.get), now)
+
+
+def same_messages(remote, now):
+    fields = {"flight_custom_version": FINGERPRINT}
+    remote.take(SimpleNamespace(name="AUTOPILOT_VERSION", **VEHICLE, get=fields.get), now)
 
 
 def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
     """Eight questions lay with a vehicle that was starting: its clock came out 0.3 s wrong, and it was armed."""
-    remote = Remote(SimpleNamespace(pack=lambda *_: b""), Line())
+    endpoint = SimpleNamespace(pack=lambda *_: b"", dialect=SimpleNamespace(fingerprint=FINGERPRINT))
+    remote = Remote(endpoint, Line())
     heartbeat(remote, 0)
+    same_messages(remote, 0)
     for k in range(QUICK_ASKS):
         answered(remote, ms(50 * k), seconds(1) - ms(50 * k), ms(1))
     assert not remote.ready
