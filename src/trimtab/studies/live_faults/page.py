@@ -39,9 +39,9 @@ fails where it doesn't.
 
 ## How it was done
 
-- Fault words are injected live, for a second, or for good, as [`trimtab inject`](../loop/faults.md) does. Those of the uplink act
-  between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the vehicle obeys
-  nobody, so the first rule rests until they work again.
+- Fault words are injected live, for a second, or for good, as [`trimtab inject`](../loop/faults.md) does. Those of the
+  uplink act between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the
+  vehicle obeys nobody, so the first rule rests until they work again.
 - The line is a relay in a process of the campaign; it cuts, delays, shortens, turns bits, sends again.
 - Wall clock stepped: a library in front of the C library's shifts what the process reads as the time of day, in
   mid-flight. Nothing else on the machine sees it. All that flies counts by the monotonic clock.
