@@ -101,3 +101,18 @@ def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, t
     assert isinstance(vehicle, Log)
     for path in paths:
         assert found[path]["first_reach_s"] is not None, path
+
+
+@pytest.mark.slow
+def test_with_a_bus_on_the_vehicle(tmp_path):
+    """The bus is the vehicle's own: a real line takes the place of the radio alone. A minute, to compile."""
+    line, chosen = f"udp://127.0.0.1:{free_port()}", {"navigation": "ins", "bus": "slave"}
+    more = [word for name, value in chosen.items() for word in ("--set", f"{name}={value}")]
+    there, here = fly_pair(tmp_path, "hovercraft/forward", line, line, "--lockstep", "--duration", "2", *more)
+    assert (there[0], here[0]) == (0, 0), (there, here)
+    scenario, _ = catalogue.load("hovercraft/forward", chosen)
+    simulated = simulate(replace(scenario, duration=seconds(2)), backend="c")
+    for file in ("there/vehicle.mcap", "here/flight.mcap"):
+        log = read_mcap(tmp_path / file)
+        assert len(log) == 2000
+        same(log, simulated)

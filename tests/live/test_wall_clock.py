@@ -31,13 +31,13 @@ REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20
 """What a line in this machine leaves of the delays: nothing, or one unit each way."""
 
 
-def check(folder, name, navigation, listen, link):
+def check(folder, name, navigation, listen, link, bus="none"):
     """Fly it, and compare it."""
-    settings = {"navigation": navigation, "supervisor": "automatic"}
+    settings = {"navigation": navigation, "supervisor": "automatic", "bus": bus}
     scenario, _ = catalogue.load(name, settings)
     targets = [t for t in scenario.targets if t.path.startswith("truth.")]
     length = f"{to_seconds(scenario.duration)} s"
-    both = ("--set", f"navigation={navigation}")
+    both = ("--set", f"navigation={navigation}", "--set", f"bus={bus}")
     there, here = fly_pair(folder, name, listen, link, *both, vehicle=("--duration", length))
     assert (there[0], here[0]) == (0, 0), (there, here)
     said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]}"
@@ -59,3 +59,8 @@ def test_over_udp_targets_are_reached_as_in_simulated_flights(name, navigation, 
 def test_over_a_serial_cable_targets_are_reached_as_in_simulated_flights(tmp_path):
     with SerialPair(tmp_path) as cable:
         check(tmp_path, "hovercraft/forward", "errors", *cable.uris)
+
+
+def test_with_a_slow_bus_on_the_vehicle_targets_are_reached_as_in_simulated_flights(tmp_path):
+    line = f"udp://127.0.0.1:{free_port()}"
+    check(tmp_path, "hovercraft/forward", "ins", line, line, bus="slave")

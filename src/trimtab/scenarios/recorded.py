@@ -1,5 +1,6 @@
 """The scenario of a log: the one of its name in the catalogue, with every setting as it was recorded."""
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -66,7 +67,8 @@ def _candidates(name: str, *, given: bool) -> Iterator[Scenario]:
     yield catalogue.load(name)[0]
     if all(offered.values()):
         for values in itertools.product(*offered.values()):
-            yield catalogue.load(name, dict(zip(offered, values, strict=True)))[0]
+            with contextlib.suppress(InputError):  # choices that don't go together
+                yield catalogue.load(name, dict(zip(offered, values, strict=True)))[0]
 
 
 def _as_flown(candidates: Iterator[Scenario]) -> Iterator[Scenario]:

@@ -7,7 +7,7 @@ import numpy as np
 from trimtab.core.record import replace
 from trimtab.logs.metrics import Target
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hovercraft._navigation import Navigation
+from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import HovercraftState
@@ -17,7 +17,7 @@ TOLERANCE = np.pi / 180
 
 
 def heading_flight(
-    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervised
+    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervised, bus: Bus
 ) -> Scenario:
     """Turn to 5 rad out of a spinning slide, or to 1 rad from rest.
 
@@ -32,4 +32,4 @@ def heading_flight(
         law, errors = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
     law = replace(law, target=target)
     targets = (*towards(), Target("truth.heading", target, 5 * TOLERANCE))
-    return flight(name, law, x, 35, targets, links, navigation, supervisor, errors=errors, floor=(-6, 6, -5, 9))
+    return flight(name, law, x, 35, targets, links, navigation, supervisor, bus, errors=errors, floor=(-6, 6, -5, 9))

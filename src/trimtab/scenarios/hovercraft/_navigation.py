@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.environment.acoustics import Air
@@ -20,6 +21,8 @@ from trimtab.estimators.passthrough import Passthrough
 from trimtab.estimators.planar_inertial import InertialStart
 from trimtab.estimators.ranging_position import RangingPosition
 from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.links.slave_bus import SlaveBus
+from trimtab.loop.relayed_sensor import RelayedSensor
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.magnetometer import Magnetometer
 from trimtab.sensors.navigation_errors import NavigationErrors
@@ -29,6 +32,10 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled"]
 """errors: the source's error model. ins: IMU, ultrasonic network and dual filters, heading from two units.
 ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, so that positions teach headings."""
+
+Bus = Literal["none", "slave"]
+"""slave: the ultrasonic units hang on a second microcontroller, and their samples pass a slow bus to the one with the
+radio. none: they are there at once."""
 
 CEILING, SPACING = 4.0, 3.4
 """Height of the beacons and distance between them (m): three or more are heard all over the floor, mostly four."""
@@ -45,6 +52,11 @@ NOISE = InertialNoise(
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 INTAKE = Intake(gap=ms(150))
 """A radio that jitters is silent for longer than the usual 40 ms."""
+MESSAGE = 5 + 1 + 6 * 3
+"""Bytes of a ping on the bus: header, unit, and number and range of each beacon that replied, six at most below these
+beacons."""
+SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
+"""A ping is at most 31 ms on its way, and the next one comes 100 ms later: nothing waits, nothing is dropped."""
 Floor = tuple[float, float, float, float]
 
 
@@ -60,22 +72,28 @@ def hall(floor: Floor) -> Beacons:
     return Beacons(map=np.array(grid), survey_error=0.005)
 
 
-def equipment(navigation: Navigation, errors: NavigationErrors | None, floor: Floor) -> tuple[Mapping[str, Any], Any]:
+def equipment(
+    navigation: Navigation, errors: NavigationErrors | None, floor: Floor, bus: Bus = "none"
+) -> tuple[Mapping[str, Any], Any]:
     """Sensors by name, and the estimator that reads them.
 
     Args:
         navigation: which.
         errors: the error model, the source's when None.
         floor: over which the vehicle may move (m).
+        bus: what lies between the ultrasonic units and the radio.
     """
     if navigation == "errors":
+        if bus != "none":
+            problem = "there are no ultrasonic units on it: the navigation is the error model"
+            raise InputError("--set bus", problem, fix="--navigation ins --set bus=slave")
         return {"navigation": errors or NavigationErrors()}, Passthrough("navigation")
     beacons = hall(floor)
     medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
-    sensors = {
-        "imu": Imu.microstrain_3dm_gx1(),
-        "ranging": UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium),
-    }
+    ranging: Any = UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium)
+    if bus == "slave":
+        ranging = RelayedSensor(inner=ranging, bus=SLAVE)
+    sensors = {"imu": Imu.microstrain_3dm_gx1(), "ranging": ranging}
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
     inertial: Any = AidedInertialFeedback(noise=NOISE, start=START, intake=INTAKE)

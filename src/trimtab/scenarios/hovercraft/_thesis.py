@@ -17,7 +17,7 @@ from trimtab.loop.flight_limit import Limit
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import Supervisor
 from trimtab.loop.world import World
-from trimtab.scenarios.hovercraft._navigation import Floor, Navigation, equipment
+from trimtab.scenarios.hovercraft._navigation import Bus, Floor, Navigation, equipment
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
@@ -38,6 +38,7 @@ def flight(
     links: Links = "chain",
     navigation: Navigation = "errors",
     supervisor: Supervised = "none",
+    bus: Bus = "none",
     *,
     errors: NavigationErrors | None = None,
     floor: Floor = (-5, 5, -5, 5),
@@ -55,6 +56,7 @@ def flight(
         navigation: what the vehicle finds its way with, see `_navigation`.
         supervisor: "automatic" flies as soon as all checks pass, inside a speed envelope, and, where the position is
             known, over the floor and 5 m around it.
+        bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
         errors: of "errors"; the source's when None.
         floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
@@ -62,7 +64,7 @@ def flight(
         downlink, uplink = DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2)
     else:
         downlink, uplink = bluetooth(PAIRING, "down"), bluetooth(PAIRING, "up")
-    sensors, estimator = equipment(navigation, errors, floor)
+    sensors, estimator = equipment(navigation, errors, floor, bus)
     world = World(
         vehicle=Hovercraft(),
         sensors=sensors,

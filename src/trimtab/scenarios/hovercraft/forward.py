@@ -2,12 +2,14 @@
 
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hovercraft._navigation import Navigation
+from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none") -> Scenario:
+def scenario(
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+) -> Scenario:
     """[1] fig. 6.8, table 6.2."""
     law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
     return flight(
@@ -19,5 +21,6 @@ def scenario(links: Links = "chain", navigation: Navigation = "errors", supervis
         links,
         navigation,
         supervisor,
+        bus,
         floor=(-2, 18, -4, 5),
     )

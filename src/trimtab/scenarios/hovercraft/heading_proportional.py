@@ -3,7 +3,7 @@
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._heading import Initial, heading_flight
-from trimtab.scenarios.hovercraft._navigation import Navigation
+from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, Supervised
 
 
@@ -12,8 +12,9 @@ def scenario(
     links: Links = "chain",
     navigation: Navigation = "errors",
     supervisor: Supervised = "none",
+    bus: Bus = "none",
 ) -> Scenario:
     """[1] figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg; `--set autopilot.law.form=literal` is as published."""
     return heading_flight(
-        "hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, links, navigation, supervisor
+        "hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, links, navigation, supervisor, bus
     )

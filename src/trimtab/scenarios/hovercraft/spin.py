@@ -2,12 +2,14 @@
 
 from trimtab.laws.spin import SupervisedSpin
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hovercraft._navigation import Navigation
+from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
 from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
-def scenario(links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none") -> Scenario:
+def scenario(
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+) -> Scenario:
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
@@ -20,5 +22,6 @@ def scenario(links: Links = "chain", navigation: Navigation = "errors", supervis
         links,
         navigation,
         supervisor,
+        bus,
         floor=(-4, 4, -4, 4),
     )

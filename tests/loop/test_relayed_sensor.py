@@ -1,0 +1,94 @@
+"""A sensor behind a bus: every sample's way against slots counted here; and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, numeric, period, quantity, record, replace
+from trimtab.core.rng import key
+from trimtab.core.signals import Motion, measured
+from trimtab.core.time import ms
+from trimtab.links.slave_bus import SlaveBus
+from trimtab.loop.relayed_sensor import RelayedSensor
+from trimtab.sensors.acting_input import ActingInput
+
+EVERY = 37
+MESSAGE = 24
+
+
+@record
+class Place:
+    """Source: this test."""
+
+    north: Scalar = quantity("m", "Where.")
+
+
+@record
+class Odometer:
+    """Gives its north each 37 ms. Source: this test."""
+
+    period: int = period("How often.", default=ms(1))
+
+    def init(self, key):
+        return measured(np.int64(0), Place(np.float64(0)), fresh=np.bool_(False))
+
+    def measure(self, motion):
+        return Place(motion.p_WB[0])
+
+    def step(self, t, state, motion):
+        due = t % ms(EVERY) == 0
+        new = measured(t, self.measure(motion), fresh=True)
+        old = replace(state, age=(t - state.t) * 1e-7, fresh=False)
+        out = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, old)
+        return out, out
+
+
+BUS = SlaveBus(size=MESSAGE, queue=ms(60), capacity=64)
+
+
+def flown(sensor, n):
+    """Samples at n milliseconds of a body that moves north by 1 m/s."""
+    sensor, zero = numeric(sensor), jnp.zeros(3)
+
+    def at(s, k):
+        t = k * ms(1)
+        motion = Motion(t, jnp.array([t * 1e-7, 0.0, 0.0]), zero, zero, zero, zero, zero)
+        return sensor.step(t, s, motion)
+
+    run = jax.jit(lambda: jax.lax.scan(at, sensor.init(key(0)), jnp.arange(n, dtype=np.int64))[1])
+    return jax.tree.map(np.asarray, run())
+
+
+def test_samples_come_off_the_bus_when_its_slots_let_them_with_their_own_time():
+    found = flown(RelayedSensor(inner=Odometer(), bus=BUS), 600)
+    free, wanted = 0, []
+    for made in range(0, 600, EVERY):
+        first = max(-(-made // 10), free)  # slots of 10 ms, three for 24 bytes
+        free = first + 3
+        wanted.append((int(np.ceil((first + 2) * 10 + (4 + 1) * 9 / 100)), made))
+    wanted = [one for one in wanted if one[0] < 600]
+    fresh = np.flatnonzero(found.fresh)
+    assert list(zip(fresh.tolist(), (found.t[fresh] // ms(1)).tolist(), strict=True)) == wanted
+    np.testing.assert_allclose(found.value.north[fresh], found.t[fresh] * 1e-7, atol=1e-12)
+    np.testing.assert_allclose(found.age[fresh], [(came - made) * 1e-3 for came, made in wanted], atol=1e-12)
+    assert not found.valid[: wanted[0][0]].any()
+
+
+def test_without_the_bus_s_delay_it_is_the_sensor():
+    alone, behind = (flown(s, 200) for s in (Odometer(), RelayedSensor(inner=Odometer(), bus=BUS.without("delay"))))
+    valid = behind.valid
+    assert valid.all()
+    for path in ("t", "age", "fresh"):
+        np.testing.assert_array_equal(getattr(alone, path), getattr(behind, path))
+    np.testing.assert_array_equal(alone.value.north, behind.value.north)
+
+
+def test_refusals():
+    RelayedSensor(inner=Odometer(), bus=BUS).check()
+    with pytest.raises(InputError, match="looks each 1 ms, the sensor each 6 ms") as refused:
+        RelayedSensor(inner=Odometer(period=ms(6)), bus=BUS).check()
+    assert refused.value.fix == "set bus.period to 6 ms"
+    with pytest.raises(InputError, match="ActingInput feels 'input'"):
+        RelayedSensor(inner=ActingInput(period=ms(1)), bus=BUS).check()

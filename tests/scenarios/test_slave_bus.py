@@ -1,0 +1,98 @@
+"""The hovercraft whose ultrasonic units are behind a slow bus: later, and there all the same."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms
+from trimtab.export.compiler import find_compiler
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import metrics
+from trimtab.run.program import described
+from trimtab.run.simulate import simulate
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.recorded import recorded_scenario
+
+HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
+compiled = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+
+
+def flown(name, bus, seed=3):
+    scenario, _ = catalogue.load(name, {"navigation": "ins", "bus": bus})
+    return scenario, simulate(scenario, seed=seed, backend="c")
+
+
+def reached(scenario, log):
+    """When each target is reached first."""
+    targets = [t for t in scenario.targets if t.path.startswith("truth.")]
+    found = metrics(log, targets, [t.path for t in targets])
+    return {path: found[path]["first_reach_s"] for path in found}
+
+
+@pytest.fixture(scope="module")
+def forward():
+    return flown("hovercraft/forward", "slave")
+
+
+def arrivals(log, end):
+    """When pings come out of the sensor, by the time of the ping."""
+    rows = np.flatnonzero(log[f"{end}.ranging.fresh"])
+    return dict(zip(log[f"{end}.ranging.t"][rows].tolist(), log.ticks[rows].tolist(), strict=True))
+
+
+@compiled
+def test_forward_reaches_its_targets(forward):
+    scenario, log = forward
+    assert all(time is not None for time in reached(scenario, log).values())
+    # as by its own navigation without the bus (docs, Scenarios): well inside a tenth of its band by the end
+    tail = log.t > 12
+    assert np.abs(log["truth.surge_velocity"][tail] - 2.8 / 2.6).max() < 0.1
+
+
+@compiled
+def test_each_ping_is_later_by_the_way_over_the_bus(forward):
+    """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; seen at the millisecond after."""
+    _, log = forward
+    _, before = flown("hovercraft/forward", "none")
+    late, early = arrivals(log, "sensors"), arrivals(before, "sensors")
+    first = sorted(set(late) & set(early))[:10]  # while both are where they were, so that replies are the same
+    assert len(first) == 10
+    for ping in first:
+        slot = -(-early[ping] // ms(10)) * ms(10)
+        assert late[ping] == slot + ms(20) + ms(1), ping
+    fresh = log["sensors.ranging.fresh"].astype(bool)
+    ages = log["sensors.ranging.age"][fresh]
+    np.testing.assert_allclose(ages, (log.ticks - log["sensors.ranging.t"])[fresh] * 1e-7, atol=1e-12)
+    usual = before["sensors.ranging.age"][before["sensors.ranging.fresh"].astype(bool)]
+    assert 0.020 < ages.mean() - usual.mean() < 0.031
+    down = log["downlink.ranging.age"][log["downlink.ranging.fresh"].astype(bool)]
+    assert 0.036 < down.mean() - ages.mean() < 0.043  # the radio's 36 ms come on top, and its look each 6 ms
+
+
+@compiled
+def test_nothing_is_dropped(forward):
+    _, log = forward
+    pings = sorted(arrivals(log, "sensors"))
+    assert set(np.diff(pings)) == {ms(100)}
+
+
+def test_a_log_knows_that_there_was_a_bus():
+    """What `replay` builds again; only names and numbers are looked at, nothing is flown."""
+    scenario, _ = catalogue.load("hovercraft/spin", {"navigation": "ins", "bus": "slave"})
+    log = Log(np.zeros(1), np.zeros(1, np.int64), {"truth.north": np.zeros(1)}, {}, described(scenario), {})
+    assert type(recorded_scenario(log).world.sensors["ranging"]).__name__ == "RelayedSensor"
+
+
+def test_the_error_model_has_no_units_to_put_on_a_bus():
+    with pytest.raises(InputError, match="there are no ultrasonic units") as refused:
+        catalogue.load("hovercraft/forward", {"bus": "slave"})
+    assert "--navigation ins" in refused.value.fix
+
+
+@compiled
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOVERCRAFT)
+def test_every_hovercraft_scenario_reaches_its_targets(name):
+    """Half a minute each, to compile."""
+    scenario, log = flown(name, "slave")
+    assert all(time is not None for time in reached(scenario, log).values())
