@@ -145,48 +145,9 @@ def _first(request: Request) -> Flown:
 
 def build(request: Request) -> "Scenario":
     """The scenario with its settings, checked."""
-    from trimtab.loop.scenario import Scenario
-    from trimtab.loop.settings import with_settings
-    from trimtab.scenarios import catalogue
+    from trimtab.scenarios.build import build as build_scenario
 
-    scenario, rest = catalogue.load(request.scenario, request.settings)
-    if not isinstance(scenario, Scenario):
-        problem = f"the function gives {type(scenario).__name__}, not a Scenario"
-        raise InputError(f"scenario {request.scenario!r}", problem, fix="return Scenario(world=…, autopilot=…)")
-    if "navigation" in rest:
-        _refuse_navigation(request.scenario)
-    _refuse_choices(request.scenario, scenario, rest)
-    scenario = with_settings(scenario, rest)
-    for name in request.without:
-        scenario = scenario.without(name)
-    if request.faults:
-        from trimtab.loop.faults import injected
-
-        scenario = injected(scenario, request.faults)
-    scenario.check()
-    return scenario
-
-
-def _refuse_choices(name: str, scenario: "Scenario", rest: Mapping[str, str]) -> None:
-    """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    from trimtab.core.record import leaves
-    from trimtab.scenarios import catalogue
-
-    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], list(catalogue.arguments(name))
-    for wrong in [n for n in rest if "." not in n and n not in settings]:
-        problem = f"scenario {name!r} has no such choice and no such setting"
-        fix = f"trimtab list {name}  shows every setting by its path"
-        raise InputError(f"--set {wrong}", problem, choices=[*choices, *settings], fix=fix)
-
-
-def _refuse_navigation(name: str) -> None:
-    from trimtab.scenarios import catalogue
-
-    chosen = {n: catalogue.arguments(n).get("navigation", ()) for n in catalogue.names()}
-    offer = [n for n, choices in chosen.items() if choices]
-    problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
-    fix = f"leave it out; what can be chosen here:  trimtab list {name}"
-    raise InputError("--navigation", problem, fix=fix)
+    return build_scenario(request.scenario, request.settings, request.without, request.faults)
 
 
 def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
