@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from trimtab import __version__, live_cli
+from trimtab import __version__, campaign_cli, live_cli
 from trimtab.core.errors import InputError
 from trimtab.live_cli import FAULT, JSON, SCENARIO, pairs
 from trimtab.scenarios import catalogue
@@ -46,6 +46,7 @@ def main() -> None:
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
     trimtab run hovercraft/forward --navigation ins  flown on IMU and ultrasonic network, not on an error model
     trimtab budget hovercraft/forward                what each imperfection costs
+    trimtab campaign hovercraft/spin --runs 4000     how often it succeeds, with bounds
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
@@ -311,6 +312,7 @@ def noise(as_json: bool, **asked: Any) -> None:
 
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
+main.add_command(campaign_cli.campaign)
 
 
 if __name__ == "__main__":

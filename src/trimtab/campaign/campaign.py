@@ -3,7 +3,9 @@
 Source: docs page, Campaigns.
 """
 
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -130,7 +132,7 @@ class Campaign:
         """
         began = time.perf_counter()
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        fly = workers or _here(used, threads)
+        fly = workers or _here(used, threads, progress)
         if store is None:
             rows = _InMemory(self.plan.runs)
             flown = self._fly(fly, rows, self.ready.block, stop, progress)
@@ -221,19 +223,38 @@ def _prefix(rows: "_InMemory | Store", done: Any) -> dict[str, Any]:
     return {name: column[:n] for name, column in rows.read().items()}
 
 
-def _here(backend: str, threads: int | None) -> Workers:
+class _Ended(Exception):
+    """The campaign is over; what flies need not land."""
+
+
+def _here(backend: str, threads: int | None, progress: Callable[[int], None] | None) -> Workers:
     """This process: a block flies while the one before is being written."""
 
     def fly(ready: Ready, blocks: Blocks) -> Flown:
+        ended, kept = threading.Event(), ready.plan.runs - sum(last - first for first, last in blocks)
+
+        def block(first: int, last: int, before: int) -> dict[str, Any]:
+            def tell(done: int) -> None:
+                if ended.is_set():
+                    raise _Ended
+                if progress is not None:
+                    progress(before + done)
+
+            return fly_block(ready, first, last, backend=backend, threads=threads, progress=tell)
+
         with ThreadPoolExecutor(1) as pilot:
-            coming: Any = None
-            for first, last in blocks:
-                now, coming = coming, pilot.submit(fly_block, ready, first, last, backend=backend, threads=threads)
-                if now is not None:
-                    yield now[0], now[1].result()
-                coming = first, coming
-            if coming is not None:
-                yield coming[0], coming[1].result()
+            coming: deque[tuple[int, Any]] = deque()
+            try:
+                for first, last in blocks:
+                    coming.append((first, pilot.submit(block, first, last, kept)))
+                    kept += last - first
+                    if len(coming) > 1:
+                        now, columns = coming.popleft()
+                        yield now, columns.result()
+                for now, columns in coming:
+                    yield now, columns.result()
+            finally:
+                ended.set()
 
     return fly
 

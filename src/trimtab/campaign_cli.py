@@ -1,0 +1,65 @@
+"""The verbs that fly thousands of runs."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trimtab.live_cli import FAULT, FILE, JSON, SCENARIO, SEED, SET
+
+SPREAD = click.option(
+    "--spread",
+    multiple=True,
+    metavar="PATH=DISTRIBUTION",
+    help="E.g. 'world.vehicle.mass=normal(100%, 5%)'; repeatable.",
+)
+SUCCESS = click.option(
+    "--success", multiple=True, metavar="TEXT", help="E.g. 'settling:yaw_rate <= 10'; repeatable, all must hold."
+)
+WITHOUT = click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+
+
+@click.command()
+@SCENARIO
+@click.option("--runs", type=click.IntRange(1), default=1000, show_default=True, help="How many worlds.")
+@SPREAD
+@click.option("--correlate", multiple=True, metavar="PATH,PATH=RHO", help="Let two hang together; repeatable.")
+@click.option("--metric", "metrics", multiple=True, metavar="KIND:SIGNAL", help="What is kept of each run; repeatable.")
+@SUCCESS
+@click.option("--require", multiple=True, metavar="TEXT", help="E.g. 'success >= 0.99 @ 95%'; else exit code 1.")
+@click.option("--stop", metavar="TEXT", help="Stop early, e.g. at 'width(success) <= 0.01 @ 95%'.")
+@click.option("--sampling", default="random", show_default=True, help="random, sobol or latin.")
+@click.option("--store", type=FILE, metavar="DIR", help="Zarr store; started again, only what is missing flies.")
+@click.option("--rerun", type=click.IntRange(0), metavar="RUN", help="One run once more, held against its row.")
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@click.option("--device", type=click.Choice(("auto", "cpu", "gpu")), default="auto", show_default=True)
+@click.option("--threads", type=click.IntRange(1), metavar="N", help="[default: as many as cores]")
+@click.option("--cluster", metavar="URI", help="Fly on the workers of a scheduler, tls://HOST:8786.")
+@click.option("--tls-ca", type=FILE, metavar="FILE", help="Certificate of who signed the others'.")
+@click.option("--tls-cert", type=FILE, metavar="FILE", help="Own certificate.")
+@click.option("--tls-key", type=FILE, metavar="FILE", help="Own key.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for pictures and table (Parquet).")
+@JSON
+def campaign(as_json: bool, tls_ca: Path | None, tls_cert: Path | None, tls_key: Path | None, **asked: Any) -> None:
+    """Fly a scenario in thousands of worlds, and say how often it succeeds, with bounds.
+
+    A run's numbers depend on the seed and on its own number alone. Distributions: normal(MEAN, STD), truncated(MEAN,
+    STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH), choice(A, B, …),
+    file(NAME.csv:COLUMN); a number with % is a share of the scenario's own value. Metrics: settling, first_reach,
+    overshoot, error_rms of what has a target; final, least, most, peak, mean, rms, tail_mean, tail_rms of any signal.
+
+    \b
+    trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr
+    trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr \\
+        --rerun 12 --out run-12
+    trimtab campaign hovercraft/spin --runs 4000 --require 'success >= 0.99 @ 95%' --out spin
+    """
+    from trimtab.commands.campaign import Request
+    from trimtab.commands.campaign import campaign as carry_out
+
+    if not carry_out(Request(**asked, tls=(tls_ca, tls_cert, tls_key), as_json=as_json)):
+        sys.exit(1)
