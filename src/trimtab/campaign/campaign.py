@@ -3,21 +3,19 @@
 Source: docs page, Campaigns.
 """
 
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import Ready, drawn, flies_c, fly_block, measured_log, prepare, scenario_of
+from trimtab.campaign.block import drawn, flies_c, measured_log, prepare, scenario_of
 from trimtab.campaign.distributions import Distribution, parse_distribution
 from trimtab.campaign.metrics import Metric, Rows
 from trimtab.campaign.plan import Plan, identity
 from trimtab.campaign.store import Store, block_of, missing, open_store
+from trimtab.campaign.workers import Workers, here
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
@@ -25,11 +23,6 @@ from trimtab.logs.proportion import Proportion, proportion
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
-
-Blocks = list[tuple[int, int]]
-Flown = Iterator[tuple[int, dict[str, Any]]]
-Workers = Callable[[Ready, Blocks], Flown]
-"""What flies blocks, each (first, last + 1): gives the first run and the columns of each, in any order."""
 
 
 class Result(NamedTuple):
@@ -132,7 +125,7 @@ class Campaign:
         """
         began = time.perf_counter()
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        fly = workers or _here(used, threads, progress)
+        fly = workers or here(used, threads, progress)
         if store is None:
             rows = _InMemory(self.plan.runs)
             flown = self._fly(fly, rows, self.ready.block, stop, progress)
@@ -221,42 +214,6 @@ def _prefix(rows: "_InMemory | Store", done: Any) -> dict[str, Any]:
     """Columns of the runs from 0 on without a gap."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}
-
-
-class _Ended(Exception):
-    """The campaign is over; what flies need not land."""
-
-
-def _here(backend: str, threads: int | None, progress: Callable[[int], None] | None) -> Workers:
-    """This process: a block flies while the one before is being written."""
-
-    def fly(ready: Ready, blocks: Blocks) -> Flown:
-        ended, kept = threading.Event(), ready.plan.runs - sum(last - first for first, last in blocks)
-
-        def block(first: int, last: int, before: int) -> dict[str, Any]:
-            def tell(done: int) -> None:
-                if ended.is_set():
-                    raise _Ended
-                if progress is not None:
-                    progress(before + done)
-
-            return fly_block(ready, first, last, backend=backend, threads=threads, progress=tell)
-
-        with ThreadPoolExecutor(1) as pilot:
-            coming: deque[tuple[int, Any]] = deque()
-            try:
-                for first, last in blocks:
-                    coming.append((first, pilot.submit(block, first, last, kept)))
-                    kept += last - first
-                    if len(coming) > 1:
-                        now, columns = coming.popleft()
-                        yield now, columns.result()
-                for now, columns in coming:
-                    yield now, columns.result()
-            finally:
-                ended.set()
-
-    return fly
 
 
 def _distribution(path: str, given: str | Distribution) -> Distribution:
