@@ -107,6 +107,7 @@ def list_(scenario: str | None, as_json: bool) -> None:
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 @FAULT
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
+@click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
 @click.option(
@@ -123,6 +124,7 @@ def run(
     without: tuple[str, ...],
     faults: tuple[str, ...],
     seed: int,
+    number: int,
     duration: str | None,
     ideal: bool,
     backend: str,
@@ -151,7 +153,7 @@ def run(
     if navigation is not None:
         settings["navigation"] = navigation
     rows = parse(log_period)
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows))
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows, number))
 
 
 @main.command()
