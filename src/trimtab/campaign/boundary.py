@@ -77,9 +77,7 @@ def trace(values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, 
         depth: how often a cell is halved; the lattice has (c - 1) 2^depth + 1 points along an axis.
         threshold: a point is inside where its value is at least that.
     """
-    if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
-        problem = f"a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
-        raise InputError("trace", problem, fix=f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}")
+    check_grid(coarse, depth)
     size = 2**depth
     shape = ((coarse[0] - 1) * size + 1, (coarse[1] - 1) * size + 1)
     inside, known = np.zeros(shape, bool), np.zeros(shape, bool)
@@ -108,6 +106,15 @@ def trace(values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, 
     index, value = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     rounds = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
     return Traced(shape, index, value, rounds, np.array(cells), threshold)
+
+
+def check_grid(coarse: tuple[int, int], depth: int) -> None:
+    """Refuse a coarse grid of less than a cell, and a depth beyond all use."""
+    if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
+        problem = f"a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
+        raise InputError(
+            "boundary", problem, fix=f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
+        )
 
 
 def _mixed(inside: Any, known: Any, cell: Cell) -> bool:
