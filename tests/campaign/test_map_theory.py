@@ -1,7 +1,10 @@
 """Theory beside a map: the margins of `design` where the loop's delay meets them, and a scalar loop with losses."""
 
+import functools
+
 import numpy as np
 import pytest
+from design import hovercraft_loops as loops
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.campaign.axes import changed, of_link, of_path
@@ -33,6 +36,7 @@ def unflown(scenario, x, y):
     return StabilityMap(base, x, y, np.asarray(x.values), np.asarray(y.values), traced, 1, "none")
 
 
+@functools.cache
 def law_loop(k2):
     law = ForwardMomentum(k2=k2)
     return of_law(Hovercraft(), law, law.equilibrium())
@@ -55,9 +59,14 @@ def test_delay_and_jitter_lines_are_where_the_loop_meets_its_margins(forward):
     assert (one.spare >= other.spare - 2e-3).all()  # what the theorem allows is stable on the mean
 
 
+def test_the_loop_of_a_scenario_is_that_of_its_law(forward):
+    w = np.array([0.5, 6.0])
+    np.testing.assert_allclose(linear_loop(forward).response(w), law_loop(4.0).response(w))
+
+
 def test_a_gain_axis_has_a_loop_for_each_value(forward):
     found = unflown(forward, of_link("delay", [0.0, 0.3]), of_path("autopilot.law.k2", [2.0, 8.0], "kg/s"))
-    one, _ = theory(found)
+    one, _ = theory(found, lambda s: loops.lateral(float(s.autopilot.law.k2), 2.8 / 2.6))
     assert one.y[[0, -1]].tolist() == [2.0, 8.0]
     for j, k2 in ((0, 2.0), (-1, 8.0)):
         np.testing.assert_allclose(one.spare[0, j] + loop_delay(found.scenario).mean, delay_margin(law_loop(k2)).delay)
@@ -76,7 +85,7 @@ def test_packet_loss_is_for_scalar_loops(forward):
     (line,) = one.lines()
     np.testing.assert_allclose(np.interp(one.y, line[:, 1], line[:, 0]), a**-2, atol=2e-3)
     with pytest.raises(InputError, match="scalar"):
-        theory(found)
+        theory(found, lambda s: law_loop(4.0))
 
 
 def test_refusals(forward):

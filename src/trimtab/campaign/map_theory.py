@@ -21,9 +21,9 @@ from trimtab.design.packet_loss import critical_loss
 from trimtab.links.latency import MeasuredLatency
 from trimtab.loop.scenario import Scenario
 
-FINE = 48
+FINE = 30
 """About as many points of the theory's own grid along an axis."""
-FEW = 12
+FEW = 8
 """As many, along an axis where every value has a linear loop of its own."""
 FAR = 10.0
 """Where theory has no limit, so much (s) is to spare."""

@@ -18,8 +18,8 @@ from trimtab.core.errors import InputError
 from trimtab.design.delay_margin import delay_margin
 from trimtab.design.loop_transfer import Loop
 
-PEAKS = 12
-"""How many of the grid's highest peaks are looked at closer."""
+PEAKS, CLOSE = 12, 0.7
+"""How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
 
 
 def jitter_margin(loop: Loop, *, delay: float = 0.0) -> float:
@@ -93,6 +93,7 @@ def _highest(gain: Callable[[Any], Any], w: Any) -> float:
     values = gain(w)
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
     best = float(values.max())
+    inner = inner[values[inner] > CLOSE * best]
     for i in inner[np.argsort(-values[inner])][:PEAKS]:
         found: Any = minimize_scalar(
             lambda v: -float(gain(np.array([v]))[0]),

@@ -52,7 +52,8 @@ def plot_stability_map(
         axes.tricontour(x, y, share, levels=[found.traced.threshold], colors="black", linewidths=1.6)
         handles.append(Line2D([], [], color="black", linewidth=1.6, label="boundary"))
     for one in theory:
-        colour, style = LINES.get(one.name, ("#0072B2", ":"))
+        look: tuple[str, Any] = LINES.get(one.name, ("#0072B2", ":"))
+        colour, style = look
         drawn = one.lines()
         for line in drawn:
             axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
