@@ -29,7 +29,9 @@ WITHOUT = click.option("--without", multiple=True, metavar="FAULT", help="Switch
 @SUCCESS
 @click.option("--require", multiple=True, metavar="TEXT", help="E.g. 'success >= 0.99 @ 95%'; else exit code 1.")
 @click.option("--stop", metavar="TEXT", help="Stop early, e.g. at 'width(success) <= 0.01 @ 95%'.")
-@click.option("--sampling", default="random", show_default=True, help="random, sobol or latin.")
+@click.option(
+    "--sampling", default="random", show_default=True, help="random, sobol, latin; saltelli or morris for what matters."
+)
 @click.option("--store", type=FILE, metavar="DIR", help="Zarr store; started again, only what is missing flies.")
 @click.option("--rerun", type=click.IntRange(0), metavar="RUN", help="One run once more, held against its row.")
 @SET
@@ -56,6 +58,8 @@ def campaign(as_json: bool, tls_ca: Path | None, tls_cert: Path | None, tls_key:
     trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr
     trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr \\
         --rerun 12 --out run-12
+    trimtab campaign hovercraft/zero-velocity --sampling saltelli --runs 4096 --out matters \\
+        --spread 'world.vehicle.mass=normal(100%, 5%)' --spread 'autopilot.law.k2=uniform(80%, 120%)'
     trimtab campaign hovercraft/spin --runs 4000 --require 'success >= 0.99 @ 95%' --out spin
     """
     from trimtab.commands.campaign import Request
@@ -63,3 +67,32 @@ def campaign(as_json: bool, tls_ca: Path | None, tls_cert: Path | None, tls_key:
 
     if not carry_out(Request(**asked, tls=(tls_ca, tls_cert, tls_key), as_json=as_json)):
         sys.exit(1)
+
+
+@click.command(name="map")
+@SCENARIO
+@click.option("--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. delay=0:0.6, or any PATH=LOW:HIGH.")
+@click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. jitter=0:0.3.")
+@SET
+@WITHOUT
+@click.option("--runs", type=click.IntRange(1), default=8, show_default=True, help="Worlds at each point.")
+@click.option("--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="How often cells are halved.")
+@click.option("--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Share at the boundary.")
+@SEED
+@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory where it applies.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the map.")
+@JSON
+def stability_map(as_json: bool, **asked: Any) -> None:
+    """Say where in the plane of two parameters a scenario succeeds.
+
+    A coarse grid is flown, then only the cells through which the boundary passes are halved. Axes: delay, jitter, loss
+    of the link, or any parameter by its path.
+
+    \b
+    trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y jitter=0:0.3 --plot map.png
+    trimtab map hovercraft/zero-velocity --x world.vehicle.mass=1:5 --y autopilot.law.k2=0.5:8 --runs 4
+    """
+    from trimtab.commands.stability_map import Request
+    from trimtab.commands.stability_map import stability_map as carry_out
+
+    carry_out(Request(**asked, as_json=as_json))

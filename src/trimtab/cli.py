@@ -315,6 +315,7 @@ def noise(as_json: bool, **asked: Any) -> None:
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
 main.add_command(campaign_cli.campaign)
+main.add_command(campaign_cli.stability_map)
 
 
 if __name__ == "__main__":

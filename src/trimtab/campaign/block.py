@@ -10,7 +10,8 @@ import numpy as np
 from trimtab.campaign.condition import Condition, parse_condition
 from trimtab.campaign.metrics import Metric, Rows, default_metrics, parse_metric, short_name
 from trimtab.campaign.plan import Plan
-from trimtab.campaign.sampling import Points, points
+from trimtab.campaign.saltelli import check_factors
+from trimtab.campaign.sampling import DESIGNS, Points, points
 from trimtab.campaign.spread import Spread, arrays_of, parse_factors, resolve, values_of
 from trimtab.core.errors import InputError
 from trimtab.core.record import Option, Quantity, leaves, with_leaf
@@ -70,6 +71,8 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
         conditions = tuple(Condition(name, "<", np.inf) for name in settled)
     metrics += tuple(parse_metric(text, shapes, targets) for text in dict.fromkeys(needed))
     spread = resolve(scenario, parse_factors(plan.spread), plan.correlate)
+    if plan.sampling in DESIGNS:
+        check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
     wanted = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
     ready = Ready(plan, scenario, spread, metrics, conditions, wanted, 0)
     _check_values(ready)

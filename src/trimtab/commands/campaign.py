@@ -80,9 +80,13 @@ def campaign(request: Request) -> bool:
 
 def _fly(request: Request, made: "Campaign") -> bool:
     from trimtab.campaign.requirement import requirement
+    from trimtab.campaign.sampling import DESIGNS
     from trimtab.campaign.verdict import judge
 
     wanted = [requirement(text) for text in request.require]
+    if request.sampling in DESIGNS and (wanted or request.stop):
+        problem = f"rows of a {request.sampling} design are no independent worlds: they say what matters, not how often"
+        raise InputError("--require, --stop", problem, fix="--sampling random")
     stop = _stopping(request.stop, made)
     for one in wanted:
         one.check(_metrics(made), anytime=stop is not None)

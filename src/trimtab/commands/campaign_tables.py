@@ -1,14 +1,17 @@
 """What a campaign says, as a table, as numbers and as pictures."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign, Result
+    from trimtab.campaign.morris import Morris
+    from trimtab.campaign.sensitivity import Sensitivity
     from trimtab.campaign.verdict import Verdict
 
 SHOWN = {"p5": 0.05, "median": 0.5, "p95": 0.95}
@@ -42,6 +45,7 @@ def summary(found: "Result") -> dict[str, dict[str, float]]:
 
 def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdict]", command: str) -> None:
     """The table, the success, the requirements, and what to type to see one that failed."""
+    from trimtab.campaign.sampling import DESIGNS
     from trimtab.commands.tables import console, new_table
 
     n = len(found.columns["run"])
@@ -56,7 +60,11 @@ def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdic
     conditions = (
         " and ".join(f"{c.metric} {c.compare} {c.bound:g}" for c in made.ready.success) or "the state stays finite"
     )
-    click.echo(f"success: {found.success}, {found.success.successes} of {n}: {conditions}")
+    if found.plan.sampling in DESIGNS:
+        click.echo(f"success: {found.success.successes} of {n} rows of the design, which are no independent worlds")
+        print_sensitivity(made, found)
+    else:
+        click.echo(f"success: {found.success}, {found.success.successes} of {n}: {conditions}")
     lost = int(found.columns["lost"].sum())
     if lost:
         click.echo(f"lost: {lost} runs, whose state ran away")
@@ -74,8 +82,75 @@ def _n(value: float) -> str:
     return f"{value:.4g}"
 
 
-def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path]:
-    """Histogram, convergence, and what the failures have in common."""
-    from trimtab.plots import campaign as plots
+def print_sensitivity(made: "Campaign", found: "Result") -> None:
+    """What each factor matters to each metric, largest first."""
+    from trimtab.campaign.morris import Morris
+    from trimtab.commands.tables import console, new_table
 
-    return plots.write_campaign(made, found, folder)
+    for metric, told in sensitivities(made, found).items():
+        if told.note:
+            click.echo(f"{metric}: {told.note}")
+            continue
+        effects = isinstance(told, Morris)
+        pair = (
+            (("mu_star", "mu*"), ("sigma", "sigma"))
+            if effects
+            else (("total", "total order"), ("first", "first order"))
+        )
+        table = new_table(title=f"{metric}: what matters, of {told.rows} runs", title_justify="left")
+        table.add_column("factor", no_wrap=True)
+        for _, heading in pair:
+            table.add_column(f"{heading} (95 %)", justify="right")
+        for name in told.order:
+            i = told.factors.index(name)
+            numbers = [[getattr(told, field + end)[i] for end in ("", "_low", "_high")] for field, _ in pair]
+            table.add_row(name, *(f"{_n(v)} ({_n(low)} to {_n(high)})" for v, low, high in numbers))
+        console().print(table)
+
+
+def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity | Morris]":
+    """Of each metric, and of the success, from the rows of a design; by rank where a metric was not always finite."""
+    from trimtab.campaign.morris import morris
+    from trimtab.campaign.sensitivity import sensitivity
+
+    parameters = [f.text for f in made.ready.spread.factors]
+    told: dict[str, Any] = {}
+    for name in [*names_of(found), "success"]:
+        x = found.columns[name]
+        by_rank = not np.isfinite(x).all()
+        label = f"{name} (by rank)" if by_rank else name
+        if found.plan.sampling == "saltelli":
+            told[label] = sensitivity(x, parameters, by_rank=by_rank)
+        else:
+            told[label] = morris(x, found.plan.seed, parameters, by_rank=by_rank)
+    return told
+
+
+def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path]:
+    """Histograms, convergence, and what the failures have in common; or what matters, of a design."""
+    from trimtab.campaign.sampling import DESIGNS
+    from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
+    from trimtab.plots.parallel_coordinates import plot_parallel
+
+    title, files = found.plan.scenario, []
+    if found.plan.sampling in DESIGNS:
+        for name, told in sensitivities(made, found).items():
+            files.append(folder / f"sensitivity-{_file(name)}.png")
+            plot_sensitivity(told, files[-1], f"{title}: {name}")
+        return files
+    limits = {c.metric: c.bound for c in made.ready.success if np.isfinite(c.bound)}
+    for name in names_of(found):
+        files.append(folder / f"histogram-{_file(name)}.png")
+        plot_histogram(found.columns[name], path=files[-1], title=title, label=name, limit=limits.get(name))
+    files.append(folder / "convergence.png")
+    plot_convergence(found.columns["success"], path=files[-1], title=title)
+    spread = {path: found.columns[path] for path, _ in found.plan.spread}
+    if spread:
+        files.append(folder / "parallel-coordinates.png")
+        plot_parallel(spread, found.columns["success"], files[-1], title=title)
+    return files
+
+
+def _file(name: str) -> str:
+    """A metric's name as part of a file's."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")
