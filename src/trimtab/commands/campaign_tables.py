@@ -53,9 +53,10 @@ def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdic
     table.add_column("metric", no_wrap=True)
     for heading in ("5 %", "median (95 % band)", "95 % (95 % band)", "largest", "never"):
         table.add_column(heading, justify="right")
+    labels = {m.name: m.label for m in made.ready.metrics}
     for name, q in summary(found).items():
         bands = [f"{_n(q[k])} ({_n(q[f'{k}_low'])} to {_n(q[f'{k}_high'])})" for k in ("median", "p95")]
-        table.add_row(name, _n(q["p5"]), *bands, _n(q["largest"]), f"{q['never']:.0f}")
+        table.add_row(labels[name], _n(q["p5"]), *bands, _n(q["largest"]), f"{q['never']:.0f}")
     console().print(table)
     conditions = (
         " and ".join(f"{c.metric} {c.compare} {c.bound:g}" for c in made.ready.success) or "the state stays finite"
@@ -139,9 +140,9 @@ def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path
             plot_sensitivity(told, files[-1], f"{title}: {name}")
         return files
     limits = {c.metric: c.bound for c in made.ready.success if np.isfinite(c.bound)}
-    for name in names_of(found):
+    for name, label in [(m.name, m.label) for m in made.ready.metrics]:
         files.append(folder / f"histogram-{_file(name)}.png")
-        plot_histogram(found.columns[name], path=files[-1], title=title, label=name, limit=limits.get(name))
+        plot_histogram(found.columns[name], path=files[-1], title=title, label=label, limit=limits.get(name))
     files.append(folder / "convergence.png")
     plot_convergence(found.columns["success"], path=files[-1], title=title)
     spread = {path: found.columns[path] for path, _ in found.plan.spread}
