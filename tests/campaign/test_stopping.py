@@ -147,18 +147,17 @@ def stopped_at_width(rows, p, width, block, bounds):
 
 @pytest.mark.slow
 def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
-    """The numbers of docs/campaign/stopping.md: it stops while it happens to lie below the cliff. About 20 s."""
+    """The numbers of docs/campaign/stopping.md: it stops while it happens to lie below the cliff. About 10 s."""
     rows = cliff(np.random.default_rng(6), (2000, 4000))
     plain, _ = stopped_at_width(rows, 0.901, 5.0, 50, ranks)
     anytime, _ = stopped_at_width(rows, 0.901, 5.0, 50, ranks_anytime)
-    print(plain, anytime)
     assert plain < 0.90
     assert anytime > 0.95 - 0.015
 
 
 @pytest.mark.slow
 def test_stopping_when_a_requirement_is_met():
-    """The numbers of docs/campaign/stopping.md: success is exactly 0.9, demanded is more than that. About 20 s."""
+    """The numbers of docs/campaign/stopping.md: success is exactly 0.9, demanded is more than that. About a minute."""
     wanted = requirement("success >= 0.9 @ 95%")
     success = np.random.default_rng(8).random((2000, 4000)) < 0.9
     counts = success.cumsum(axis=1)[:, 49::50]
@@ -170,6 +169,5 @@ def test_stopping_when_a_requirement_is_met():
             good = {k: judge(wanted, {"success": np.arange(n) < k}, anytime=anytime).good for k in np.unique(column)}
             met |= np.array([good[k] for k in column])
         share[anytime] = met.mean()
-    print(share)
     assert share[False] > 0.15
     assert share[True] < 0.05 + 0.015

@@ -2,7 +2,7 @@
 
 It is looked at after each block, over runs 0 to n - 1 in order: never over those that happened to finish first, for
 runs that fail are often the quick ones. Whoever stops on what he sees sees something else: the plain interval of 95 %
-stopped at a width holds a probability in 93.9 % of the worst cases, a plain quantile's band in far fewer. So
+stopped at a width holds some probabilities in 93.4 % only, a plain quantile's band in far fewer. So
 
 - a probability gets the interval of Clopper and Pearson with tails 0.6 times as large, which by exact calculation holds
   at least as often as `level` says, for every probability, for this rule and no other;

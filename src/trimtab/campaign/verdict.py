@@ -43,8 +43,8 @@ class Verdict(NamedTuple):
         return self.outcome == MET
 
     def __str__(self) -> str:
-        """In a line, as in "met: success >= 0.99 @ 95%: 0.9962 of 5000 runs, at least 0.9943 …"."""
-        return f"{self.outcome}: {self.requirement.text}: {self.value:.4g} of {self.trials} runs; {self.note}"
+        """In a line, as in "met: success >= 0.99 @ 95%: 0.9962 in 5000 runs, at least 0.9943 …"."""
+        return f"{self.outcome}: {self.requirement.text}: {self.value:.4g} in {self.trials} runs; {self.note}"
 
 
 def judge(wanted: Requirement, columns: Mapping[str, Any], *, anytime: bool = False) -> Verdict:

@@ -63,8 +63,7 @@ def plot_histogram(
     if limit is not None:
         axes.axvline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
     axes.set(xlabel=label, ylabel="runs")
-    notes = [f"{len(x)} runs"]
-    notes += [f"{len(finite) - len(drawn)} beyond the edges"] * (len(drawn) < len(finite))
+    notes = [f"{len(x)} runs"] + [f"{len(finite) - len(drawn)} beyond the edges"] * (len(drawn) < len(finite))
     notes += [f"{len(x) - len(finite)} without a finite value, counted as +inf"] * (len(finite) < len(x))
     axes.set_title("; ".join(notes), fontsize=9, color=GREY, loc="right")
     axes.legend(fontsize=8, title=f"bands: {100 * level:g} %", title_fontsize=8)

@@ -39,13 +39,8 @@ def plot_parallel(
     from matplotlib.figure import Figure
 
     good = column(success, "plot_parallel") > 0
-    names, table = list(parameters), np.array([column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
-    if not names or table.shape[1] != len(good) or not np.isfinite(table).all():
-        problem = f"{len(names)} parameters of {table.shape[1:]} runs, success of {len(good)}: no finite value of each"
-        raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
-    low, high = table.min(axis=1), table.max(axis=1)
-    place = (table - low[:, None]) / np.where(high > low, high - low, 1.0)[:, None]
-    place[high == low] = 0.5
+    names = list(parameters)
+    place, low, high = _places(parameters, len(good))
     figure = Figure(figsize=(10.0, 5.2), dpi=DPI, facecolor="white", layout="constrained")
     figure.suptitle(title, fontsize="medium")
     axes: Any = figure.add_subplot()
@@ -73,6 +68,18 @@ def thinned(rows: Any, most: int) -> Any:
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
+
+
+def _places(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
+    """Where each run lies on each axis, 0 to 1, shape (parameters, runs); smallest and largest value of each."""
+    names, table = list(parameters), np.array([column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
+    if not names or table.shape[1] != runs or not np.isfinite(table).all():
+        problem = f"{len(names)} parameters of {table.shape[1:]} runs, success of {runs}: no finite value of each"
+        raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
+    low, high = table.min(axis=1), table.max(axis=1)
+    place = (table - low[:, None]) / np.where(high > low, high - low, 1.0)[:, None]
+    place[high == low] = 0.5
+    return place, low, high
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
