@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.record import Quantity, leaves, replace, with_leaf
+from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf
 from trimtab.core.time import ms
 from trimtab.links.delay_chain import DelayChain
 from trimtab.links.fifo import slots_needed
@@ -100,15 +100,25 @@ def even_spread() -> Any:
 
 def leaf(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
     """Value and declaration of a quantity; InputError where there is none, or where it shapes the program."""
-    for where, value, declared in leaves(scenario):
-        if where == path and isinstance(declared, Quantity):
-            return value, declared
-        if where == path:
-            problem = "is a choice that shapes the program, not a number that a map could change"
-            raise InputError(f"axis {path!r}", problem, fix="fly one map for each choice: --set …")
+    below, declared = _below(scenario, path.split("."))
+    if isinstance(declared, Quantity):
+        return below, declared
+    if declared is not None:
+        problem = "is a choice that shapes the program, not a number that a map could change"
+        raise InputError(f"axis {path!r}", problem, fix="fly one map for each choice: --set …")
     known = [where for where, _, declared in leaves(scenario) if isinstance(declared, Quantity)]
     near = closest(path, known, 6) or known[:6]
     raise InputError(f"axis {path!r}", "there is no such quantity", choices=near, fix=f"write {near[0]!r}")
+
+
+def _below(value: Any, path: list[str]) -> tuple[Any, Any]:
+    """Value and declaration of the leaf at a path, or None and None."""
+    for name, child, declared in children(value):
+        if name == path[0] and isinstance(declared, Quantity | Option):
+            return (child, declared) if len(path) == 1 else (None, None)
+        if name == path[0] and len(path) > 1:
+            return _below(child, path[1:])
+    return None, None
 
 
 def changed(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:

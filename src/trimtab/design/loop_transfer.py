@@ -13,6 +13,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.manifold import names
+from trimtab.core.once import QUICKLY
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.design.linearise import balanced, linearise
@@ -152,9 +153,10 @@ def of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> Loop:
         return law.step(0, memory, estimate)[1].demand
 
     start = jnp.asarray(vector(x), jnp.float64)
-    u = demand(start)
+    once = jax.jit(lambda xs: (demand(xs), jax.jacfwd(lambda v: vector(demand(v)))(xs)), compiler_options=QUICKLY)
+    u, gain = once(start)
     linear = linearise(of_vehicle(vehicle, x, u))
-    K = np.asarray(jax.jacfwd(lambda xs: vector(demand(xs)))(start)).reshape(len(names(u)), len(start))
+    K = np.asarray(gain).reshape(len(names(u)), len(start))
     loop = of_gain(linear.A, linear.B, K)
     closed, moved, seen = loop.closed().A, linear.drift, []
     for _ in range(len(start)):
