@@ -12,10 +12,12 @@ import numpy as np
 
 from trimtab.campaign.block import drawn, flies_c, measured_log, prepare, scenario_of
 from trimtab.campaign.distributions import Distribution, parse_distribution
+from trimtab.campaign.here import here
+from trimtab.campaign.in_memory import InMemory
 from trimtab.campaign.metrics import Metric, Rows
 from trimtab.campaign.plan import Plan, identity
 from trimtab.campaign.store import Store, block_of, missing, open_store
-from trimtab.campaign.workers import Workers, here
+from trimtab.campaign.workers import Workers, WorkersLost
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
@@ -124,11 +126,16 @@ class Campaign:
         Raises: InputError where the store holds another campaign, is being written, or the disk is full.
         """
         began = time.perf_counter()
+        if workers is not None and not self.by_name:
+            problem = "other machines can't be given an object or a function of this program"
+            fix = "name them, file.py:function, and put the file where the workers were started"
+            raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        fly = workers or here(used, threads, progress)
+        fly = workers or here(threads, progress)
         if store is None:
-            rows = _InMemory(self.plan.runs)
-            flown = self._fly(fly, rows, self.ready.block, stop, progress)
+            rows = InMemory(self.plan.runs)
+            block = self.ready.block
+            flown = self._fly(fly, used, rows, block, stop, progress)
             columns = rows.read()
         else:
             folder = Path(store)
@@ -139,17 +146,17 @@ class Campaign:
                 **(about or {}),
             }
             with open_store(folder, told, self._example(), self.plan.runs, block) as kept:
-                flown = self._fly(fly, kept, block, stop, progress)
-                columns = kept.read()
+                flown = self._fly(fly, used, kept, block, stop, progress)
+                columns = _first(kept.read(), self.plan.runs)
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
-        return Result(self.plan, columns, good, flown, time.perf_counter() - began, self.ready.block)
+        return Result(self.plan, columns, good, flown, time.perf_counter() - began, block)
 
-    def _fly(self, fly: Workers, rows: Any, block: int, stop: Any, progress: Any) -> int:
+    def _fly(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
         done = rows.done()[: self.plan.runs]
         flown, blocks = 0, list(missing(done, self.plan.runs, block))
         if stop is not None and done[:1].all() and stop(_prefix(rows, done)):
             return 0
-        made = fly(self.ready, blocks)
+        made = fly(self.ready, blocks, used)
         try:
             for first, columns in made:
                 n = len(columns["success"])
@@ -160,8 +167,11 @@ class Campaign:
                     progress(int(done.sum()))
                 if stop is not None and done[0] and stop(_prefix(rows, done)):
                     break
+        except WorkersLost as lost:
+            kept = f"{int(done.sum())} runs are kept" if isinstance(rows, Store) else "no run is kept without a store"
+            raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
         finally:
-            made.close()  # pyright: ignore[reportAttributeAccessIssue]
+            made.close()
         return flown
 
     def _example(self) -> dict[str, Any]:
@@ -190,27 +200,13 @@ class Campaign:
         return {name: column[0] for name, column in found.items()}
 
 
-class _InMemory:
-    """Rows of a campaign without a store."""
-
-    def __init__(self, runs: int) -> None:
-        self._runs, self._done = runs, np.zeros(runs, bool)
-        self._columns: dict[str, Any] = {}
-
-    def done(self) -> Any:
-        return self._done.copy()
-
-    def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        for name, column in columns.items():
-            held = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
-            held[first : first + len(column)] = column
-        self._done[first : first + len(columns["success"])] = True
-
-    def read(self) -> dict[str, Any]:
-        return {"run": np.flatnonzero(self._done), **{n: c[self._done] for n, c in self._columns.items()}}
+def _first(columns: dict[str, Any], runs: int) -> dict[str, Any]:
+    """Columns of the first runs, of a store that has more."""
+    n = int(np.searchsorted(columns["run"], runs))
+    return {name: column[:n] for name, column in columns.items()}
 
 
-def _prefix(rows: "_InMemory | Store", done: Any) -> dict[str, Any]:
+def _prefix(rows: "InMemory | Store", done: Any) -> dict[str, Any]:
     """Columns of the runs from 0 on without a gap."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.campaign.distributions import Amount, Distribution
@@ -60,7 +61,15 @@ def identity(plan: Plan, scenario: Scenario, backend: str) -> dict[str, str]:
         del of_plan["runs"]
     about = described(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
-    return {"campaign": _digest(of_plan), "scenario": _digest(of_scenario), "backend": backend, **provenance()}
+    made = {"campaign": _digest(of_plan), "scenario": _digest(of_scenario), "files": _digest(_files(plan))}
+    return {**made, "backend": backend, **provenance()}
+
+
+def _files(plan: Plan) -> dict[str, str]:
+    """Name of each file of Python that the plan names -> digest of what it holds."""
+    texts = (plan.scenario, *plan.metrics, *plan.success)
+    names = {text.partition(".py:")[0].strip() + ".py" for text in texts if ".py:" in text}
+    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
 
 
 def _digest(plain: Any) -> str:

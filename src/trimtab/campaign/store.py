@@ -1,7 +1,8 @@
 """Rows of a campaign on disk, as a Zarr group: an array for each column, written a block at a time, and what is done.
 
-A block's `done` is written after its columns, each chunk under another name and then renamed: whatever ends the
-process, a row is done or it isn't, and the same campaign started again flies those that are not.
+A block's `done` is written after its columns have reached the disk, each chunk under another name and then renamed:
+whatever ends the process, a row is done or it isn't, and the same campaign started again flies those that are not.
+Chunks carry a checksum; where one is damaged or gone, its block is flown anew.
 """
 
 import contextlib
@@ -15,10 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.campaign.store_files import DONE, LOCK, PARTIAL, begun, described, key_of, made, reach_disk
 from trimtab.core.errors import InputError
-
-DONE = "done"
-LOCK = ".lock"
 
 
 class Store:
@@ -26,6 +25,9 @@ class Store:
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
+        self._block = int(group.attrs["block"])
+        names = [*group.attrs["columns"], DONE]
+        self._arrays = {n: group[key_of(n)].with_config({"write_empty_chunks": True}) for n in names}
 
     def __enter__(self) -> "Store":
         return self
@@ -44,7 +46,7 @@ class Store:
 
     def done(self) -> Any:
         """Which rows are there: bool (runs,)."""
-        return np.asarray(self._group[DONE][:])
+        return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
         """Keep the rows of a block, which begins at a multiple of the block's length.
@@ -54,8 +56,11 @@ class Store:
         n = len(next(iter(columns.values())))
         try:
             for name, column in columns.items():
-                self._group[key_of(name)][first : first + n] = column
-            self._group[DONE][first : first + n] = np.ones(n, bool)
+                self._arrays[name][first : first + n] = column
+            for name in columns:
+                reach_disk(self._chunk(name, first // self._block))
+            self._arrays[DONE][first : first + n] = np.ones(n, bool)
+            reach_disk(self._chunk(DONE, first // self._block))
         except OSError as error:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             problem = (
@@ -66,14 +71,54 @@ class Store:
 
     def read(self) -> dict[str, Any]:
         """Every column by name, of the rows that are done, and `run`, their numbers."""
+        try:
+            done = self.done()
+            columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
+        except RuntimeError as error:
+            problem = f"a chunk is damaged: {error}"
+            fix = "start the command that made it again: it flies the runs of such chunks anew"
+            raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
+        return {"run": np.flatnonzero(done), **columns}
+
+    def mend(self) -> None:
+        """Forget the blocks of which a chunk is damaged or gone, and what killed processes left half written."""
+        for left in self.folder.rglob("*" + PARTIAL):
+            left.unlink()
+        for k in self._damaged(DONE, set()):
+            self._chunk(DONE, k).unlink()
         done = self.done()
-        names = self._group.attrs["columns"]
-        return {"run": np.flatnonzero(done), **{n: np.asarray(self._group[key_of(n)][:])[done] for n in names}}
+        wanted = {k for k, (first, last) in enumerate(self._bounds()) if done[first:last].any()}
+        for k in set().union(*(self._damaged(name, wanted) for name in self._arrays)):
+            first, last = self._bounds()[k]
+            self._arrays[DONE][first:last] = np.zeros(last - first, bool)
+            for name in self._arrays:
+                if name != DONE:
+                    self._chunk(name, k).unlink(missing_ok=True)
 
+    def _damaged(self, name: str, wanted: set[int]) -> set[int]:
+        """Which chunks of a column can't be read, or are gone though wanted."""
+        there = {int(f.name) for f in self._chunk(name, 0).parent.glob("*")}
+        try:
+            self._arrays[name][:]
+            return wanted - there
+        except RuntimeError:
+            return (wanted - there) | {k for k in there if not self._readable(name, k)}
 
-def key_of(name: str) -> str:
-    """The name of a column's array: slashes of a path of a file would make groups."""
-    return name.replace("/", "|")
+    def _readable(self, name: str, k: int) -> bool:
+        first, last = self._bounds()[k]
+        try:
+            self._arrays[name][first:last]
+        except RuntimeError:
+            return False
+        return True
+
+    def _bounds(self) -> list[tuple[int, int]]:
+        """First row and last + 1 of each chunk."""
+        runs = self._arrays[DONE].shape[0]
+        return [(first, min(first + self._block, runs)) for first in range(0, runs, self._block)]
+
+    def _chunk(self, name: str, k: int) -> Path:
+        return self.folder / key_of(name) / "c" / str(k)
 
 
 def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int) -> Store:
@@ -90,29 +135,29 @@ def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any
     part = f"store {str(folder)!r}"
     lock = _locked(folder, part)
     try:
-        if (folder / "zarr.json").exists():
+        if begun(folder):
             group = zarr.open_group(folder, mode="r+")
             _check_same(part, dict(group.attrs), about)
             if runs > group[DONE].shape[0]:
                 for name in [*group.attrs["columns"], DONE]:
                     group[key_of(name)].resize((runs,))
                 group.attrs.update(dict(about))
-            return Store(folder, group, lock)
-        if any(f.name != LOCK for f in folder.iterdir()):
-            raise InputError(part, "is a folder with other things in it", fix="name another store: --store NAME.zarr")
-        group = zarr.open_group(folder, mode="a")
-        for name, example in {**columns, DONE: np.zeros(0, bool)}.items():
-            kind = np.asarray(example).dtype
-            group.create_array(key_of(name), shape=(runs,), chunks=(block,), dtype=kind, fill_value=kind.type(0))
-        group.attrs.update({**about, "columns": list(columns), "block": block})
-        return Store(folder, group, lock)
-    except OSError as error:
+                described(folder)
+        else:
+            group = made(zarr, folder, columns, runs, block)
+            group.attrs.update({**about, "columns": list(columns), "block": block})
+            described(folder)
+        store = Store(folder, group, lock)
+        store.mend()
+        return store
+    except BaseException as error:
         os.close(lock)
-        raise InputError(
-            part, f"{error.strerror or error}", fix="make room, or name another store: --store NAME.zarr"
-        ) from None
-    except BaseException:
-        os.close(lock)
+        if isinstance(error, json.JSONDecodeError | KeyError):
+            problem = f"a description in it is damaged: {error}"
+            raise InputError(part, problem, fix="name another store: --store OTHER.zarr") from None
+        if isinstance(error, OSError):
+            fix = "make room, or name another store: --store NAME.zarr"
+            raise InputError(part, f"{error.strerror or error}", fix=fix) from None
         raise
 
 
@@ -123,7 +168,10 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         raise InputError(
             "--store", f"there is no store {str(folder)!r}", fix="trimtab campaign SCENARIO --store NAME.zarr"
         )
-    store = Store(folder, zarr.open_group(folder, mode="r"), -1)
+    group = zarr.open_group(folder, mode="r")
+    if "identity" not in group.attrs:
+        raise InputError(f"store {str(folder)!r}", "holds no campaign", fix="name the store of one: --store NAME.zarr")
+    store = Store(folder, group, -1)
     return store.about, store.read()
 
 
