@@ -6,11 +6,28 @@ from typing import Any
 
 import click
 
+from trimtab.core.errors import InputError
 from trimtab.live_cli import FAULT, FILE, JSON, SCENARIO, SEED, SET
+
+
+def spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """path=distribution texts as a mapping."""
+    found: dict[str, str] = {}
+    for text in values:
+        path, equals, written = text.partition("=")
+        if not equals or not path.strip():
+            fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
+            raise InputError("--spread", f"{text!r} is not PATH=DISTRIBUTION", fix=fix)
+        if path.strip() in found:
+            raise InputError(f"--spread {path.strip()}", "is named twice", fix="keep one of them")
+        found[path.strip()] = written
+    return found
+
 
 SPREAD = click.option(
     "--spread",
     multiple=True,
+    callback=spreads,
     metavar="PATH=DISTRIBUTION",
     help="E.g. 'world.vehicle.mass=normal(100%, 5%)'; repeatable.",
 )
@@ -96,3 +113,39 @@ def stability_map(as_json: bool, **asked: Any) -> None:
     from trimtab.commands.stability_map import stability_map as carry_out
 
     carry_out(Request(**asked, as_json=as_json))
+
+
+@click.command()
+@SCENARIO
+@SPREAD
+@SUCCESS
+@click.option("--runs", type=click.IntRange(1), default=5000, show_default=True, help="How many may fly.")
+@click.option(
+    "--words", type=click.IntRange(1), default=4, show_default=True, help="Random numbers each point flies with."
+)
+@click.option("--over", type=click.Choice(("worst", "mean")), default="worst", show_default=True, help="Of these.")
+@click.option("--until-first", is_flag=True, help="End with the first failure.")
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@click.option("--threads", type=click.IntRange(1), metavar="N", help="[default: as many as cores]")
+@click.option("--out", type=FILE, metavar="FILE", help="Scenario file that flies the worst run again, e.g. worst.py.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the search.")
+@JSON
+def falsify(as_json: bool, **asked: Any) -> None:
+    """Search for the worst world inside given bounds, instead of waiting for it.
+
+    The bounds are those of the distributions. Exit code 1 when a failure was found, 0 when none was: none found is no
+    proof that there is none.
+
+    \b
+    trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\
+        --spread 'autopilot.law.k2=uniform(50%, 200%)' --success 'error_rms:yaw_rate <= 0.8' --out worst.py
+    trimtab run worst.py:scenario --seed 0 --run 2
+    """
+    from trimtab.commands.falsify import Request
+    from trimtab.commands.falsify import falsify as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)

@@ -314,8 +314,8 @@ def noise(as_json: bool, **asked: Any) -> None:
 
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
-main.add_command(campaign_cli.campaign)
-main.add_command(campaign_cli.stability_map)
+for command in (campaign_cli.campaign, campaign_cli.stability_map, campaign_cli.falsify):
+    main.add_command(command)
 
 
 if __name__ == "__main__":

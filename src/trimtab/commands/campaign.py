@@ -23,7 +23,7 @@ class Request(NamedTuple):
     scenario: str
     runs: int = 1000
     seed: int = 0
-    spread: tuple[str, ...] = ()
+    spread: Mapping[str, str] = {}
     correlate: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
     success: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ def campaign(request: Request) -> bool:
         request.scenario,
         runs=request.runs,
         seed=request.seed,
-        spread=_spread(request.spread),
+        spread=request.spread,
         correlate=_correlations(request.correlate),
         metrics=request.metrics,
         success=request.success,
@@ -143,7 +143,7 @@ def _workers(request: Request) -> "Workers | None":
         return None
     from trimtab.campaign.cluster import cluster
 
-    ca, cert, key = request.tls
+    ca, cert, key = (file or "" for file in request.tls)
     return cluster(request.cluster, ca=ca, cert=cert, key=key)
 
 
@@ -156,19 +156,6 @@ def _check_device(request: Request) -> None:
         problem = f"JAX sees no GPU here, only {jax.default_backend()}"
         fix = 'leave --device out; for a GPU: pip install "jax[cuda12]" on a machine that has one'
         raise InputError("--device gpu", problem, fix=fix)
-
-
-def _spread(texts: tuple[str, ...]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for text in texts:
-        path, equals, written = text.partition("=")
-        if not equals or not path.strip():
-            fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
-            raise InputError("--spread", f"{text!r} is not PATH=DISTRIBUTION", fix=fix)
-        if path.strip() in found:
-            raise InputError(f"--spread {path.strip()}", "is named twice", fix="keep one of them")
-        found[path.strip()] = written
-    return found
 
 
 def _correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
