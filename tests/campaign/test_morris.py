@@ -82,11 +82,11 @@ def test_ishigami_against_all_points_of_the_grid():
 
 
 def coverage(function, parameters, count):
-    """How often the intervals of mu, mu* and sigma hold them, of 200 screenings with `count` trajectories."""
+    """How often the intervals of mu, mu* and sigma hold them, of 120 screenings with `count` trajectories."""
     effects, names = every_effect(function, parameters), [f"x{i}" for i in range(parameters)]
     truth = np.array([effects.mean(axis=0), np.abs(effects).mean(axis=0), effects.std(axis=0)])
     held = []
-    for seed in range(200):
+    for seed in range(120):
         rows = morris_rows(seed, 0, count * (parameters + 1), parameters, noise=False)
         f = morris(function(rows.u), seed, names, noise=False)
         low, high = [f.mu_low, f.mu_star_low, f.sigma_low], [f.mu_high, f.mu_star_high, f.sigma_high]
@@ -95,14 +95,18 @@ def coverage(function, parameters, count):
 
 
 def test_intervals_of_mu_hold_what_they_say():
-    """Ishigami, 20 trajectories; mu* of its second factor has no spread at all; 3 sigma of 200 below 95 %."""
-    assert coverage(ishigami, 3, 20)[:2].min() > 0.904
+    """Ishigami, 20 trajectories; mu* of its second factor has no spread at all; 3 sigma of 120 below 95 %."""
+    assert coverage(ishigami, 3, 20)[:2].min() > 0.89
 
 
 def test_interval_of_sigma_holds_where_effects_are_graded():
-    """A product of four factors, 30 trajectories; effects of two values only (Ishigami) are held less often."""
-    held = coverage(lambda u: np.prod(1 + 2 * u, axis=-1), 4, 30)
-    assert held.min() > 0.90
+    """A product of four factors, 100 trajectories: 94 % (4000 repetitions), 3 sigma of 120 below it.
+
+    With 20 to 50 trajectories it is 91 % to 93 %, and less for effects of two values only (Ishigami): the logarithm of
+    a variance is Gaussian for many effects only. The page says so.
+    """
+    held = coverage(lambda u: np.prod(1 + 2 * u, axis=-1), 4, 100)
+    assert held.min() > 0.875
 
 
 def test_noise_reads_as_a_factor_of_the_same_spread():
