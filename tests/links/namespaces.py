@@ -1,5 +1,6 @@
 """Two hosts in network namespaces of their own, joined by a virtual cable; gone when their processes are."""
 
+import os
 import shutil
 import subprocess
 
@@ -12,19 +13,24 @@ def why_not():
     if missing:
         return f"network namespaces need {', '.join(missing)}"
     tried = subprocess.run(
-        ["unshare", "-rn", "ip", "link", "add", "va", "type", "veth", "peer", "name", "vb"],
+        [*_unshare(), "ip", "link", "add", "va", "type", "veth", "peer", "name", "vb"],
         capture_output=True,
         text=True,
     )
     return f"this machine makes no network namespaces: {tried.stderr.strip()}" if tried.returncode else ""
 
 
+def _unshare():
+    """Root makes network namespaces alone, and keeps its real-time scheduling; others need a user namespace too."""
+    return ["unshare", "-n" if os.geteuid() == 0 else "-rn"]
+
+
 class Hosts:
-    """`near` with the address NEAR and `far` with FAR; needs no root, but user namespaces."""
+    """`near` with the address NEAR and `far` with FAR; needs no root, but then user namespaces."""
 
     def __init__(self):
-        self._holders = [self._hold(["unshare", "-rn"])]
-        self._holders.append(self._hold([*self._enter(0), "unshare", "-n"]))
+        self._holders = [self._hold(_unshare())]
+        self._holders.append(self._hold([*self.inside(0), "unshare", "-n"]))
         self.run(0, "ip", "link", "add", "va", "type", "veth", "peer", "name", "vb", "netns", str(self._pid(1)))
         for host, (cable, place) in enumerate((("va", NEAR), ("vb", FAR))):
             self.run(host, "ip", "addr", "add", f"{place}/24", "dev", cable)
@@ -41,18 +47,20 @@ class Hosts:
     def _pid(self, host):
         return self._holders[host].pid
 
-    def _enter(self, host):
-        return ["nsenter", "--preserve-credentials", "-U", "-n", "-t", str(self._pid(host))]
+    def inside(self, host):
+        """The words before a command that run it on host 0 (near) or 1 (far)."""
+        user = [] if os.geteuid() == 0 else ["--preserve-credentials", "-U"]
+        return ["nsenter", *user, "-n", "-t", str(self._pid(host))]
 
     def run(self, host, *words):
         """Run a program to its end on host 0 (near) or 1 (far); what it printed."""
-        done = subprocess.run([*self._enter(host), *words], capture_output=True, text=True, timeout=120)
+        done = subprocess.run([*self.inside(host), *words], capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     def start(self, host, *words):
         """Start a program there, and wait for its first line."""
-        started = subprocess.Popen([*self._enter(host), *words], stdout=subprocess.PIPE, text=True)
+        started = subprocess.Popen([*self.inside(host), *words], stdout=subprocess.PIPE, text=True)
         self._started.append(started)
         assert started.stdout.readline(), "it ended without a word"
         return started

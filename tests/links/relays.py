@@ -20,6 +20,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 LEFT, RIGHT = 0, 1
+PROMPT = 45
+"""Priority of a relay that is a program of its own."""
 
 
 class Passage(NamedTuple):
@@ -261,6 +263,8 @@ def main():
     words.add_argument("--seed", type=int, default=0)
     asked = vars(words.parse_args())
     asked.pop("kind")
+    with contextlib.suppress(OSError):  # a busy machine's delays on top are not asked for
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PROMPT))
     with UdpRelay(asked.pop("to"), asked.pop("listen"), **asked) as relay:
         print(f"relay at {relay.port}", flush=True)
         threading.Event().wait()

@@ -4,29 +4,59 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import NamedTuple
 
 BUILD_S = 200
 """Seconds in which a program is compiled and has flown: only a failure takes this long."""
 
 
-def program(*arguments, folder):
-    """`trimtab …` as a process of its own, with keys in a folder."""
-    command = [sys.executable, "-c", "import sys; from trimtab.cli import main; sys.exit(main())", *arguments]
-    environment = {**os.environ, "TRIMTAB_CONFIG": str(folder / "config")}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def finished(process):
+class Ended(NamedTuple):
     """Exit status, what it printed as JSON, and what it said to people."""
-    try:
-        out, said = process.communicate(timeout=BUILD_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        out, said = process.communicate()
-        raise AssertionError(f"did not end: {out} {said}") from None
-    lines = out.strip().splitlines()
-    return process.returncode, json.loads(lines[-1]) if lines and lines[-1].startswith("{") else None, said
+
+    status: int
+    result: dict | None
+    said: str
+
+
+class Program:
+    """`trimtab …` as a process of its own, with keys in a folder, and with what it says to people in a file there.
+
+    inside: words before the command, e.g. nsenter's.
+    """
+
+    def __init__(self, *arguments, folder, inside=()):
+        self._said = Path(folder) / f"said-{arguments[0]}.txt"
+        command = [
+            *inside,
+            sys.executable,
+            "-c",
+            "import sys; from trimtab.cli import main; sys.exit(main())",
+            *arguments,
+        ]
+        environment = {**os.environ, "TRIMTAB_CONFIG": str(Path(folder) / "config")}
+        with self._said.open("w") as said:
+            self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=said, text=True)
+
+    def wait_for(self, *words):
+        """Until it has said one of these, or has ended."""
+        end = time.monotonic() + BUILD_S
+        while self.process.poll() is None and not any(word in self._said.read_text() for word in words):
+            assert time.monotonic() < end, self._said.read_text()
+            time.sleep(0.05)
+
+    def finished(self):
+        """Its end; killed where that doesn't come."""
+        try:
+            out, _ = self.process.communicate(timeout=BUILD_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            out, _ = self.process.communicate()
+            raise AssertionError(f"did not end: {out} {self._said.read_text()}") from None
+        lines = out.strip().splitlines()
+        result = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else None
+        return Ended(self.process.returncode, result, self._said.read_text())
 
 
 def make_key(folder, vehicle="hovercraft"):
@@ -35,13 +65,26 @@ def make_key(folder, vehicle="hovercraft"):
     create_key(Path(folder) / "config" / "keys" / f"{vehicle}.key")
 
 
-def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=()):
-    """Both ends to their end; what each gives (status, result, said)."""
+def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=(), inside=((), ())):
+    """Both ends to their end, the vehicle's and the autopilot's. inside: see `Program`, for each of the two.
+
+    The autopilot is started when the vehicle is ready: it waits ten seconds for one that answers, and no longer.
+    """
     if "--unsigned" not in both:
         make_key(folder, scenario.partition("/")[0])
-    ends = (("vehicle", "--listen", listen, "there", vehicle), ("fly", "--link", link, "here", pilot))
-    there, here = (
-        program(verb, scenario, option, uri, "--out", str(folder / out), "--json", *both, *own, folder=folder)
-        for verb, option, uri, out, own in ends
-    )
-    return finished(there), finished(here)
+
+    def start(verb, option, uri, out, own, where):
+        words = (verb, scenario, option, uri, "--out", str(folder / out), "--json", *both, *own)
+        return Program(*words, folder=folder, inside=where)
+
+    there = start("vehicle", "--listen", listen, "there", vehicle, inside[0])
+    try:
+        there.wait_for("listens on", "waits on")
+        here = start("fly", "--link", link, "here", pilot, inside[1]).finished()
+        if here.status:  # else nobody arms the vehicle, and it waits for ever
+            there.process.terminate()
+        return there.finished(), here
+    finally:
+        if there.process.poll() is None:
+            there.process.kill()
+            there.process.wait()

@@ -66,13 +66,13 @@ def test_over_udp_that_loses_and_delays(tmp_path):
         same(log, simulated)
 
 
-def in_step(scenario, folder, seed):
-    """Both ends in this process, over a loopback line; the two logs."""
+def in_step(scenario, folder, seed, line=None):
+    """Both ends in this process, over a line, or a loopback; the two logs. line: vehicle's end, autopilot's end."""
     key = passphrase_key("correct-horse-battery-staple")
     name = f"loopback://{folder.name}"
     vehicle = LockstepVehicle(scenario, lambda d: Endpoint(d, 1, 1, key), seed=seed)
     pilot = LockstepPilot(scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
-    there, here = open_link(name, listen=True), open_link(name)
+    there, here = line or (open_link(name, listen=True), open_link(name))
     leading = threading.Thread(target=vehicle.run, args=(there, folder / "vehicle.mcap"))
     leading.start()
     try:

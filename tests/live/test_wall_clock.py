@@ -9,22 +9,16 @@ standard deviations of a flight beyond each: were a flight one of the simulated 
 once in sixteen thousand times.
 """
 
-from typing import NamedTuple
-
-import numpy as np
 import pytest
 from links.ends import free_port
 from links.relays import SerialPair
+from live.bands import Links, bands, compared, released
 from live.pair import fly_pair
 
-from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
 from trimtab.export.compiler import find_compiler
 from trimtab.links.delay_chain import DelayChain
-from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
-from trimtab.logs.metrics import metrics
-from trimtab.run.batch import simulate_batch
 from trimtab.scenarios import catalogue
 
 pytestmark = [
@@ -32,59 +26,9 @@ pytestmark = [
     pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
 ]
 HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
-SEEDS, DEVIATIONS = range(100, 160), 4.0
-REACHED = 0.03
-"""How much earlier or later (s) a target may be reached besides: rows of simulated flights are 10 ms apart, and up to
-a servo frame lies between a vehicle's release and its first command."""
-NUMBERS = ("first_reach_s", "tail_mean", "tail_rms")
-
-
-class Band(NamedTuple):
-    """Where a number of a flight has to be."""
-
-    low: float
-    high: float
-
-
-def merits(log, targets):
-    """(signal, number) -> its value in one flight."""
-    found = metrics(log, targets, [t.path for t in targets])
-    return {(path, number): found[path][number] for path in found for number in NUMBERS}
-
-
-def simulated(scenario, targets, steps):
-    """The same of each of many flights, with so many unit delays each way."""
-    links = {"downlink": DelayChain(period=ms(6), steps=steps), "uplink": DelayChain(period=ms(20), steps=steps)}
-    delayed = replace(scenario, world=replace(scenario.world, **links))
-    batch = simulate_batch(delayed, seeds=SEEDS, signals=tuple(t.path for t in targets), log=True)
-    t = to_seconds(batch.ticks)
-    flights = [
-        merits(Log(t, batch.ticks, {p: v[k] for p, v in batch.log.items()}, {}, {}, {}), targets)
-        for k in range(len(batch.seeds))
-    ]
-    return {what: np.array([f[what] for f in flights], float) for what in flights[0]}
-
-
-def bands(scenario, targets):
-    """The band of each number; a target that not every simulated flight reaches has none."""
-    at_once, late = (simulated(scenario, targets, steps) for steps in (0, 1))
-    found = {}
-    for what in at_once:
-        both = at_once[what], late[what]
-        if np.isfinite(both).all():
-            low, high = sorted(float(v.mean()) for v in both)
-            margin = DEVIATIONS * max(float(v.std(ddof=1)) for v in both)
-            margin += REACHED if what[1] == "first_reach_s" else 0.0
-            found[what] = Band(low - margin, high + margin)
-    return found
-
-
-def released(log):
-    """A vehicle's log from its release on, its time counted from there."""
-    after = ~log["firmware.held"].astype(bool)
-    ticks = log.ticks[after] - log.ticks[after][0]
-    signals = {p: log[p][after] for p in log.paths if p.startswith("truth.")}
-    return Log(to_seconds(ticks), ticks, signals, {}, {}, {})
+SEEDS = range(100, 160)
+REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20), steps=n)) for n in (0, 1))
+"""What a line in this machine leaves of the delays: nothing, or one unit each way."""
 
 
 def check(folder, name, navigation, listen, link):
@@ -99,17 +43,10 @@ def check(folder, name, navigation, listen, link):
     said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]}"
     flight = released(read_mcap(folder / "there" / "vehicle.mcap"))
     assert flight.t[-1] > to_seconds(scenario.duration) - 0.1, said
-    found = merits(flight, targets)
-    for target in targets:
-        assert found[target.path, "first_reach_s"] is not None, (target, said)
-    wanted = bands(scenario, targets)
+    wanted = bands(scenario, targets, REMAINS, SEEDS)
     assert len(wanted) >= 2 * len(targets)
     print(f"\n{name}, {navigation}")
-    for (path, number), band in wanted.items():
-        value = found[path, number]
-        print(f"  {path:24} {number:14} {value:9.4f}  in {band.low:9.4f} .. {band.high:9.4f}")
-    outside = {what: (found[what], band) for what, band in wanted.items() if not band.low <= found[what] <= band.high}
-    assert not outside, said
+    assert not compared(flight, targets, wanted), said
 
 
 @pytest.mark.parametrize("navigation", ["errors", "ins"])

@@ -185,6 +185,25 @@ def test_where_nobody_answers_it_says_what_to_type(scenario, step):
         link.close()
 
 
+def test_where_frames_come_it_waits_longer_for_the_clock(scenario, step):
+    """Heartbeats and nothing else: the clock is never known, and the answer names it, after three times as long."""
+    there, link = open_link("loopback://test-fly-deaf", listen=True), open_link("loopback://test-fly-deaf")
+    try:
+        flyer = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        theirs = Endpoint(flyer.endpoint.dialect, 1, 1, KEY)
+        while link.receive(0.0) is None:  # until both ends have met
+            there.receive(0.0)
+            there.send(b"?")
+        there.send(theirs.pack("HEARTBEAT", {"autopilot": 0}))
+        began = monotonic()
+        with pytest.raises(InputError, match="its clock is not known yet"):
+            flyer.connect(patience=0.1)
+        assert monotonic() - began >= 0.3
+    finally:
+        link.close()
+        there.close()
+
+
 def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, step):
     _, other = dialect({"compass": every()}, every())
     link = open_link("loopback://test-fly-other")

@@ -10,7 +10,8 @@ import numpy as np
 from trimtab.campaign.condition import Condition, parse_condition
 from trimtab.campaign.metrics import Metric, Rows, default_metrics, parse_metric, short_name
 from trimtab.campaign.plan import Plan
-from trimtab.campaign.sampling import Points, points
+from trimtab.campaign.saltelli import check_factors
+from trimtab.campaign.sampling import DESIGNS, Points, points
 from trimtab.campaign.spread import Spread, arrays_of, parse_factors, resolve, values_of
 from trimtab.core.errors import InputError
 from trimtab.core.record import Option, Quantity, leaves, with_leaf
@@ -58,18 +59,20 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     if scenario is None:
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
     scenario.check()
-    shapes = _signals(scenario)
+    shapes, units = _signals(scenario)
     targets = tuple(scenario.targets)
     texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
-    metrics = tuple(parse_metric(text, shapes, targets) for text in dict.fromkeys(texts)) + tuple(own)
+    metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
     conditions = tuple(parse_condition(text) for text in plan.success)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
     if not conditions:
         settled = [f"settling:{short_name(t.path)}" for t in targets]
         needed = [name for name in settled if name not in [m.name for m in metrics]]
         conditions = tuple(Condition(name, "<", np.inf) for name in settled)
-    metrics += tuple(parse_metric(text, shapes, targets) for text in dict.fromkeys(needed))
+    metrics += tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
     spread = resolve(scenario, parse_factors(plan.spread), plan.correlate)
+    if plan.sampling in DESIGNS:
+        check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
     wanted = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
     ready = Ready(plan, scenario, spread, metrics, conditions, wanted, 0)
     _check_values(ready)
@@ -79,10 +82,11 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     return ready._replace(block=block)
 
 
-def _signals(scenario: Scenario) -> dict[str, tuple[int, ...]]:
-    """Shape of each signal by path; nothing flies."""
+def _signals(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+    """Shape and unit of each signal by path; nothing flies."""
     seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(scenario, 0, 0))
-    return {path: tuple(np.shape(value)) for path, value, _ in logged(seen)}
+    found = list(logged(seen))
+    return {path: tuple(np.shape(value)) for path, value, _ in found}, {path: d.unit for path, _, d in found}
 
 
 def drawn(ready: Ready, first: int, last: int) -> tuple[Points, dict[str, Any]]:

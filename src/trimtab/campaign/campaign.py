@@ -131,7 +131,7 @@ class Campaign:
             fix = "name them, file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        fly = workers or here(threads)
+        fly = workers or here(threads, progress)
         if store is None:
             rows = InMemory(self.plan.runs)
             block = self.ready.block

@@ -1,6 +1,7 @@
 """A campaign in this process: a block flies while the one before is being written; Ctrl-C breaks it off."""
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -15,21 +16,30 @@ class _BrokenOff(Exception):
     """Nobody waits for the block any more."""
 
 
-def here(threads: int | None = None) -> Workers:
-    """Workers in this process; as many threads as there are cores when None."""
+def here(threads: int | None = None, progress: Callable[[int], None] | None = None) -> Workers:
+    """Workers in this process.
+
+    Args:
+        threads: as many as there are cores when None.
+        progress: called a few times a second with the number of rows that are done, those of before among them.
+    """
 
     def fly(ready: Ready, blocks: Blocks, used: str) -> Flown:
-        ended = threading.Event()
+        ended, before = threading.Event(), ready.plan.runs - sum(last - first for first, last in blocks)
 
-        def check(_: int) -> None:
+        def check(done: int) -> None:
             if ended.is_set():
                 raise _BrokenOff
+            if progress is not None:
+                progress(before + done)
 
         def block(first: int, last: int) -> dict[str, Any]:
+            nonlocal before
             made = []
             for start, end in _pieces(first, last, used):
-                check(start)
+                check(0)
                 made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=check))
+                before += end - start
             return {name: np.concatenate([columns[name] for columns in made]) for name in made[0]}
 
         with ThreadPoolExecutor(1) as pilot:

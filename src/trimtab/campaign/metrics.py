@@ -50,11 +50,17 @@ class Rows:
 
 
 class Metric(NamedTuple):
-    """name: the column.  signals: what must be logged, by path.  of: rows to (n,)."""
+    """name: the column.  signals: what must be logged, by path.  of: rows to (n,).  unit: of the column."""
 
     name: str
     signals: tuple[str, ...]
     of: Callable[[Rows], Any]
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name and unit, as in "settling:yaw_rate (s)"."""
+        return f"{self.name} ({self.unit})" if self.unit not in ("", "1") else self.name
 
 
 def settling(rows: Rows, path: str) -> Any:
@@ -131,16 +137,20 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "tail_mean": lambda rows, path: _tail(rows, path).mean(axis=1),
     "tail_rms": lambda rows, path: _or_inf(_tail(rows, path).std(axis=1)),
 }
+TIMES = ("settling", "first_reach")
 KINDS = (*OF_TARGETS, *OF_SIGNALS)
 
 
-def parse_metric(text: str, signals: Mapping[str, tuple[int, ...]], targets: Iterable[Target]) -> Metric:
+def parse_metric(
+    text: str, signals: Mapping[str, tuple[int, ...]], targets: Iterable[Target], units: Mapping[str, str] | None = None
+) -> Metric:
     """A metric from its text.
 
     Args:
         text: KIND:SIGNAL, or file.py:function.
         signals: path -> shape of each signal of the scenario.
         targets: of the scenario.
+        units: path -> unit of each signal.
     """
     kind, _, name = text.partition(":")
     if kind.endswith(".py"):
@@ -164,7 +174,8 @@ def parse_metric(text: str, signals: Mapping[str, tuple[int, ...]], targets: Ite
     if signals[path]:
         raise InputError(part, f"{name!r} has shape {signals[path]}", fix="ask for a signal of one number")
     of = OF_TARGETS.get(kind) or OF_SIGNALS[kind]
-    return Metric(text, (path,), lambda rows: of(rows, path))
+    unit = "s" if kind in TIMES else (units or {}).get(path, "")
+    return Metric(text, (path,), lambda rows: of(rows, path), unit)
 
 
 def default_metrics(targets: Iterable[Target]) -> list[str]:

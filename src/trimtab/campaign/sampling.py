@@ -3,6 +3,7 @@
     random   each number its own Philox stream of (seed, path): run k has its k-th number
     sobol    scrambled Sobol points, in order
     latin    a Latin hypercube of all the runs, which therefore can't become more
+    saltelli, morris   the designs of the sensitivity analyses (saltelli.py, morris.py): the noise is a factor, too
 
 Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox); Owen, "Randomly permuted
 (t,m,s)-nets", 1995 (scrambling), and McKay, Beckman, Conover, Technometrics 21 (1979) (Latin), both by scipy.stats.qmc.
@@ -14,9 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.campaign.morris import morris_rows
+from trimtab.campaign.saltelli import check_factors, saltelli
 from trimtab.core.errors import InputError
 
-SAMPLINGS = ("random", "sobol", "latin")
+DESIGNS = ("saltelli", "morris")
+"""Designs whose rows are no independent worlds: they say what matters, not how often."""
+SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 
 
 class Points(NamedTuple):
@@ -39,6 +44,10 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
     if sampling not in SAMPLINGS:
         raise InputError("--sampling", f"{sampling!r} is not a sampling", choices=SAMPLINGS, fix="--sampling random")
     words = np.arange(first, last, dtype=np.uint32)
+    if sampling in DESIGNS:
+        check_factors(names)
+        made = (saltelli if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
+        return Points(made.u, made.words)
     if not names:
         return Points(np.empty((last - first, 0)), words)
     if sampling == "random":

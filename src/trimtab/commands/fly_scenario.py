@@ -41,6 +41,7 @@ class Request(NamedTuple):
     backend: str = "auto"
     faults: tuple[str, ...] = ()
     log_period: int = ms(1)
+    run: int = 0
 
     @property
     def key(self) -> dict[str, Any]:
@@ -62,12 +63,14 @@ class Flown(NamedTuple):
 def fly(request: Request) -> None:
     """Everything is checked before anything runs; files appear whole or not at all."""
     check_seed(request.seed)
+    check_seed(request.run)
     flown = _again(request) or _first(request)
     picture, log_file = _outputs(request)
     real, ideal = flown.real, flown.ideal
     result = {
         "scenario": request.scenario,
         "seed": request.seed,
+        "run": request.run,
         "backend": real.metadata["backend"],
         "duration_s": real.metadata["duration_s"],
         "wall_s": round(flown.wall_s, 4),
@@ -98,12 +101,13 @@ def _again(request: Request) -> Flown | None:
     if ready is None:
         return None
     _outputs(request)
-    return _fly(ready, request.seed, request.log_period, time.perf_counter())
+    return _fly(ready, request, time.perf_counter())
 
 
-def _fly(ready: Ready, seed: int, log_period: int, started: float) -> Flown:
-    real = ready.real.fly(seed, 0, log_period)
-    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, log_period)
+def _fly(ready: Ready, request: Request, started: float) -> Flown:
+    how = request.seed, request.run, request.log_period
+    real = ready.real.fly(*how)
+    ideal = None if ready.ideal is None else ready.ideal.fly(*how)
     return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
 
 
@@ -136,10 +140,11 @@ def _first(request: Request) -> Flown:
     if flies_c:
         files = [*loaded_files(), *read]
         remember(request.key, programs[0], files)
-        return _fly(programs[0], request.seed, request.log_period, started)
-    real = simulate(scenario, seed=request.seed, log_period=request.log_period, backend="jax")
+        return _fly(programs[0], request, started)
+    how: dict[str, Any] = {"seed": request.seed, "run": request.run, "log_period": request.log_period}
+    real = simulate(scenario, **how, backend="jax")
     twin = scenario.ideal() if request.ideal else None
-    ideal = simulate(twin, seed=request.seed, log_period=request.log_period, backend="jax") if twin else None
+    ideal = simulate(twin, **how, backend="jax") if twin else None
     return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
 
 

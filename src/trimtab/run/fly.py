@@ -32,6 +32,8 @@ MOST = 64
 """Packets taken in one period, so that a flood can't stop the loop."""
 SERVO_FRAME = ms(20)
 """Commands are sent no more often than a servo takes them."""
+HEARD_LONGER = 3
+"""So many times as long it waits for a vehicle's clock where frames come at all."""
 SILENCE = ms(250)
 """After which it is said that nothing comes."""
 FAREWELL = seconds("0.5")
@@ -94,11 +96,15 @@ class Flyer:
         self._silent = False
 
     def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
-        """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds."""
-        given_up = monotonic_ns() + int(patience * 1e9)
+        """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds.
+
+        A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
+        """
+        began = monotonic_ns()
         while not self.remote.ready and not stop():
             now = monotonic_ns()
-            if now > given_up or self.remote.misfit:
+            waits = patience * (HEARD_LONGER if self.endpoint.counts.accepted else 1)
+            if now - began > waits * 1e9 or self.remote.misfit:
                 fix = f"trimtab vehicle {self.scenario.name} --listen …, with the same --set on both ends"
                 raise InputError("--link", self.remote.why_not(), fix=fix)
             self.remote.due(now // NS)

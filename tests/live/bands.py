@@ -1,0 +1,82 @@
+"""Where the numbers of a live flight have to be: bands made from simulated flights over many seeds."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import replace
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import metrics
+from trimtab.run.batch import simulate_batch
+
+DEVIATIONS = 4.0
+REACHED = 0.03
+"""How much earlier or later (s) a target may be reached besides: rows of simulated flights are 10 ms apart, and up to
+a servo frame lies between a vehicle's release and its first command."""
+NUMBERS = ("first_reach_s", "tail_mean", "tail_rms")
+
+
+class Band(NamedTuple):
+    """Where a number of a flight has to be."""
+
+    low: float
+    high: float
+
+
+class Links(NamedTuple):
+    """Channels that a simulated flight has in a line's place."""
+
+    downlink: Any
+    uplink: Any
+
+
+def merits(log, targets):
+    """(signal, number) -> its value in one flight."""
+    found = metrics(log, targets, [t.path for t in targets])
+    return {(path, number): found[path][number] for path in found for number in NUMBERS}
+
+
+def simulated(scenario, targets, links, seeds):
+    """The same of each of many flights over these links."""
+    delayed = replace(scenario, world=replace(scenario.world, **links._asdict()))
+    batch = simulate_batch(delayed, seeds=seeds, signals=tuple(t.path for t in targets), log=True)
+    t = to_seconds(batch.ticks)
+    flights = [
+        merits(Log(t, batch.ticks, {p: v[k] for p, v in batch.log.items()}, {}, {}, {}), targets)
+        for k in range(len(batch.seeds))
+    ]
+    return {what: np.array([f[what] for f in flights], float) for what in flights[0]}
+
+
+def bands(scenario, targets, links, seeds):
+    """The band of each number, from the quickest and the slowest links; one that not every flight has is left out."""
+    quick, slow = (simulated(scenario, targets, one, seeds) for one in links)
+    found = {}
+    for what in quick:
+        both = quick[what], slow[what]
+        if np.isfinite(both).all():
+            low, high = sorted(float(v.mean()) for v in both)
+            margin = DEVIATIONS * max(float(v.std(ddof=1)) for v in both)
+            margin += REACHED if what[1] == "first_reach_s" else 0.0
+            found[what] = Band(low - margin, high + margin)
+    return found
+
+
+def compared(flight, targets, wanted):
+    """Print each number beside its band; those that are outside."""
+    found = merits(flight, targets)
+    for target in targets:
+        assert found[target.path, "first_reach_s"] is not None, target
+    for (path, number), band in wanted.items():
+        value = found[path, number]
+        print(f"  {path:24} {number:14} {value:9.4f}  in {band.low:9.4f} .. {band.high:9.4f}")
+    return {what: (found[what], band) for what, band in wanted.items() if not band.low <= found[what] <= band.high}
+
+
+def released(log):
+    """A vehicle's log from its release on, its time counted from there."""
+    after = ~log["firmware.held"].astype(bool)
+    ticks = log.ticks[after] - log.ticks[after][0]
+    signals = {p: log[p][after] for p in log.paths if p.startswith("truth.")}
+    return Log(to_seconds(ticks), ticks, signals, {}, {}, {})
