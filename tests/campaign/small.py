@@ -30,4 +30,5 @@ def assert_same(found, wanted):
     for name, column in wanted.items():
         assert found[name].dtype == column.dtype
         assert found[name].tobytes() == column.tobytes(), name
-    assert len(wanted["run"]) and np.array_equal(wanted["run"], np.arange(len(wanted["run"])))
+    assert len(wanted["run"])
+    assert np.array_equal(wanted["run"], np.arange(len(wanted["run"])))

@@ -50,18 +50,22 @@ def fly_rows(plain: Mapping[str, Any], told: Mapping[str, str], first: int, last
 
     Raises: InputError where this machine's rows would be others.
     """
-    with _one_prepares:
-        ready, here = _prepared(json.dumps(plain, sort_keys=True), told["backend"])
+    try:
+        with _one_prepares:
+            ready, here = _prepared(json.dumps(plain, sort_keys=True), told["backend"])
+    except InputError as error:
+        part = f"worker {_address()}: {error.part}"
+        raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
     apart = [name for name in told if here.get(name) != told[name]]
     if apart:
-        where = socket_name()
         shown = "; ".join(f"{name}: {here.get(name)} there, {told[name]} here" for name in apart)
-        fix = "install the same trimtab and packages there" if apart != ["backend"] else "install a C compiler there"
-        raise InputError(f"worker {where}", f"would not give the same rows: {shown}", fix=fix)
+        same = "have the same trimtab, packages and files there, and start the worker anew"
+        fix = "install a C compiler there" if apart == ["backend"] else same
+        raise InputError(f"worker {_address()}", f"would not give the same rows: {shown}", fix=fix)
     return fly_block(ready, first, last, backend=told["backend"], threads=_threads())
 
 
-def socket_name() -> str:
+def _address() -> str:
     """The worker's address, as the scheduler knows it."""
     from distributed import get_worker
 
