@@ -56,6 +56,9 @@ def campaign(request: Request) -> bool:
 
     _check_device(request)
     if request.out is not None:
+        from trimtab.campaign.parquet import arrow
+
+        arrow()
         check_folder("--out", request.out)
     use_cache()
     made = Campaign(
@@ -179,10 +182,11 @@ def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
         return []
     from trimtab.campaign.parquet import write_parquet
     from trimtab.commands.campaign_tables import write_pictures
+    from trimtab.logs.provenance import provenance
 
     request.out.mkdir(parents=True, exist_ok=True)
     table = request.out / "campaign.parquet"
-    write_parquet(found, table)
+    write_parquet(table, found.columns, {"plan": found.plan.plain(), "command": request.command, **provenance()})
     return [str(f) for f in (table, *write_pictures(made, found, request.out))]
 
 
