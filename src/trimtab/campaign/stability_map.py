@@ -21,6 +21,8 @@ ROWS = 300
 """About as many rows of each run are looked at."""
 NUMBERS = 20_000_000
 """At most so many numbers of logs are held at once; larger rounds fly in parts."""
+ALL = 100
+"""About as many numbers are in a row where all signals are logged."""
 
 
 class StabilityMap(NamedTuple):
@@ -108,9 +110,8 @@ def stability_map(
     step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
     at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
     flies: dict[str, Any] = {"signals": wanted, "log_period": step, "backend": backend, "threads": threads}
-    flights = _Flights(
-        base, range(seed, seed + runs), judge, scenario.duration // step * max(len(wanted), 4), flies, []
-    )
+    numbers = scenario.duration // step * (len(wanted) or ALL)
+    flights = _Flights(base, range(seed, seed + runs), judge, numbers, flies, [])
 
     def flown(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
