@@ -146,6 +146,7 @@ def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
     watch = Slowly(3 * BLOCK, scheduler.kill)
     with pytest.raises(InputError, match=r"the scheduler is gone: [1-9][0-9]* runs are kept") as ended:
         small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 15
     assert "start the same command again" in ended.value.fix
     kept = int(re.search(r"(\d+) runs are kept", str(ended.value))[1])
@@ -165,6 +166,7 @@ def test_scheduler_that_hangs(folder, processes, tmp_path):
     watch = Slowly(2 * BLOCK, lambda: scheduler.send_signal(signal.SIGSTOP))
     with pytest.raises(InputError, match=r"scheduler (is gone|does not answer).*: [1-9][0-9]* runs are kept"):
         small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 60
 
 
@@ -177,6 +179,7 @@ def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
     watch = Slowly(2 * BLOCK, only.kill)
     with pytest.raises(InputError, match=r"for 4 s it had no worker: [1-9][0-9]* runs are kept"):
         small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 60
     monkeypatch.undo()
     only = processes.worker("one", uri)
@@ -218,23 +221,15 @@ print(context.wrap_socket(socket.create_connection((sys.argv[2], 8786))).recv(1)
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
 def test_two_hosts(folder, whole, tmp_path):
     """Half a minute: scheduler and a worker on one host, a worker and the client on the other."""
-    with Hosts() as hosts, Processes(folder, lambda host: hosts._enter(int(host in ("two", "desk")))) as processes:
+    with Hosts() as hosts, Processes(folder, lambda host: hosts.inside(int(host in ("two", "desk")))) as processes:
         _, uri = processes.scheduler(NEAR, 8786)
         near, far = processes.worker("one", uri), processes.worker("two", uri)
         assert NEAR in near.log.read_text()
         assert FAR in far.log.read_text()
 
         def client(host, *words):
-            full = [
-                *hosts._enter(host),
-                sys.executable,
-                "-c",
-                CLIENT,
-                uri,
-                str(folder),
-                *words,
-                str(tmp_path / "f.npz"),
-            ]
+            program = [sys.executable, "-c", CLIENT, uri, str(folder), str(RUNS)]
+            full = [*hosts.inside(host), *program, *words, str(tmp_path / "f.npz")]
             return subprocess.run(full, capture_output=True, text=True, env=environment(), timeout=200)
 
         done = client(1, "ca.pem", "desk")
@@ -243,6 +238,49 @@ def test_two_hosts(folder, whole, tmp_path):
             assert_same(dict(found), whole)
         assert "refuses the certificate" in client(1, "ca.pem", "other/desk").stderr
         assert "not of the authority" in client(1, "other/ca.pem", "desk").stderr
-        words = [*hosts._enter(1), sys.executable, "-c", BARE, str(folder / "ca.pem"), NEAR]
+        words = [*hosts.inside(1), sys.executable, "-c", BARE, str(folder / "ca.pem"), NEAR]
         none = subprocess.run(words, capture_output=True, text=True)
         assert "CERTIFICATE_REQUIRED" in none.stderr
+
+
+CUT = """
+import subprocess, sys, time
+from campaign.small import small
+from trimtab.campaign.cluster import cluster
+from trimtab.core.errors import InputError
+
+uri, folder, runs, store = sys.argv[1:]
+files = {"ca": f"{folder}/ca.pem", "cert": f"{folder}/desk.pem", "key": f"{folder}/desk.key"}
+
+def told(done):
+    print(done, flush=True)
+    time.sleep(0.5)
+
+try:
+    small(int(runs)).run(store, workers=cluster(uri, **files), progress=told)
+except InputError as error:
+    print(error, flush=True)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(why_not()), reason=why_not())
+def test_cable_that_is_cut(folder, whole, tmp_path):
+    """A minute: the client's host is cut off in the middle of the campaign."""
+    with Hosts() as hosts, Processes(folder, lambda host: hosts.inside(int(host == "desk"))) as processes:
+        _, uri = processes.scheduler(NEAR, 8786)
+        processes.worker("one", uri)
+        words = [*hosts.inside(1), sys.executable, "-c", CUT, uri, str(folder), str(RUNS), str(tmp_path / "rows.zarr")]
+        out = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        client = subprocess.Popen(words, env=environment(), **out)
+        assert client.stdout.readline()
+        assert client.stdout.readline()
+        hosts.run(1, "ip", "link", "set", "vb", "down")
+        began = time.monotonic()
+        said, noise = client.communicate(timeout=120)
+        print("ended after", time.monotonic() - began)
+        assert time.monotonic() - began < 75
+        assert re.search(r"scheduler (is gone|does not answer).*: [1-9]\d* runs are kept", said)
+        assert "Traceback" not in noise
+        assert small(RUNS).run(tmp_path / "rows.zarr").flown < RUNS
+        assert_same(read_store(tmp_path / "rows.zarr")[1], whole)

@@ -7,7 +7,7 @@ import pyarrow.parquet
 import pytest
 from campaign.small import BLOCK, assert_same, small
 
-from trimtab.campaign.parquet import dataset, read_parquet, write_parquet
+from trimtab.campaign.parquet import dataset, read_parquet, write_columns, write_parquet
 from trimtab.campaign.plan import plan_of
 from trimtab.campaign.store import read_store
 from trimtab.core.errors import InputError
@@ -24,7 +24,7 @@ def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
     of = small(2 * BLOCK)
     of.run(tmp_path / "rows.zarr")
     about, columns = read_store(tmp_path / "rows.zarr")
-    write_parquet(tmp_path / "rows.parquet", columns, about)
+    write_columns(columns, about, tmp_path / "rows.parquet")
     told, found = read_parquet(tmp_path / "rows.parquet")
     assert_same(found, columns)
     assert told == about
@@ -33,9 +33,21 @@ def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
     assert [f.name for f in tmp_path.iterdir() if f.name.startswith(".")] == []
 
 
+def test_rows_of_a_result(tmp_path):
+    of = small(BLOCK)
+    result = of.run()
+    write_parquet(result, tmp_path / "rows.parquet")
+    told, found = read_parquet(tmp_path / "rows.parquet")
+    assert_same(found, result.columns)
+    assert plan_of(told["plan"]) == of.plan
+    of.run(tmp_path / "rows.zarr")
+    about = read_store(tmp_path / "rows.zarr")[0]
+    assert told == {name: about[name] for name in ("identity", "plan")}
+
+
 def test_numbers_that_are_no_numbers(tmp_path):
-    write_parquet(tmp_path / "a.parquet", COLUMNS, {"seed": 1})
-    write_parquet(tmp_path / "a.parquet", COLUMNS, {"seed": 2})
+    write_columns(COLUMNS, {"seed": 1}, tmp_path / "a.parquet")
+    write_columns(COLUMNS, {"seed": 2}, tmp_path / "a.parquet")
     told, found = read_parquet(tmp_path / "a.parquet")
     assert told == {"seed": 2}
     for name, column in COLUMNS.items():
@@ -56,7 +68,7 @@ def test_files_that_are_none(tmp_path):
     with pytest.raises(InputError, match="holds no campaign"):
         read_parquet(tmp_path / "b.parquet")
     with pytest.raises(InputError, match="cannot be written"):
-        write_parquet(tmp_path / "no" / "c.parquet", COLUMNS, {})
+        write_columns(COLUMNS, {}, tmp_path / "no" / "c.parquet")
 
 
 def test_dataset_over_runs():

@@ -31,7 +31,7 @@ class Result(NamedTuple):
     """What came of it. columns: by name, (n,); `run` is the number of each row.
 
     success: the share of runs that did what they must, with its interval.  flown, wall_s: runs of this session, and
-    the time they took (s).  block: of how many runs the rows were made at once.
+    the time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
     """
 
     plan: Plan
@@ -40,6 +40,7 @@ class Result(NamedTuple):
     flown: int
     wall_s: float
     block: int
+    identity: dict[str, str]
 
 
 class Campaign:
@@ -131,7 +132,7 @@ class Campaign:
             fix = "name them, file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        fly = workers or here(threads, progress)
+        fly, who = workers or here(threads, progress), identity(self.plan, self.ready.scenario, used)
         if store is None:
             rows = InMemory(self.plan.runs)
             block = self.ready.block
@@ -140,16 +141,12 @@ class Campaign:
         else:
             folder = Path(store)
             block = block_of(folder) or self.ready.block
-            told = {
-                "identity": identity(self.plan, self.ready.scenario, used),
-                "plan": self.plan.plain(),
-                **(about or {}),
-            }
+            told = {"identity": who, "plan": self.plan.plain(), **(about or {})}
             with open_store(folder, told, self._example(), self.plan.runs, block) as kept:
                 flown = self._fly(fly, used, kept, block, stop, progress)
                 columns = _first(kept.read(), self.plan.runs)
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
-        return Result(self.plan, columns, good, flown, time.perf_counter() - began, block)
+        return Result(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
 
     def _fly(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
         done = rows.done()[: self.plan.runs]

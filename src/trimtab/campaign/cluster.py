@@ -8,6 +8,7 @@ Source: docs page, A campaign on several machines.
 
 import contextlib
 import importlib.util
+import logging
 import threading
 import time
 from collections.abc import Generator, Iterator
@@ -51,8 +52,6 @@ def cluster(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | 
 @contextlib.contextmanager
 def _client(place: Place) -> Iterator[Any]:
     """A client of the scheduler, which lets go of what it asked for in the end."""
-    import logging
-
     from dask.config import set as configured
     from distributed import Client, Security
 
@@ -61,15 +60,11 @@ def _client(place: Place) -> Iterator[Any]:
     if place.files:
         ca, cert, key = place.files
         security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key, require_encryption=True)
-    log = logging.getLogger("distributed")
-    before = log.level
-    log.setLevel(logging.CRITICAL)  # what it says of a lost line, the campaign says
     timeouts = {"distributed.comm.timeouts.connect": f"{REACHED}s", "distributed.comm.timeouts.tcp": f"{SILENCE}s"}
-    with configured(timeouts):
+    with configured(timeouts), _quiet():
         try:
             client = Client(place.uri, security=security, timeout=REACHED, set_as_default=False)
         except (OSError, TimeoutError) as error:
-            log.setLevel(before)
             raise InputError(
                 f"--cluster {place.uri}", f"no scheduler answers: {error}", fix="dask scheduler …"
             ) from None
@@ -77,7 +72,20 @@ def _client(place: Place) -> Iterator[Any]:
             yield client
         finally:
             client.close(timeout=3)
-            log.setLevel(before)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What distributed logs of a lost line, page after page, the campaign says in one."""
+    known = map(logging.getLogger, list(logging.root.manager.loggerDict))
+    before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
+    for log, _ in before:
+        log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for log, level in before:
+            log.setLevel(level)
 
 
 class _Watch:

@@ -11,19 +11,25 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.campaign.campaign import Result
 from trimtab.core.errors import InputError
 
 ABOUT = b"trimtab"
 """Key of the metadata under which a file says of which campaign its rows are, as JSON."""
 
 
-def write_parquet(file: str | Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> Path:
+def write_parquet(found: Result, file: str | Path) -> Path:
+    """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
+    return write_columns(found.columns, {"identity": found.identity, "plan": found.plan.plain()}, file)
+
+
+def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:
     """Write columns to a Parquet file, whole or not at all.
 
     Args:
-        file: where to; a file that is there is replaced.
-        columns: name -> (n,), as `read_store` or a `Result` has them.
-        about: goes with the rows, plain data: plan, seed, version, backend, machine class.
+        columns: name -> (n,), as `read_store` gives them.
+        about: goes with the rows, plain data: the store's attributes.
+        file: where to; one that is there is replaced.
     """
     pa, parquet = arrow()
     file = Path(file)
@@ -41,7 +47,7 @@ def write_parquet(file: str | Path, columns: Mapping[str, Any], about: Mapping[s
 
 
 def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a file of `write_parquet` says of its campaign, and its columns (n,)."""
+    """What a file says of its campaign, and its columns (n,)."""
     pa, parquet = arrow()
     part = f"parquet {str(file)!r}"
     try:
