@@ -182,11 +182,10 @@ def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
         return []
     from trimtab.campaign.parquet import write_parquet
     from trimtab.commands.campaign_tables import write_pictures
-    from trimtab.logs.provenance import provenance
 
     request.out.mkdir(parents=True, exist_ok=True)
     table = request.out / "campaign.parquet"
-    write_parquet(table, found.columns, {"plan": found.plan.plain(), "command": request.command, **provenance()})
+    write_parquet(found, table)
     return [str(f) for f in (table, *write_pictures(made, found, request.out))]
 
 
