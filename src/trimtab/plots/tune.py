@@ -29,7 +29,9 @@ def plot_tune(found: Tuned, path: str | os.PathLike[str] | None = None, title: s
     axes: Any = figure.subplots(1, 3, gridspec_kw={"width_ratios": (3, 3, 2)})
     flown = np.array([s.flown for s in found.steps])
     axes[0].plot(flown, [s.cost for s in found.steps], ".-", color=BLUE, lw=1.2)
-    axes[0].set_ylabel("mean cost of a generation's best" if found.method == "search" else "mean cost near by")
+    axes[0].set_ylabel(
+        "mean cost of a generation's best" if found.method == "search" else "mean cost near by, each of new runs"
+    )
     axes[0].set_title(found.method, loc="left", fontsize=10, weight="bold")
     places = np.array([s.x for s in found.steps])
     for i, name in enumerate(found.before):
