@@ -154,3 +154,49 @@ def falsify(as_json: bool, **asked: Any) -> None:
 
     if not carry_out(Request(**asked, as_json=as_json)):
         sys.exit(1)
+
+
+def gains_of(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """path=low:high texts as a mapping."""
+    found = {}
+    for text in values:
+        path, equals, span = text.partition("=")
+        if not equals or not path.strip():
+            raise InputError("--gain", f"{text!r} is not PATH=LOW:HIGH", fix="--gain autopilot.law.k1=0.5:3")
+        found[path.strip()] = span
+    return found
+
+
+@click.command()
+@SCENARIO
+@click.option("--gain", "gains", multiple=True, required=True, callback=gains_of, metavar="PATH=LOW:HIGH")
+@click.option("--cost", default="error_rms:yaw_rate", show_default=True, help="Metric whose mean is made small.")
+@click.option("--method", type=click.Choice(("search", "gradient")), default="search", show_default=True)
+@click.option("--runs", type=click.IntRange(2), default=64, show_default=True, help="Worlds to tune on.")
+@click.option("--held-out", type=click.IntRange(2), default=256, show_default=True, help="Worlds to judge on.")
+@click.option("--iterations", type=click.IntRange(1), default=30, show_default=True)
+@click.option("--width", type=float, default=0.05, show_default=True, help="Of the smoothing, as a share of a range.")
+@SPREAD
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@click.option("--threads", type=click.IntRange(1), metavar="N", help="[default: as many as cores]")
+@click.option("--out", type=FILE, metavar="FILE", help="Scenario file with the gains, e.g. tuned.py.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of how it went.")
+@JSON
+def tune(as_json: bool, **asked: Any) -> None:
+    """Tune gains over many worlds, and say what they are worth in worlds that the tuning did not see.
+
+    Exit code 1 where it can't be said that they help there; nothing is written then.
+
+    \b
+    trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5 --out tuned.py
+    trimtab run tuned.py:scenario
+    trimtab tune hovercraft/zero-velocity --gain autopilot.law.k2=1:5 --method gradient
+    """
+    from trimtab.commands.tune import Request
+    from trimtab.commands.tune import tune as carry_out
+
+    if not carry_out(Request(**asked, as_json=as_json)):
+        sys.exit(1)

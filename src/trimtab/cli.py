@@ -314,7 +314,7 @@ def noise(as_json: bool, **asked: Any) -> None:
 
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
-for command in (campaign_cli.campaign, campaign_cli.stability_map, campaign_cli.falsify):
+for command in (campaign_cli.campaign, campaign_cli.stability_map, campaign_cli.falsify, campaign_cli.tune):
     main.add_command(command)
 
 
