@@ -46,21 +46,28 @@ def start(store, runs=RUNS, pause=0.1, script=CHILD):
     return subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths})
 
 
+def flying(store, rows):
+    """A campaign in a process of its own, once so many rows are kept."""
+    child = start(store)
+    while not (store / "done" / "c" / str(rows // BLOCK - 1)).exists():
+        assert child.poll() is None
+        time.sleep(0.01)
+    return child
+
+
 def kept(store):
     return len(read_store(store)[1]["run"])
 
 
 def test_killed_and_started_again_flies_what_is_missing(store, whole):
-    child = start(store)
-    for _ in range(4):
-        assert child.stdout.readline()
+    child = flying(store, 4 * BLOCK)
     child.kill()
     child.communicate()
     there = kept(store)
     assert 4 * BLOCK <= there < RUNS
     told = []
     again = small(RUNS).run(store, progress=told.append)
-    assert (again.flown, told[0], told[-1]) == (RUNS - there, there + BLOCK, RUNS)
+    assert (again.flown, min(told) >= there, told[-1]) == (RUNS - there, True, RUNS)
     assert_same(again.columns, whole)
     assert small(RUNS).run(store).flown == 0
 
@@ -89,9 +96,7 @@ def test_killed_at_any_moment(store, whole):
 
 
 def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
-    child = start(store)
-    for _ in range(3):
-        child.stdout.readline()
+    child = flying(store, 3 * BLOCK)
     child.send_signal(signal.SIGINT)
     began = time.monotonic()
     child.communicate()
@@ -133,8 +138,7 @@ def test_interrupted_in_a_block_of_minutes(store):
 
 
 def test_second_campaign_on_a_store_that_is_being_written(store, whole):
-    child = start(store)
-    child.stdout.readline()
+    child = flying(store, BLOCK)
     with pytest.raises(InputError, match=r"another campaign is writing it") as refused:
         small(RUNS).run(store)
     assert "--store OTHER.zarr" in refused.value.fix
