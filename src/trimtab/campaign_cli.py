@@ -90,6 +90,7 @@ def campaign(as_json: bool, tls_ca: Path | None, tls_cert: Path | None, tls_key:
 @SCENARIO
 @click.option("--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. delay=0:0.6, or any PATH=LOW:HIGH.")
 @click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. jitter=0:0.3.")
+@SUCCESS
 @SET
 @WITHOUT
 @click.option("--runs", type=click.IntRange(1), default=8, show_default=True, help="Worlds at each point.")
@@ -103,11 +104,15 @@ def stability_map(as_json: bool, **asked: Any) -> None:
     """Say where in the plane of two parameters a scenario succeeds.
 
     A coarse grid is flown, then only the cells through which the boundary passes are halved. Axes: delay, jitter, loss
-    of the link, or any parameter by its path.
+    of the link, or any parameter by its path. Without --success every target must be inside its band for the last
+    third.
 
     \b
-    trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y jitter=0:0.3 --plot map.png
-    trimtab map hovercraft/zero-velocity --x world.vehicle.mass=1:5 --y autopilot.law.k2=0.5:8 --runs 4
+    trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
+    trimtab map hovercraft/zero-velocity --x world.vehicle.mass=1:5 --y autopilot.law.k2=50%:400% \\
+        --success 'error_rms:yaw_rate <= 0.4'
+    trimtab map hovercraft/forward --x delay=0:0.4 --y jitter=0:0.4 --without navigation-error \\
+        --set initial.sway_velocity=0.05 --set initial.yaw_rate=0.15 --set duration=30
     """
     from trimtab.commands.stability_map import Request
     from trimtab.commands.stability_map import stability_map as carry_out
@@ -141,8 +146,8 @@ def falsify(as_json: bool, **asked: Any) -> None:
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\
-        --spread 'autopilot.law.k2=uniform(50%, 200%)' --success 'error_rms:yaw_rate <= 0.8' --out worst.py
-    trimtab run worst.py:scenario --seed 0 --run 2
+        --spread 'autopilot.law.k2=uniform(50%, 200%)' --success 'error_rms:yaw_rate <= 0.5' --out worst.py
+    trimtab run worst.py:scenario --seed 0 --run 133
     """
     from trimtab.commands.falsify import Request
     from trimtab.commands.falsify import falsify as carry_out

@@ -215,7 +215,7 @@ def firmware(as_json: bool, **asked: Any) -> None:
 @click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all]")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
 @click.option("--out", type=FILE, metavar="DIR", help="Keep logs, and all that was said, in a folder a case.")
-@click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table.")
+@click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table; with --only, into it.")
 @JSON
 def live_faults(as_json: bool, **asked: Any) -> None:
     """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over sixty ways.

@@ -18,9 +18,11 @@ from click.testing import CliRunner
 from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.cli import main
 from trimtab.logs.log import Log
-from trimtab.studies.live_faults.case import STOPS, Case, judge
+from trimtab.studies.live_faults.case import STOPS, Case, Outcome, judge
 from trimtab.studies.live_faults.cases import PARTS, WORDS, cases
 from trimtab.studies.live_faults.flight import Ended
+from trimtab.studies.live_faults.page import flown as flown_in_words
+from trimtab.studies.live_faults.page import page
 from trimtab.studies.live_faults.verdict import tripped, violations
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies" / "live-faults.md"
@@ -130,6 +132,21 @@ def test_the_page_shows_all_cases_and_all_hold():
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
     assert [name for name, _ in rows] == [case.name for case in cases()]
     assert {verdict for _, verdict in rows} <= {"holds"}
+
+
+def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
+    order = ["a", "b", "c"]
+    ones = {n: Outcome(n, "does", "happened", (f"said {n}",), ()) for n in order}
+    first = page([ones["a"], ones["c"]], flown_in_words(["a", "c"], 60.0, 2, apart=False), order=order)
+    failed = ones["c"]._replace(problems=("broke",))
+    again = page([ones["b"], failed], flown_in_words(["b", "c"], 9.0, 2, apart=True), first, order)
+    rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", again, re.MULTILINE)
+    assert rows == [("a", "holds"), ("b", "holds"), ("c", "**fails**: broke")]
+    assert "3 cases, 2 hold, 0 skipped, 1 fail." in again
+    runs = re.search(r"^Flown: (.*)\.$", again, re.MULTILINE)
+    assert runs
+    assert [one.partition(" on ")[0] for one in runs[1].split("; ")] == ["2 cases in 60 s", "`b`, `c` in 9 s"]
+    assert page([ones["a"]], "x", "", order).count("`a`") == 1
 
 
 def campaign(*words, timeout):

@@ -188,3 +188,42 @@ def test_texts_reach_people_without_what_would_command_their_terminal():
     line = ready()
     line.hear("STATUSTEXT", text="failsafe: no command\x1b[2J\nx")
     assert line.said == ["vehicle: failsafe: no command?[2J?x"]
+
+
+GOTO, LAND, ACK = 252, 21, "COMMAND_ACK"
+
+
+def asked(line, command, first=0.0, *, to=191, sender=None):
+    """Pass a request on; the results that are answered."""
+    line.link.sent.clear()
+    fields = {"command": command, "param1": first, "target_system": 1, "target_component": to}
+    line.hear("COMMAND_LONG", sender, **fields)
+    messages = [m for packet in line.link.sent for m in line.there.feed(packet)]
+    return [m.get("result") for m in messages if m.name == ACK]
+
+
+def test_what_the_vehicle_passes_on_is_kept_for_the_supervisor_and_answered():
+    line = ready()
+    assert asked(line, GOTO) == [Result.UNSUPPORTED]  # no supervisor
+    line.remote.mode = 1
+    assert asked(line, GOTO) == [Result.ACCEPTED]
+    assert asked(line, GOTO, 1.0) == [Result.ACCEPTED]
+    assert asked(line, LAND) == [Result.ACCEPTED]
+    assert asked(line, GOTO, 9.0) == [Result.UNSUPPORTED]
+    assert asked(line, LAND, to=1) == []
+    assert asked(line, LAND, sender=Endpoint(DIALECT, 255, 190, KEY)) == []
+    assert list(line.remote.requests) == ["hold", "resume", "end"]
+
+
+def test_its_heartbeats_tell_the_supervisors_mode_at_once():
+    line = ready()
+    found = []
+    for mode in (None, 1, 1, 2):
+        line.remote.mode = mode
+        line.link.sent.clear()
+        for _ in range(5):
+            line.now += ms(1)
+            line.remote.due(line.now)
+        messages = [m for packet in line.link.sent for m in line.there.feed(packet)]
+        found += [(m.get("base_mode"), m.get("custom_mode")) for m in messages if m.name == "HEARTBEAT"]
+    assert found == [(1, 1), (1, 2)]

@@ -10,8 +10,9 @@ from wire.test_parameters import parameters
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
 from trimtab.wire import protocol
-from trimtab.wire.events import ArmAsked, Channels, ModeAsked, ParameterSet, Sticks
+from trimtab.wire.events import ArmAsked, Channels, FlightAsked, ModeAsked, ParameterSet, Sticks
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import Result
 from trimtab.wire.station import Station, Status
 from trimtab.wire.streams import Stream, Streams
 
@@ -60,6 +61,9 @@ def test_numbers_are_those_of_the_common_dialect():
         ("Order.ARM", "MAV_CMD_COMPONENT_ARM_DISARM"),
         ("Order.SET_MODE", "MAV_CMD_DO_SET_MODE"),
         ("Order.TERMINATE", "MAV_CMD_DO_FLIGHTTERMINATION"),
+        ("Order.LAND", "MAV_CMD_NAV_LAND"),
+        ("Order.PAUSE_CONTINUE", "MAV_CMD_DO_PAUSE_CONTINUE"),
+        ("Order.OVERRIDE_GOTO", "MAV_CMD_OVERRIDE_GOTO"),
         ("Order.REQUEST_MESSAGE", "MAV_CMD_REQUEST_MESSAGE"),
         ("Order.REQUEST_CAPABILITIES", "MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES"),
         ("Result.NOT_NOW", "MAV_RESULT_TEMPORARILY_REJECTED"),
@@ -71,6 +75,9 @@ def test_numbers_are_those_of_the_common_dialect():
         ("ModeFlag.ARMED", "MAV_MODE_FLAG_SAFETY_ARMED"),
         ("ModeFlag.CUSTOM", "MAV_MODE_FLAG_CUSTOM_MODE_ENABLED"),
         ("VehicleType.SURFACE_BOAT", "MAV_TYPE_SURFACE_BOAT"),
+        ("VehicleType.GROUND_ROVER", "MAV_TYPE_GROUND_ROVER"),
+        ("VehicleType.FIXED_WING", "MAV_TYPE_FIXED_WING"),
+        ("VehicleType.ONBOARD_COMPUTER", "MAV_TYPE_ONBOARD_CONTROLLER"),
         ("Capability.PARAMETERS_AS_FLOAT", "MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST"),
         ("Capability.MAVLINK2", "MAV_PROTOCOL_CAPABILITY_MAVLINK2"),
         ("Capability.COMMAND_INT", "MAV_PROTOCOL_CAPABILITY_COMMAND_INT"),
@@ -295,3 +302,36 @@ def test_streams_flow_while_another_system_is_heard(dialect):
     assert result == 0
     assert told(35, 40) == 10
     assert line.command(511, 31, 500_000)[0] == 3
+
+
+LAND, PAUSE_CONTINUE, OVERRIDE_GOTO = 21, 193, 252
+
+
+@pytest.mark.parametrize(
+    ("number", "params", "request_"),
+    [
+        (OVERRIDE_GOTO, (0, 2), "hold"),
+        (OVERRIDE_GOTO, (0, 0), "hold"),
+        (OVERRIDE_GOTO, (1, 2), "resume"),
+        (PAUSE_CONTINUE, (0,), "hold"),
+        (PAUSE_CONTINUE, (1,), "resume"),
+        (LAND, (), "end"),
+    ],
+)
+def test_what_the_autopilot_is_asked_is_passed_on_while_there_is_one(line, number, params, request_):
+    line.station.status = Status(deaf="")
+    assert line.command(number, *params) == (Result.ACCEPTED, "", [FlightAsked(request_, GROUND)])
+    line.station.status = Status(deaf="nobody is there")
+    result, text, events = line.command(number, *params)
+    assert (result, events) == (Result.NOT_NOW, [])
+    assert text == f"Not asked to {request_}: nobody is there"
+
+
+@pytest.mark.parametrize(("number", "params"), [(OVERRIDE_GOTO, (0, 3)), (OVERRIDE_GOTO, (7,)), (PAUSE_CONTINUE, (2,))])
+def test_to_hold_elsewhere_is_denied(line, number, params):
+    line.station.status = Status(deaf="")
+    assert line.command(number, *params) == (Result.DENIED, "", [])
+
+
+def test_by_itself_a_vehicle_has_no_autopilot(line):
+    assert line.command(LAND)[0] == Result.NOT_NOW

@@ -59,7 +59,7 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     if scenario is None:
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
     scenario.check()
-    shapes, units = _signals(scenario)
+    shapes, units = signals_of(scenario)
     targets = tuple(scenario.targets)
     texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
     metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
@@ -82,7 +82,7 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     return ready._replace(block=block)
 
 
-def _signals(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+def signals_of(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
     """Shape and unit of each signal by path; nothing flies."""
     seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(scenario, 0, 0))
     found = list(logged(seen))
@@ -214,11 +214,16 @@ class Flights(NamedTuple):
     columns: list[Column]
 
 
+def rows_of(scenario: Scenario, batch: Flights | Batch) -> Rows:
+    """What metrics see of some runs."""
+    angles = frozenset(c.path for c in batch.columns if c.declared is not None and c.declared.kind == "angle")
+    return Rows(to_seconds(batch.ticks), batch.log, tuple(scenario.targets), angles)
+
+
 def measured(ready: Ready, batch: Flights | Batch) -> dict[str, Any]:
     """Metrics, success and lost of some runs, each (n,)."""
     n = len(next(iter(batch.final.values())))
-    angles = frozenset(c.path for c in batch.columns if c.declared is not None and c.declared.kind == "angle")
-    rows = Rows(to_seconds(batch.ticks), batch.log, tuple(ready.scenario.targets), angles)
+    rows = rows_of(ready.scenario, batch)
     with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
         found = {m.name: _column(m, rows, n) for m in ready.metrics}
     ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in batch.final.values()])

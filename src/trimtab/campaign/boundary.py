@@ -101,8 +101,7 @@ def trace(values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, 
                 break
             gone = set(split)
             cells = [c for c in cells if c not in gone] + [q for c in split for q in _quarters(c)]
-            new = {p for c in split for p in _nodes(c) if not known[p]}
-            look(np.array(sorted(new)).reshape(-1, 2))
+            look(np.array(sorted({p for c in split for p in _nodes(c) if not known[p]})).reshape(-1, 2))
     index, value = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     rounds = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
     return Traced(shape, index, value, rounds, np.array(cells), threshold)

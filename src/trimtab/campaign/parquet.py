@@ -31,10 +31,10 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
         about: goes with the rows, plain data: the store's attributes.
         file: where to; one that is there is replaced.
     """
-    arrow, parquet = _arrow()
+    pa, parquet = arrow()
     file = Path(file)
     rows = {name: np.ascontiguousarray(column) for name, column in columns.items()}
-    table = arrow.table(rows).replace_schema_metadata({ABOUT: json.dumps(about, sort_keys=True)})
+    table = pa.table(rows).replace_schema_metadata({ABOUT: json.dumps(about, sort_keys=True)})
     part = file.with_name(f".{file.name}.{os.getpid()}")
     try:
         parquet.write_table(table, part, compression="zstd")
@@ -48,11 +48,11 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
 def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """What a file says of its campaign, and its columns (n,)."""
-    arrow, parquet = _arrow()
+    pa, parquet = arrow()
     part = f"parquet {str(file)!r}"
     try:
         table = parquet.read_table(file)
-    except (OSError, arrow.ArrowInvalid) as error:
+    except (OSError, pa.ArrowInvalid) as error:
         raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign has exported") from None
     metadata = table.schema.metadata or {}
     if ABOUT not in metadata:
@@ -72,7 +72,8 @@ def dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
     return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
 
 
-def _arrow() -> tuple[Any, Any]:
+def arrow() -> tuple[Any, Any]:
+    """The library, and its module for these files; refused with what to install."""
     try:
         import pyarrow
         import pyarrow.parquet

@@ -3,7 +3,7 @@
 Source: docs page, Stability maps.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,8 @@ ROWS = 300
 """About as many rows of each run are looked at."""
 NUMBERS = 20_000_000
 """At most so many numbers of logs are held at once; larger rounds fly in parts."""
+ALL = 100
+"""About as many numbers are in a row where all signals are logged."""
 
 
 class StabilityMap(NamedTuple):
@@ -107,36 +109,48 @@ def stability_map(
     base, paths = _prepared(scenario, x, y)
     step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
     at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
-    used: list[str] = []
+    flies: dict[str, Any] = {"signals": wanted, "log_period": step, "backend": backend, "threads": threads}
+    numbers = scenario.duration // step * (len(wanted) or ALL)
+    flights = _Flights(base, range(seed, seed + runs), judge, numbers, flies, [])
 
     def flown(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
-        own = {path: np.stack([v[path] for v in values]) for path in paths}
-        ok = []
-        for part in _parts(len(index), runs, scenario.duration // step * max(len(wanted), 4)):
-            spread = {path: np.repeat(v[part], runs, axis=0) for path, v in own.items()}
-            seeds = np.tile(np.arange(seed, seed + runs), part.stop - part.start)
-            count = len(seeds)
-            if used and used[0] == "c lanes" and count < ENOUGH:  # else another program had to be compiled
-                more = np.arange(ENOUGH) % count
-                spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
-            batch = simulate_batch(
-                base,
-                seeds=seeds.tolist(),
-                spread=spread,
-                signals=wanted,
-                log=True,
-                log_period=step,
-                backend=backend,
-                threads=threads,
-            )
-            used.append(batch.backend)
-            ok.append(np.asarray(judge(batch), bool)[:count])
+        share = flights.share({path: np.stack([v[path] for v in values]) for path in paths})
         tell(f"{len(index)} points", len(index))
-        return np.concatenate(ok).reshape(len(index), runs).mean(axis=1)
+        return share
 
     traced = trace(flown, (len(x.values), len(y.values)), depth, threshold=threshold)
-    return StabilityMap(base, x, y, at_x, at_y, traced, runs, used[0])
+    return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
+
+
+class _Flights(NamedTuple):
+    """Flies points. seeds: of each.  numbers: in the log of one run.  used: backends of the batches so far."""
+
+    scenario: Scenario
+    seeds: range
+    judge: Success
+    numbers: int
+    options: dict[str, Any]
+    used: list[str]
+
+    def share(self, own: dict[str, Any]) -> Any:
+        """Share of successes (k,) of k points; own: path -> values (k, …)."""
+        points, runs = len(next(iter(own.values()))), len(self.seeds)
+        each = max(NUMBERS // max(self.numbers * runs, 1), 1)
+        slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
+        ok = [self._fly({path: np.repeat(v[part], runs, axis=0) for path, v in own.items()}) for part in slices]
+        return np.concatenate(ok).reshape(points, runs).mean(axis=1)
+
+    def _fly(self, spread: dict[str, Any]) -> Any:
+        """Whether each run succeeded (n,), the runs of a point side by side."""
+        count = len(next(iter(spread.values())))
+        seeds = np.tile(self.seeds, count // len(self.seeds))
+        if self.used and self.used[0] == "c lanes" and count < ENOUGH:  # else another program had to be compiled
+            more = np.arange(ENOUGH) % count
+            spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
+        batch = simulate_batch(self.scenario, seeds=seeds.tolist(), spread=spread, log=True, **self.options)
+        self.used.append(batch.backend)
+        return np.asarray(self.judge(batch), bool)[:count]
 
 
 def on_target(scenario: Scenario) -> Success:
@@ -192,10 +206,3 @@ def _lattice(values: Any, depth: int) -> Any:
     coarse = np.asarray(values, float)
     size = 2**depth
     return np.interp(np.arange((len(coarse) - 1) * size + 1) / size, np.arange(len(coarse)), coarse)
-
-
-def _parts(points: int, runs: int, numbers: int) -> Iterator[slice]:
-    """Slices of points whose logs fit."""
-    each = max(NUMBERS // max(numbers * runs, 1), 1)
-    for start in range(0, points, each):
-        yield slice(start, min(start + each, points))

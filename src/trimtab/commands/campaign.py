@@ -56,6 +56,9 @@ def campaign(request: Request) -> bool:
 
     _check_device(request)
     if request.out is not None:
+        from trimtab.campaign.parquet import arrow
+
+        arrow()
         check_folder("--out", request.out)
     use_cache()
     made = Campaign(

@@ -54,10 +54,8 @@ def live_faults(request: Request) -> bool:
 
 
 def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
-    from trimtab.studies.live_faults.page import page
-
     if request.page is not None:
-        request.page.write_text(page(outcomes, wall, os.cpu_count() or 1), "utf-8")
+        _write_page(request.page, outcomes, wall, apart=bool(request.only))
     if request.as_json:
         found = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
         click.echo(json.dumps({"wall_s": round(wall, 1), "cases": found}))
@@ -66,3 +64,13 @@ def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
     click.echo(f"{len(outcomes)} cases in {wall:.0f} s: " + ", ".join(f"{n} {v}" for v, n in count.items() if n))
     if request.page is not None:
         click.echo(f"wrote {request.page}")
+
+
+def _write_page(file: Path, outcomes: "Sequence[Outcome]", wall: float, *, apart: bool) -> None:
+    """A new page of all cases; or the rows of some in the page that is there."""
+    from trimtab.studies.live_faults.cases import cases
+    from trimtab.studies.live_faults.page import flown, page
+
+    before = file.read_text("utf-8") if apart and file.exists() else ""
+    run = flown([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
+    file.write_text(page(outcomes, run, before, [case.name for case in cases()]), "utf-8")

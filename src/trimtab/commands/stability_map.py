@@ -29,6 +29,7 @@ class Request(NamedTuple):
     y: str
     settings: Mapping[str, str] = {}
     without: tuple[str, ...] = ()
+    success: tuple[str, ...] = ()
     runs: int = 8
     depth: int = 4
     threshold: float = 0.5
@@ -55,6 +56,10 @@ def stability_map(request: Request) -> None:
     check_picture(request.plot, None)
     use_cache()
     wanted: dict[str, Any] = {"runs": request.runs, "depth": request.depth, "threshold": request.threshold}
+    if request.success:
+        from trimtab.campaign.judge import success_of
+
+        wanted["success"], wanted["signals"] = success_of(scenario, request.success)
     with waiting(f"flying {scenario.name}"):
         found = maps.stability_map(scenario, x, y, seed=request.seed, **wanted)
         criteria, why = _theory(found) if request.theory else ((), "")

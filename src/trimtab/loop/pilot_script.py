@@ -6,10 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import period, quantity, record
+from trimtab.core.record import period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import ms
+from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervision import NO_REQUEST, REQUESTS, PilotRequest
 
 
@@ -66,3 +67,11 @@ def script(*requests: tuple[int, str]) -> PilotScript:
         times=np.array([t for t, _ in requests], np.int64),
         requests=np.array([REQUESTS.index(name) for _, name in requests], np.int32),
     )
+
+
+def listening(scenario: Scenario) -> Scenario:
+    """The same with room in its frame for what its supervisor is asked in flight; without a supervisor as it is."""
+    supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
+    if supervisor is None or supervisor.pilot in sensors:
+        return scenario
+    return replace(scenario, world=replace(scenario.world, sensors={**sensors, supervisor.pilot: PilotScript()}))

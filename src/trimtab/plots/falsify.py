@@ -67,7 +67,8 @@ def _margins(axes: Any, found: Falsified) -> None:
 
 def _box(axes: Any, found: Falsified, names: list[str]) -> None:
     """Coordinates of the worst candidates; the worst of all is joined by a line."""
-    worst = np.argsort(found.tried.min(axis=1), kind="stable")[:WORST][::-1]
+    _, once = np.unique(found.points, axis=0, return_index=True)
+    worst = once[np.argsort(found.tried.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
     for i in worst:
         axes.plot(found.points[i], rows, ".", color=GREY, ms=5, alpha=0.3)

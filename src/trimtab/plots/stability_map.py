@@ -51,14 +51,7 @@ def plot_stability_map(
     if share.min() < found.traced.threshold <= share.max():
         axes.tricontour(x, y, share, levels=[found.traced.threshold], colors="black", linewidths=1.6)
         handles.append(Line2D([], [], color="black", linewidth=1.6, label="boundary"))
-    for one in theory:
-        look: tuple[str, Any] = LINES.get(one.name, ("#0072B2", ":"))
-        colour, style = look
-        drawn = one.lines()
-        for line in drawn:
-            axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
-        if drawn:
-            handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name))
+    handles += [handle for one in theory for handle in _theory_lines(axes, one)]
     axes.set(xlabel=_label(found.x), ylabel=_label(found.y))
     axes.set_xlim(found.at_x[0], found.at_x[-1])
     axes.set_ylim(found.at_y[0], found.at_y[-1])
@@ -69,6 +62,18 @@ def plot_stability_map(
     if path is not None:
         save(figure, Path(path))
     return figure
+
+
+def _theory_lines(axes: Any, one: Theory) -> list[Any]:
+    """Draw the lines of a criterion; what the legend shows of it, if there are any."""
+    from matplotlib.lines import Line2D
+
+    look: tuple[str, Any] = LINES.get(one.name, ("#0072B2", ":"))
+    colour, style = look
+    drawn = one.lines()
+    for line in drawn:
+        axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
+    return [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name)] if drawn else []
 
 
 def _label(axis: Axis) -> str:

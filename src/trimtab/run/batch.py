@@ -79,7 +79,7 @@ def simulate_batch(
     chosen = list(seeds)
     scenario, table, written = prepared(scenario, chosen, duration, log_period)
     whole = inputs(scenario, 0, 0)
-    own = _own(whole, chosen, None if runs is None else list(runs), dict(spread or {}))
+    own = own_inputs(whole, chosen, None if runs is None else list(runs), dict(spread or {}))
     job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads), progress)
     names = _fly_c(job) if use_c(backend, lambda: _ready(job)) else _fly_jax(job)
     flown, columns, last, used = names
@@ -97,7 +97,7 @@ class _Job(NamedTuple):
     progress: Callable[[int], None] | None
 
 
-def _own(whole: Any, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
+def own_inputs(whole: Any, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
     """Position of each input that differs -> its values, the run as first axis."""
     known, found = compiled.paths(whole), jax.tree.leaves(whole)
     own: dict[int, Any] = {known.index("key.seed"): np.asarray(seeds, np.uint32)}

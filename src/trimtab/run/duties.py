@@ -18,11 +18,11 @@ from trimtab.wire.events import ArmAsked, Channels, Event, ModeAsked, Sticks
 from trimtab.wire.protocol import State
 from trimtab.wire.station import Status
 
-COMPUTER_MODE, MANUAL_MODE = 15, 0
-STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual"}
-"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks.
+COMPUTER_MODE, MANUAL_MODE, HOLD_MODE = 15, 0, 4
+STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
+"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks; hold: the link, and it holds.
 
-The numbers are those of ArduPilot's GUIDED and MANUAL of rovers and boats, by which ground stations name them.
+The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
 """
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""

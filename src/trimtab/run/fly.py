@@ -15,6 +15,7 @@ from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
 from trimtab.logs.stream import Written
+from trimtab.loop.pilot_script import listening
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep, fast_step
 from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
@@ -22,6 +23,7 @@ from trimtab.run.pilot import Pilot, dialect_for, frame_name
 from trimtab.run.program import described
 from trimtab.run.real_time import NS, Deadlines, Granted, real_time
 from trimtab.run.remote import Remote
+from trimtab.run.supervised import Supervised
 from trimtab.run.wall_clock import discard
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
@@ -82,16 +84,15 @@ class Flyer:
     ) -> None:
         """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
         scenario.check()
-        self.scenario, self.link, self.seed = scenario, link, seed
         dialect = dialect_for(scenario)
+        self.scenario, self.link, self.seed = listening(scenario), link, seed
         self.endpoint = endpoint(dialect)
-        self.pilot = Pilot(scenario, dialect, step or fast_step(scenario, seed=seed))
+        self.pilot = Pilot(scenario, dialect, step or fast_step(self.scenario, seed=seed))
+        self.supervised = Supervised(self.scenario, self.pilot.step)
         self.remote = Remote(self.endpoint, link)
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.armed_at: int | None = None
-        self._watched = _modes(self.pilot.step)
-        self._supervised = (-1, -1)
         self._sent = self._jumps = self._accepted = self._heard = 0
         self._silent = False
 
@@ -166,6 +167,7 @@ class Flyer:
             now = kept.start // NS + t
             ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
             self.pilot.give(t, self._to_local)
+            self.supervised.give(t)
             began = monotonic_ns()
             self.pilot.step.step()
             stepped = monotonic_ns()
@@ -228,17 +230,17 @@ class Flyer:
             self.armed_at = t
         elif self.armed_at is None and self.pilot.ready:
             self.remote.arm()
+        self._watch()
         self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
-        if self._watched:
-            self._watch()
 
     def _watch(self) -> None:
-        """Say what the supervisor has decided."""
-        outputs, (mode, cause) = self.pilot.step.outputs, self._watched
-        found = (int(outputs[mode.at]), int(outputs[cause.at]))
-        if found != self._supervised:
-            self._supervised = found
-            self.remote.tell(f"supervisor: {mode.names[found[0]]}: {cause.names[found[1]]}")
+        """Say what the supervisor has decided, and pass it what it is asked."""
+        self.remote.mode = self.supervised.mode
+        if self.remote.requests:
+            self.supervised.ask(self.remote.requests.popleft())
+        news = self.supervised.news()
+        if news:
+            self.remote.tell(news)
 
     def _listen(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
         """Say when nothing comes any more, and when it does again."""
@@ -283,15 +285,3 @@ class Flyer:
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         period = to_seconds(self.scenario.autopilot.period)
         return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})
-
-
-class _Named(NamedTuple):
-    at: int
-    names: tuple[str, ...]
-
-
-def _modes(step: FastStep) -> tuple[_Named, ...]:
-    """Mode and cause of the supervisor; nothing where there is none."""
-    declared = {m.path: m.declared for m in step.exported.outputs}
-    paths = ("supervisor.mode", "supervisor.cause")
-    return tuple(_Named(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None)

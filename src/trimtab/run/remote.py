@@ -3,22 +3,25 @@
 Source: docs page, Fly; MAVLink's services heartbeat, command and timesync.
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, seconds
+from trimtab.wire.flight_requests import Wanted, requested
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.message import Message
-from trimtab.wire.protocol import ModeFlag, Order, Result
+from trimtab.wire.protocol import ModeFlag, Order, Result, VehicleType
 from trimtab.wire.time_sync import TimeSync
 
 NO_AUTOPILOT = 8
-HEARTBEAT = {"type": 18, "autopilot": NO_AUTOPILOT, "system_status": 4}
+HEARTBEAT = {"type": VehicleType.ONBOARD_COMPUTER, "autopilot": NO_AUTOPILOT, "system_status": 4}
 """Of an onboard computer that is no flight controller, running."""
 VERSION = 148
 """The number of AUTOPILOT_VERSION."""
 MOST_ASKS = 4
 """Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
+MOST_REQUESTS = 8
 HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ASKS = 8
@@ -40,6 +43,11 @@ class Remote:
         """When the vehicle's last heartbeat came."""
         self.misfit = ""
         """Why its messages can't be understood; empty while nothing speaks against it."""
+        self.mode: int | None = None
+        """What this end's supervisor does, told in heartbeats; None: there is none that could be asked."""
+        self.requests: deque[str] = deque(maxlen=MOST_REQUESTS)
+        """What a ground station wants of the supervisor, as the vehicle passed it on."""
+        self._told: int | None = None
         self._next = dict.fromkeys(("heartbeat", "sync", "ask", "version"), 0)
         self._wants: float | None = None
         self._asks = self._jumps = 0
@@ -83,6 +91,8 @@ class Remote:
             self.tell("vehicle: " + "".join(c if c.isprintable() else "?" for c in message.get("text")))
         elif message.name == "COMMAND_ACK":
             self._acknowledged(message)
+        elif message.name == "COMMAND_LONG":
+            self._requested(message)
         elif message.name == "AUTOPILOT_VERSION":
             self._compare(bytes(message.get("flight_custom_version")))
 
@@ -114,6 +124,19 @@ class Remote:
         elif command == Order.REQUEST_MESSAGE and not accepted:
             self._compared = True
 
+    def _requested(self, message: Message) -> None:
+        """The vehicle passes on what a ground station wants; its own commands to others are none of this end's."""
+        own = self._endpoint.system, self._endpoint.component
+        if (message.get("target_system"), message.get("target_component")) != own:
+            return
+        request = requested(Wanted(*(message.get(n) for n in ("command", "param1", "param2"))))
+        result = Result.ACCEPTED if request and self.mode is not None else Result.UNSUPPORTED
+        if request and self.mode is not None:
+            self.requests.append(request)
+        answer = {"command": message.get("command"), "result": result}
+        to = {"target_system": message.system, "target_component": message.component}
+        self._link.send(self._endpoint.pack("COMMAND_ACK", answer | to))
+
     def _compare(self, theirs: bytes) -> None:
         """Whether the vehicle has the same messages; one that doesn't say so is believed, for checksums tell too."""
         ours = self._endpoint.dialect.fingerprint
@@ -124,9 +147,10 @@ class Remote:
 
     def due(self, now: int) -> None:
         """Send what is to be sent by now."""
-        if now >= self._next["heartbeat"]:
-            self._next["heartbeat"] = now + HEARTBEAT_PERIOD
-            self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT))
+        if now >= self._next["heartbeat"] or self.mode != self._told:
+            self._next["heartbeat"], self._told = now + HEARTBEAT_PERIOD, self.mode
+            mode = {} if self.mode is None else {"base_mode": ModeFlag.CUSTOM, "custom_mode": self.mode}
+            self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode))
         if now >= self._next["sync"]:
             self._next["sync"] = now + (SYNC_SLOW if self._known else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))

@@ -22,6 +22,7 @@ from trimtab.run.exchange import Taken
 from trimtab.run.fast_step import FastStep
 from trimtab.run.firmware_step import failsafe_of
 from trimtab.run.flight_log import WRITER_DIED, FlightLog, Source
+from trimtab.run.flight_requests import FlightRequests
 from trimtab.run.histogram import Histogram
 from trimtab.run.instruments import Instruments
 from trimtab.run.program import described
@@ -99,6 +100,7 @@ class Vehicle:
         parameters = Parameters(scenario.world, "world")
         self._declared = {p.path: p.declared for p in parameters.listed}
         self.station = Station(self.endpoint, parameters, STATION_MODES, streams=self.instruments.streams())
+        self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
         self.clock = WallClock()
         self.late = Histogram()
         self.released: int | None = None
@@ -114,6 +116,7 @@ class Vehicle:
             if message.name in self._command.names:
                 self._newest = self._command.take(message) or self._newest
                 continue
+            self.requests.hear(message, now)
             handled = self.station.handle(message, now)
             for packet in handled.replies:
                 self.link.send(packet)
@@ -122,6 +125,7 @@ class Vehicle:
                     self._set(event)
                 else:
                     self.duties.ask(event, now)
+                    self.requests.ask(event, now)
                     self.instruments.note(event, now)
 
     def _set(self, event: ParameterSet) -> None:
@@ -204,8 +208,8 @@ class Vehicle:
         taken, self._newest = self._newest, None
         if self.duties.act(t, taken):
             self._tell(t)
-        self.station.status = self.duties.status
-        for packet in self.station.due(t):
+        self.station.status = self.requests.status(self.duties.status, t)
+        for packet in self.station.due(t) + self.requests.due(t):
             self.link.send(packet)
 
     def _tell(self, t: int) -> None:
@@ -213,6 +217,10 @@ class Vehicle:
             self.released = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
+        self._announce(severity, text)
+
+    def _announce(self, severity: Severity, text: str) -> None:
+        """A line to ground stations, into the log and to people."""
         self.station.say(severity, text)
         self._say(text)
 

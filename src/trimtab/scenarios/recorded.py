@@ -9,6 +9,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves, with_leaf
 from trimtab.logs.log import Log
+from trimtab.loop.pilot_script import listening
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import parts_of, plain_leaf
 from trimtab.scenarios import catalogue
@@ -42,7 +43,7 @@ def recorded_scenario(log: Log, name: str | None = None) -> Scenario:
     parts = log.metadata.get("parts")
     wanted = _shape(settings, parts)
     best: Scenario | None = None
-    for found in _candidates(chosen, given=name is not None):
+    for found in _as_flown(_candidates(chosen, given=name is not None)):
         here = _shape(dict.fromkeys(p for p, _, _ in leaves(found)), parts_of(found) if parts else None)
         if here == wanted:
             return _with_values(found, settings)
@@ -66,6 +67,15 @@ def _candidates(name: str, *, given: bool) -> Iterator[Scenario]:
     if all(offered.values()):
         for values in itertools.product(*offered.values()):
             yield catalogue.load(name, dict(zip(offered, values, strict=True)))[0]
+
+
+def _as_flown(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
+    """Each one, and as `fly` has it, which can be asked to hold or to end."""
+    for found in candidates:
+        yield found
+        asked = listening(found)
+        if asked is not found:
+            yield asked
 
 
 def _shape(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:

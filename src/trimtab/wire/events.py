@@ -19,6 +19,13 @@ class ModeAsked(NamedTuple):
     asked_by: Who
 
 
+class FlightAsked(NamedTuple):
+    """The autopilot is to "hold", to "resume" or to "end" its flight; comes only while there is one to be asked."""
+
+    request: str
+    asked_by: Who
+
+
 class ParameterSet(NamedTuple):
     """A number of the leaf at `path` has been given another value, which was found to be allowed."""
 
@@ -50,4 +57,4 @@ class Sticks(NamedTuple):
     asked_by: Who
 
 
-Event = ArmAsked | ModeAsked | ParameterSet | Channels | Sticks
+Event = ArmAsked | ModeAsked | FlightAsked | ParameterSet | Channels | Sticks

@@ -11,6 +11,7 @@ class VehicleType(IntEnum):
     GROUND_STATION = 6
     GROUND_ROVER = 10
     SURFACE_BOAT = 11
+    ONBOARD_COMPUTER = 18
 
 
 class ModeFlag(IntFlag):
@@ -34,8 +35,11 @@ class State(IntEnum):
 class Order(IntEnum):
     """MAV_CMD."""
 
+    LAND = 21
     SET_MODE = 176
     TERMINATE = 185
+    PAUSE_CONTINUE = 193
+    OVERRIDE_GOTO = 252
     ARM = 400
     GET_INTERVAL = 510
     SET_INTERVAL = 511

@@ -5,14 +5,13 @@ the vehicle comes out as events; the vehicle acts, and tells by `status` what it
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
-import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from trimtab import __version__
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
-from trimtab.wire.events import ArmAsked, Event, ModeAsked, Who
+from trimtab.wire.events import ArmAsked, Event, FlightAsked, ModeAsked, Who
+from trimtab.wire.flight_requests import Wanted, requested
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.message import Message
 from trimtab.wire.parameter_service import ParameterService
@@ -21,7 +20,6 @@ from trimtab.wire.pilot import channels, sticks
 from trimtab.wire.protocol import (
     GENERIC_AUTOPILOT,
     SET_MODE_MESSAGE,
-    Capability,
     ModeFlag,
     Order,
     Result,
@@ -31,6 +29,7 @@ from trimtab.wire.protocol import (
 )
 from trimtab.wire.streams import Streams
 from trimtab.wire.texts import Texts
+from trimtab.wire.versions import version_fields
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENS_FOR = seconds(10)
@@ -42,6 +41,7 @@ class Status(NamedTuple):
     """What the vehicle is, as it tells others.
 
     not_ready: why it can't be armed, empty if it can.  closed: mode -> why it can't be entered now.
+    deaf: why its autopilot can't be asked to hold, resume or end; empty if it can.
     """
 
     mode: int = 0
@@ -49,6 +49,7 @@ class Status(NamedTuple):
     state: State = State.STANDBY
     not_ready: str = ""
     closed: Mapping[int, str] = {}
+    deaf: str = "there is no autopilot that could be asked"
 
 
 class Handled(NamedTuple):
@@ -91,8 +92,7 @@ class Station:
         """When the last heartbeat of each (system, component) came."""
         self.texts = Texts(endpoint)
         self._heartbeat_at: int | None = None
-        self._streams = streams or Streams(endpoint, {})
-        self._listens_until = 0
+        self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
         self._answers = {
             "HEARTBEAT": self._hear,
             "TIMESYNC": self._synchronise,
@@ -176,10 +176,11 @@ class Station:
         elif command == Order.TERMINATE and first > 0.5:
             result = self._arm(0.0, _who(message), done)
         elif command == Order.SET_MODE:
-            flags = int(first) if 0 <= first < 256 else 0
-            result = self._change_mode(flags, second, _who(message), done)
+            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, _who(message), done)
+        elif (request := requested(Wanted(command, first, second))) is not None:
+            result = self._ask_pilot(request, _who(message), done)
         elif command == Order.REQUEST_CAPABILITIES or (command == Order.REQUEST_MESSAGE and first == 148):
-            done.replies.append(self._version())
+            done.replies.append(self._pack("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
             result = Result.ACCEPTED
         elif command == Order.REQUEST_MESSAGE and first == 0:
             done.replies.append(self._heartbeat())
@@ -219,6 +220,15 @@ class Station:
         done.events.append(ModeAsked(int(mode), who))
         return Result.ACCEPTED
 
+    def _ask_pilot(self, request: str, who: Who, done: Handled) -> Result:
+        if not request:
+            return Result.DENIED
+        if self.status.deaf:
+            self.say(Severity.WARNING, f"Not asked to {request}: {self.status.deaf}")
+            return Result.NOT_NOW
+        done.events.append(FlightAsked(request, who))
+        return Result.ACCEPTED
+
     def _set_mode(self, message: Message, now: int, done: Handled) -> None:
         result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), _who(message), done)
         done.replies.append(self._acknowledge(SET_MODE_MESSAGE, result, message))
@@ -233,16 +243,6 @@ class Station:
 
     def _refuse_key(self, message: Message, now: int, done: Handled) -> None:
         self.say(Severity.WARNING, "Keys are not taken over the link")
-
-    def _version(self) -> bytes:
-        numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
-        return self._pack(
-            "AUTOPILOT_VERSION",
-            capabilities=Capability.COMMAND_INT | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT,
-            flight_sw_version=int.from_bytes(bytes([*numbers, 0])),
-            flight_custom_version=self._endpoint.dialect.fingerprint,
-            uid=self._endpoint.system,
-        )
 
 
 def _who(message: Message) -> Who:

@@ -11,6 +11,8 @@ PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
 SILENT = {"off", "stuck", "garbage"}
 """What of an uplink leaves no command that is new."""
 CUTS = (0.1, 0.3, 1.0, 5.0)
+LOST_S = 9.0
+"""A second until something is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift fan is off."""
 
 
 def fault_words() -> list[Case]:
@@ -30,6 +32,24 @@ def _word(part: str, word: str) -> Case:
         ends,
         (*says, FAILSAFE) if ends == STOPS else says,
         broken=1.0 if part == "actuators" else 0.0,
+    )
+
+
+def losses() -> list[Case]:
+    """A part of the way from sensor to actuators gone and never back: whoever is left has to end the flight."""
+    ended = told(AUTOPILOT, "supervisor: ended: lost for too long")
+    return [_lost("sensor:navigation", ended), _lost("downlink", ended), _lost("uplink")]
+
+
+def _lost(part: str, *more: Words) -> Case:
+    place = part.replace("sensor:", "sensors.")
+    return Case(
+        f"{part.rpartition(':')[2]}-lost",
+        f"`{part} off`, injected, for good",
+        acts.injected(f"{part} off"),
+        STOPS,
+        (told(VEHICLE, rf"world\.{place}\.fault\.word = off"), *more, FAILSAFE),
+        fly=LOST_S,
     )
 
 
@@ -55,4 +75,4 @@ def _cut(seconds: float, serial: bool) -> Case:
 
 def cases() -> list[Case]:
     """All of them, in the order of the table."""
-    return [*fault_words(), *cuts(), *PROCESSES, *CLOCKS, *DISKS, *WRITERS, *FRAMES, *POURED]
+    return [*fault_words(), *losses(), *cuts(), *PROCESSES, *CLOCKS, *DISKS, *WRITERS, *FRAMES, *POURED]

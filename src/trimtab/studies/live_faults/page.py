@@ -1,5 +1,6 @@
 """The docs page of the campaign, written from its outcomes."""
 
+import re
 from collections.abc import Sequence
 
 from trimtab import __version__
@@ -15,8 +16,10 @@ a second after arming something goes wrong. This page is made by
 
     trimtab live-faults --page docs/studies/live-faults.md
 
-and shows that campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail; {wall:.0f} s on
-{cores} cores (trimtab {version}). `--only CASE` repeats one, `--out DIR` keeps its logs.
+and shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
+With `--only CASE` the command flies that case and puts its row into a page that is there; `--out DIR` keeps its logs.
+
+Flown: {runs}.
 
 ## What holds means
 
@@ -36,9 +39,9 @@ fails where it doesn't.
 
 ## How it was done
 
-- Fault words are injected live, for a second, as [`trimtab inject`](../loop/faults.md) does. Those of the uplink act
-  between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the vehicle obeys
-  nobody, so the first rule rests until they work again.
+- Fault words are injected live, for a second, or for good, as [`trimtab inject`](../loop/faults.md) does. Those of the
+  uplink act between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the
+  vehicle obeys nobody, so the first rule rests until they work again.
 - The line is a relay in a process of the campaign; it cuts, delays, shortens, turns bits, sends again.
 - Wall clock stepped: a library in front of the C library's shifts what the process reads as the time of day, in
   mid-flight. Nothing else on the machine sees it. All that flies counts by the monotonic clock.
@@ -56,37 +59,56 @@ fails where it doesn't.
 """
 
 
-def page(outcomes: Sequence[Outcome], wall: float, cores: int) -> str:
-    """The page, in Markdown."""
-    count = {v: sum(o.verdict == v for o in outcomes) for v in ("holds", "skipped", "fails")}
+def page(outcomes: Sequence[Outcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:
+    """The page, in Markdown.
+
+    Args:
+        outcomes: of the cases that were flown.
+        run: how they were, as `flown` says it.
+        before: the page as it was; its other rows and runs stay. Empty: there was none, or all is new.
+        order: names of all cases, in the order of the rows.
+    """
+    rows = _rows(before) | {one.name: _row(one) for one in outcomes}
+    rows = {name: rows[name] for name in [*order, *rows] if name in rows and (name in order or not order)}
+    verdicts = [row.rpartition(" | ")[2].removesuffix(" |") for row in rows.values()]
     units = {"yaw rate": "rad/s"}
     names = {p.removeprefix("truth.").replace("_", " "): limit for p, limit in BOUNDS.items()}
     return WORDS.format(
-        cases=len(outcomes),
-        held=count["holds"],
-        skipped=count["skipped"],
-        failed=count["fails"],
-        wall=wall,
-        cores=cores,
-        version=__version__,
+        cases=len(rows),
+        held=verdicts.count("holds"),
+        skipped=sum(v.startswith("skipped") for v in verdicts),
+        failed=sum(v.startswith("**fails**") for v in verdicts),
+        runs="; ".join([*_runs(before), run]),
         servo=SERVO_S * 1e3,
         silence=SILENCE_S * 1e3,
         lift=LIFT_S,
         bounds=", ".join(f"{n} {limit:g} {units.get(n, 'm/s')}" for n, limit in names.items()),
-        table=table(outcomes),
+        table="\n".join([_line(HEADINGS), _line("---" for _ in HEADINGS), *rows.values()]),
     )
 
 
-def table(outcomes: Sequence[Outcome]) -> str:
-    """One line an outcome."""
-    lines = [_line(HEADINGS), _line("---" for _ in HEADINGS)]
-    for one in outcomes:
-        said = "<br>".join(one.said)
-        verdict = {"holds": "holds", "skipped": f"skipped: {one.skipped}"}.get(
-            one.verdict, f"**fails**: {'; '.join(one.problems)}"
-        )
-        lines.append(_line((f"`{one.name}`", one.does, one.happened, said, verdict)))
-    return "\n".join(lines)
+def flown(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
+    """How cases were flown, in words. apart: not all of them together."""
+    which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
+    return f"{which} in {wall:.0f} s on {cores} cores (trimtab {__version__})"
+
+
+def _rows(before: str) -> dict[str, str]:
+    """Case -> its row of a page."""
+    return {found[1]: found[0] for found in re.finditer(r"^\| `([^`]+)` \|.*\|$", before, re.MULTILINE)}
+
+
+def _runs(before: str) -> list[str]:
+    """How the rows of a page were flown."""
+    found = re.search(r"^Flown: (.*)\.$", before, re.MULTILINE)
+    return found[1].split("; ") if found else []
+
+
+def _row(one: Outcome) -> str:
+    verdict = {"holds": "holds", "skipped": f"skipped: {one.skipped}"}.get(
+        one.verdict, f"**fails**: {'; '.join(one.problems)}"
+    )
+    return _line((f"`{one.name}`", one.does, one.happened, "<br>".join(one.said), verdict))
 
 
 def _line(cells: object) -> str:
