@@ -32,6 +32,11 @@ def flags(folder, host):
     return [w for pair in zip(("--tls-ca-file", "--tls-cert", "--tls-key"), pem, strict=True) for w in pair]
 
 
+def files(folder, host="desk"):
+    """Of `cluster`."""
+    return {"ca": folder / "ca.pem", "cert": folder / f"{host}.pem", "key": folder / f"{host}.key"}
+
+
 def environment():
     """Variables with which other processes find what this one finds."""
     paths = [str(Path(__file__).parents[1]), *filter(None, sys.path)]
