@@ -26,7 +26,8 @@ class Line:
     def __init__(self, dialect, **how) -> None:
         self.vehicle = Endpoint(dialect, 1, 1, unsigned=True)
         self.ground = Endpoint(dialect, *GROUND, unsigned=True)
-        self.station = Station(self.vehicle, parameters(), MODES, **how)
+        kind = protocol.VehicleType.SURFACE_BOAT
+        self.station = Station(self.vehicle, parameters(), MODES, **{"vehicle": kind, **how})
 
     def ask(self, name, now=0, **fields):
         """Send a message; what comes back, and the events."""

@@ -37,6 +37,7 @@ from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
 from trimtab.wire.protocol import Severity
 from trimtab.wire.station import Station
+from trimtab.wire.vehicle_type import type_of
 
 OWN: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
@@ -99,7 +100,8 @@ class Vehicle:
         self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
         parameters = Parameters(scenario.world, "world")
         self._declared = {p.path: p.declared for p in parameters.listed}
-        self.station = Station(self.endpoint, parameters, STATION_MODES, streams=self.instruments.streams())
+        kind, streams = type_of(scenario.world.vehicle), self.instruments.streams()
+        self.station = Station(self.endpoint, parameters, STATION_MODES, vehicle=kind, streams=streams)
         self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
         self.clock = WallClock()
         self.late = Histogram()

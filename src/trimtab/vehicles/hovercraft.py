@@ -1,6 +1,6 @@
 """Planar hovercraft with a vectored fan at the tail: sway has no actuator of its own."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
@@ -72,6 +72,9 @@ class Hovercraft:
     inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.096, above=0, source="[1] table 4.2")
     arm: Scalar = quantity("m", "Centre of mass to rudder pivot.", default=0.32, above=0, source="[1] 12.6 in")
     friction: Any = part("Friction, or None for the source's frictionless model.", default=None)
+
+    MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
+    """What it says it is to ground stations, see `wire.vehicle_type`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """The derivative of x (SI) under the force u at the rudder pivot."""

@@ -1,6 +1,6 @@
 """Air-breathing hypersonic vehicle, longitudinal, with two bending modes; in slug, foot and second, as published."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record
@@ -87,6 +87,9 @@ class Hypersonic:
     forces: RigidForces = part("Air, aerodynamics, propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("Disturbance from outside, or None.", default=None)
+
+    MAV_TYPE: ClassVar[str] = "FIXED_WING"
+    """What it says it is to ground stations, see `wire.vehicle_type`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
         """The derivative of x at time t (s) under fuel ratio and elevator."""

@@ -1,6 +1,6 @@
 """A platform that a motor turns, with an arm: what the source tests its navigation on."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, quantity, record
@@ -54,6 +54,9 @@ class RotatingPlatform:
     time_constant: Scalar = quantity("s", "Of the rate's answer to the command.", default=0.1, above=0)
     tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
     lean: Scalar = quantity("rad", "Direction to which its upper end leans, from north.", default=0.0, kind="angle")
+
+    MAV_TYPE: ClassVar[str] = "GENERIC"
+    """What it says it is to ground stations, see `wire.vehicle_type`."""
 
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
         """The derivative of x (SI) under the commanded rate."""

@@ -68,7 +68,7 @@ class Station:
         parameters: Parameters,
         modes: Mapping[int, str],
         *,
-        vehicle: VehicleType = VehicleType.SURFACE_BOAT,
+        vehicle: VehicleType = VehicleType.GENERIC,
         live: bool = True,
         streams: Streams | None = None,
     ) -> None:
