@@ -23,7 +23,7 @@ from trimtab.wire.signing import passphrase_key
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = {"errors": 1, "ins": 2}
-"""Worlds in which every law reaches its targets. In 3 and 8 of 100 the heading laws do not within 35 s, and neither does
+"""Worlds in which every law reaches its targets. In 3 and 8 of 100 the heading laws do not within 35 s, nor do they
 with navigation "errors" in seed 2: `trimtab campaign hovercraft/heading-proportional --metric first_reach:heading`."""
 HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
 
