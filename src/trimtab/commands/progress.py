@@ -44,13 +44,16 @@ def counting(total: int, before: str) -> Iterator[Callable[[int], None]]:
 
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task, began = bar.add_task(before, total=total), []
+        task = bar.add_task(before, total=total)
+        began: list[tuple[float, int]] = []
 
         def tell(done: int) -> None:
             now = time.monotonic()
-            began.append((now, done)) if not began else None
+            if not began or done <= began[0][1]:  # still compiling
+                began[:] = [(now, done)]
+                return
             since, first = began[0]
-            rate = f"{(done - first) / (now - since):.0f} runs/s" if done > first else ""
+            rate = f"{(done - first) / (now - since):.0f} runs/s"
             bar.update(task, description=rate, completed=done)
 
         yield tell
