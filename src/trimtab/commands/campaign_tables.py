@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from trimtab.campaign.verdict import Verdict
 
 SHOWN = {"p5": 0.05, "median": 0.5, "p95": 0.95}
+WIDE = 105
+"""Columns of a terminal from which on the table has bands."""
 FAILED = 8
 """How many failed runs are named."""
 
@@ -51,13 +53,18 @@ def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdic
     n = len(found.columns["run"])
     table = new_table(title=f"{found.plan.scenario}, {n} runs of seed {found.plan.seed}", title_justify="left")
     table.add_column("metric", no_wrap=True)
-    for heading in ("5 %", "median (95 % band)", "95 % (95 % band)", "largest", "never"):
+    screen = console()
+    wide = screen.width >= WIDE
+    band = " (95 % band)" if wide else ""
+    for heading in ("5 %", f"median{band}", f"95 %{band}", "largest", "never"):
         table.add_column(heading, justify="right")
     labels = {m.name: m.label for m in made.ready.metrics}
     for name, q in summary(found).items():
-        bands = [f"{_n(q[k])} ({_n(q[f'{k}_low'])} to {_n(q[f'{k}_high'])})" for k in ("median", "p95")]
+        bands = [
+            _n(q[k]) + (f" ({_n(q[f'{k}_low'])} to {_n(q[f'{k}_high'])})" if wide else "") for k in ("median", "p95")
+        ]
         table.add_row(labels[name], _n(q["p5"]), *bands, _n(q["largest"]), f"{q['never']:.0f}")
-    console().print(table)
+    screen.print(table)
     conditions = (
         " and ".join(f"{c.metric} {c.compare} {c.bound:g}" for c in made.ready.success) or "the state stays finite"
     )
