@@ -45,15 +45,14 @@ def counting(total: int, before: str) -> Iterator[Callable[[int], None]]:
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(before, total=total)
-        began: list[tuple[float, int]] = []
+        since, first, most = 0.0, -1, -1
 
         def tell(done: int) -> None:
-            now = time.monotonic()
-            if not began or done <= began[0][1]:  # still compiling
-                began[:] = [(now, done)]
+            nonlocal since, first, most
+            now, most = time.monotonic(), max(most, done)  # who flies and who keeps both tell
+            if first in (-1, most):  # still compiling
+                since, first = now, most
                 return
-            since, first = began[0]
-            rate = f"{(done - first) / (now - since):.0f} runs/s"
-            bar.update(task, description=rate, completed=done)
+            bar.update(task, description=f"{(most - first) / (now - since):.0f} runs/s", completed=most)
 
         yield tell
