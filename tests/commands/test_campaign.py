@@ -112,9 +112,9 @@ def test_a_store_of_another_campaign_is_refused(kept):
 
 def test_a_run_by_its_number_is_that_of_simulate():
     """`trimtab run --run`, with which a world that a search found is flown again."""
-    asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "1 s", "--no-ideal", "--json"]
+    asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "4 s", "--no-ideal", "--json"]
     found = json.loads(CliRunner().invoke(main, asked).stdout)
-    log = simulate(build(SCENARIO, {"duration": "1"}), seed=3, run=5)
+    log = simulate(build(SCENARIO, {"duration": "4"}), seed=3, run=5)
     assert found["run"] == 5
     assert found["real"]["final"]["yaw_rate"] == log.final["truth.yaw_rate"]
-    assert log.final["truth.yaw_rate"] != simulate(build(SCENARIO, {"duration": "1"}), seed=3).final["truth.yaw_rate"]
+    assert log.final["truth.yaw_rate"] != simulate(build(SCENARIO, {"duration": "4"}), seed=3).final["truth.yaw_rate"]
