@@ -18,7 +18,8 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- made by benchmarks/table.py -->", "<!-- end -->"
 COMMANDS = [
-    f"benchmarks/{name}.py" for name in ("compare", "instructions", "step", "filters", "board", "start_up", "deadlines")
+    f"benchmarks/{name}.py"
+    for name in ("compare", "instructions", "step", "filters", "board", "start_up", "deadlines", "campaign")
 ]
 PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim")]
 HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|---|"

@@ -182,3 +182,13 @@ def test_a_flight_is_timed_with_and_without_its_log():
     for name in ("with log", "without"):
         rows = [line.split() for line in lines if line.startswith(f"  1 {name}")]
         assert len(rows) == 3
+
+
+@needs_compilers
+def test_a_campaign_is_held_against_one_call_of_the_simulator():
+    done = python(BENCHMARKS / "campaign.py", "--quick", "--markdown")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "all rows are equal" in done.stdout
+    lines = [line for line in done.stdout.splitlines() if line.startswith("| campaign")]
+    assert len(lines) == 3
+    assert re.search(r"100: \d+ MB, 300: \d+ MB", lines[1])

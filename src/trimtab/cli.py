@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from trimtab import __version__, live_cli
+from trimtab import __version__, campaign_cli, live_cli
 from trimtab.core.errors import InputError
 from trimtab.live_cli import FAULT, JSON, SCENARIO, pairs
 from trimtab.scenarios import catalogue
@@ -46,6 +46,7 @@ def main() -> None:
     trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
     trimtab run hovercraft/forward --navigation ins  flown on IMU and ultrasonic network, not on an error model
     trimtab budget hovercraft/forward                what each imperfection costs
+    trimtab campaign hovercraft/spin --runs 4000     how often it succeeds, with bounds
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
@@ -106,6 +107,7 @@ def list_(scenario: str | None, as_json: bool) -> None:
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 @FAULT
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
+@click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
 @click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
 @click.option(
@@ -122,6 +124,7 @@ def run(
     without: tuple[str, ...],
     faults: tuple[str, ...],
     seed: int,
+    number: int,
     duration: str | None,
     ideal: bool,
     backend: str,
@@ -150,7 +153,7 @@ def run(
     if navigation is not None:
         settings["navigation"] = navigation
     rows = parse(log_period)
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows))
+    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows, number))
 
 
 @main.command()
@@ -311,6 +314,8 @@ def noise(as_json: bool, **asked: Any) -> None:
 
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):
     main.add_command(getattr(live_cli, verb))
+for command in (campaign_cli.campaign, campaign_cli.stability_map, campaign_cli.falsify, campaign_cli.tune):
+    main.add_command(command)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@ class Request(NamedTuple):
     backend: str = "auto"
     faults: tuple[str, ...] = ()
     log_period: int = ms(1)
+    run: int = 0
 
     @property
     def key(self) -> dict[str, Any]:
@@ -62,12 +63,14 @@ class Flown(NamedTuple):
 def fly(request: Request) -> None:
     """Everything is checked before anything runs; files appear whole or not at all."""
     check_seed(request.seed)
+    check_seed(request.run)
     flown = _again(request) or _first(request)
     picture, log_file = _outputs(request)
     real, ideal = flown.real, flown.ideal
     result = {
         "scenario": request.scenario,
         "seed": request.seed,
+        "run": request.run,
         "backend": real.metadata["backend"],
         "duration_s": real.metadata["duration_s"],
         "wall_s": round(flown.wall_s, 4),
@@ -98,12 +101,13 @@ def _again(request: Request) -> Flown | None:
     if ready is None:
         return None
     _outputs(request)
-    return _fly(ready, request.seed, request.log_period, time.perf_counter())
+    return _fly(ready, request, time.perf_counter())
 
 
-def _fly(ready: Ready, seed: int, log_period: int, started: float) -> Flown:
-    real = ready.real.fly(seed, 0, log_period)
-    ideal = None if ready.ideal is None else ready.ideal.fly(seed, 0, log_period)
+def _fly(ready: Ready, request: Request, started: float) -> Flown:
+    how = request.seed, request.run, request.log_period
+    real = ready.real.fly(*how)
+    ideal = None if ready.ideal is None else ready.ideal.fly(*how)
     return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
 
 
@@ -136,57 +140,19 @@ def _first(request: Request) -> Flown:
     if flies_c:
         files = [*loaded_files(), *read]
         remember(request.key, programs[0], files)
-        return _fly(programs[0], request.seed, request.log_period, started)
-    real = simulate(scenario, seed=request.seed, log_period=request.log_period, backend="jax")
+        return _fly(programs[0], request, started)
+    how: dict[str, Any] = {"seed": request.seed, "run": request.run, "log_period": request.log_period}
+    real = simulate(scenario, **how, backend="jax")
     twin = scenario.ideal() if request.ideal else None
-    ideal = simulate(twin, seed=request.seed, log_period=request.log_period, backend="jax") if twin else None
+    ideal = simulate(twin, **how, backend="jax") if twin else None
     return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
 
 
 def build(request: Request) -> "Scenario":
     """The scenario with its settings, checked."""
-    from trimtab.loop.scenario import Scenario
-    from trimtab.loop.settings import with_settings
-    from trimtab.scenarios import catalogue
+    from trimtab.scenarios.build import build as build_scenario
 
-    scenario, rest = catalogue.load(request.scenario, request.settings)
-    if not isinstance(scenario, Scenario):
-        problem = f"the function gives {type(scenario).__name__}, not a Scenario"
-        raise InputError(f"scenario {request.scenario!r}", problem, fix="return Scenario(world=…, autopilot=…)")
-    if "navigation" in rest:
-        _refuse_navigation(request.scenario)
-    _refuse_choices(request.scenario, scenario, rest)
-    scenario = with_settings(scenario, rest)
-    for name in request.without:
-        scenario = scenario.without(name)
-    if request.faults:
-        from trimtab.loop.faults import injected
-
-        scenario = injected(scenario, request.faults)
-    scenario.check()
-    return scenario
-
-
-def _refuse_choices(name: str, scenario: "Scenario", rest: Mapping[str, str]) -> None:
-    """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    from trimtab.core.record import leaves
-    from trimtab.scenarios import catalogue
-
-    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], list(catalogue.arguments(name))
-    for wrong in [n for n in rest if "." not in n and n not in settings]:
-        problem = f"scenario {name!r} has no such choice and no such setting"
-        fix = f"trimtab list {name}  shows every setting by its path"
-        raise InputError(f"--set {wrong}", problem, choices=[*choices, *settings], fix=fix)
-
-
-def _refuse_navigation(name: str) -> None:
-    from trimtab.scenarios import catalogue
-
-    chosen = {n: catalogue.arguments(n).get("navigation", ()) for n in catalogue.names()}
-    offer = [n for n, choices in chosen.items() if choices]
-    problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
-    fix = f"leave it out; what can be chosen here:  trimtab list {name}"
-    raise InputError("--navigation", problem, fix=fix)
+    return build_scenario(request.scenario, request.settings, request.without, request.faults)
 
 
 def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:

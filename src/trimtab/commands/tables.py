@@ -34,7 +34,8 @@ def console() -> "Console":
     return found if found.is_terminal else Console(highlight=False, width=140)
 
 
-def _table(**options: Any) -> "Table":
+def new_table(**options: Any) -> "Table":
+    """An empty table in our style."""
     from rich import box
     from rich.table import Table
 
@@ -46,7 +47,7 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps({"scenarios": names}))
         return
-    table = _table()
+    table = new_table()
     table.add_column("scenario", no_wrap=True)
     table.add_column("what it shows")
     for name, doc in names.items():
@@ -65,7 +66,7 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
         settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}
         click.echo(json.dumps({"scenario": name, "choices": arguments, "settings": settings, "imperfections": faults}))
         return
-    table = _table()
+    table = new_table()
     table.add_column("--set", no_wrap=True)
     table.add_column("value", justify="right")
     table.add_column("unit")
@@ -105,7 +106,7 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     """Metrics of a run, ideal beside real."""
     flown = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
     title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
-    table = _table(title=title, title_justify="left")
+    table = new_table(title=title, title_justify="left")
     table.add_column("signal", no_wrap=True)
     table.add_column("")
     table.add_column("final", justify="right")
@@ -130,7 +131,7 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
 def print_deadlines(found: Mapping[str, Any], granted: str) -> None:
     """How a flight's deadlines were kept."""
     n = found["work"]["n"]
-    table = _table(title=f"{n} periods of {found['period']}, {granted}", title_justify="left")
+    table = new_table(title=f"{n} periods of {found['period']}, {granted}", title_justify="left")
     table.add_column("time (us)", no_wrap=True)
     for heading in ("median", "99 %", "99.9 %", "longest"):
         table.add_column(heading, justify="right")
@@ -148,7 +149,7 @@ def print_deadlines(found: Mapping[str, Any], granted: str) -> None:
 def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
     """Whether a run's navigation knew how wrong it was, and what it learned."""
     screen = console()
-    table = _table(title="Navigation: errors against the filter's own sigmas", title_justify="left")
+    table = new_table(title="Navigation: errors against the filter's own sigmas", title_justify="left")
     for heading in ("what", "of", "draws", "mean", "bounds", "error / sigma", "white", "verdict"):
         table.add_column(heading, justify="left" if heading in ("what", "white", "verdict") else "right")
     rows: list[tuple[str, str, Any, str]] = []
@@ -162,7 +163,7 @@ def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
         factor = f"{j.factor:.2f}  ({_short(j.factor_low)} … {_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     screen.print(table)
-    table = _table()
+    table = new_table()
     for heading in ("state", "sigma at first", "at the end", "settled (s)", "seen"):
         table.add_column(heading, justify="left" if heading in ("state", "seen") else "right")
     for name, state in found.learned.items():
@@ -181,14 +182,14 @@ def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
     """Noise coefficients of each axis with their intervals, and what a filter takes."""
     any_axis = next(iter(axes.values()))
     shown, dt = console(), any_axis.fit.sampling_period
-    table = _table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
+    table = new_table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
     for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
         table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
     for axis, a in axes.items():
         cells = (_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     shown.print(table)
-    table = _table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
+    table = new_table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
     for heading in ("axis", "R of a sample (U²)", "Q of the integral (U² s²)", "Q of the bias (U²)"):
         table.add_column(heading, justify="left" if heading == "axis" else "right")
     for axis, a in axes.items():
@@ -209,7 +210,7 @@ def print_budget(title: str, found: "Budget") -> None:
 
     screen, measures = console(), list(found.units)
     heads = [f"{m.replace('_', ' ')} ({found.units[m]})" for m in measures]
-    table = _table(title=f"{title}: rms over the second half", title_justify="left")
+    table = new_table(title=f"{title}: rms over the second half", title_justify="left")
     table.add_column("imperfection", no_wrap=True)
     for head in heads:
         table.add_column(head, justify="right")
@@ -218,7 +219,7 @@ def print_budget(title: str, found: "Budget") -> None:
     for cost in found.costs:
         table.add_row(f"{cost.name} alone", *(_rms(*cost.alone[m]) for m in measures))
     screen.print(table)
-    table = _table(title="Share of the mean square that goes when it is switched off", title_justify="left")
+    table = new_table(title="Share of the mean square that goes when it is switched off", title_justify="left")
     table.add_column("imperfection", no_wrap=True)
     for head in measures:
         table.add_column(head.replace("_", " "), justify="right")
@@ -237,7 +238,7 @@ def print_rows(title: str, rows: Iterable["Row"]) -> None:
     from trimtab.studies.row import shown
 
     rows, screen = list(rows), console()
-    table = _table(title=title.replace("[", r"\["), title_justify="left")
+    table = new_table(title=title.replace("[", r"\["), title_justify="left")
     for heading in ("figure", "printed", "computed", "accepted", "unit", "verdict", "where"):
         justify = "right" if heading in ("printed", "computed") else "left"
         table.add_column(heading, justify=justify, no_wrap=heading == "verdict")
@@ -255,7 +256,7 @@ def print_rows(title: str, rows: Iterable["Row"]) -> None:
 
 def print_conditions(title: str, found: "Checked") -> None:
     """Each condition of a certificate with its number and verdict."""
-    table = _table(title=title, title_justify="left")
+    table = new_table(title=title, title_justify="left")
     for heading in ("condition", "verdict", "number", "of", "by"):
         table.add_column(heading, justify="right" if heading == "number" else "left")
     for c in found.conditions:

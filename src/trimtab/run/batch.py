@@ -15,7 +15,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Walked, walk
 from trimtab.run import compiled
 from trimtab.run.prepare import check_signals, inputs, prepared, use_c
-from trimtab.run.program import Column, split, width_of
+from trimtab.run.program import Column, check_seed, split, width_of
 
 ENOUGH = 64
 """From so many runs on it pays to compile the program over lanes as well."""
@@ -45,6 +45,7 @@ def simulate_batch(
     scenario: Scenario,
     *,
     seeds: Iterable[int],
+    runs: Iterable[int] | None = None,
     spread: Mapping[str, Any] | None = None,
     signals: tuple[str, ...] = (),
     log_period: int = ms(10),
@@ -59,6 +60,7 @@ def simulate_batch(
     Args:
         scenario: what flies; checked whole before anything runs.
         seeds: one for each run.
+        runs: number of each run within a study, the second word of its key; 0 when None.
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
         signals: which are reduced, and logged when `log`; all when empty.
         log_period: how often rows are taken; a multiple of it where some block is due.
@@ -77,7 +79,7 @@ def simulate_batch(
     chosen = list(seeds)
     scenario, table, written = prepared(scenario, chosen, duration, log_period)
     whole = inputs(scenario, 0, 0)
-    own = _own(whole, chosen, dict(spread or {}))
+    own = own_inputs(whole, chosen, None if runs is None else list(runs), dict(spread or {}))
     job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads), progress)
     names = _fly_c(job) if use_c(backend, lambda: _ready(job)) else _fly_jax(job)
     flown, columns, last, used = names
@@ -95,10 +97,17 @@ class _Job(NamedTuple):
     progress: Callable[[int], None] | None
 
 
-def _own(whole: Any, seeds: list[int], spread: dict[str, Any]) -> dict[int, Any]:
+def own_inputs(whole: Any, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
     """Position of each input that differs -> its values, the run as first axis."""
     known, found = compiled.paths(whole), jax.tree.leaves(whole)
     own: dict[int, Any] = {known.index("key.seed"): np.asarray(seeds, np.uint32)}
+    if runs is not None:
+        if len(runs) != len(seeds):
+            fix = "give each run a seed and a number"
+            raise InputError("simulate_batch", f"{len(runs)} numbers of runs for {len(seeds)} seeds", fix=fix)
+        for run in runs:
+            check_seed(int(run))
+        own[known.index("key.run")] = np.asarray(runs, np.uint32)
     for path, values in spread.items():
         if path not in known or path.startswith("key."):
             near = closest(path, known, 6) or known[:6]

@@ -1,14 +1,14 @@
 """Gradients of a whole run with respect to parameters: the derivative is carried along with the state, in C."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.float64 import jax
-from trimtab.core.time import Clock, ms, to_seconds
+from trimtab.core.time import Clock, Timetable, ms, to_seconds
 from trimtab.export.build import build
 from trimtab.export.compiler import find_compiler, lanes
 from trimtab.export.flight import Flight, lower_walk
@@ -16,6 +16,7 @@ from trimtab.export.library import fly, rows_of, threads_of
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant, start
 from trimtab.run import compiled
+from trimtab.run.batch import own_inputs
 from trimtab.run.prepare import inputs, prepared
 
 Cost = Callable[[Signals], Any]
@@ -50,20 +51,87 @@ def gradient(
     scenario, table, _ = prepared(scenario, [seed], duration, ms(1))
     whole = inputs(scenario, seed, 0)
     at = _positions(whole, paths)
+    found = jax.tree.leaves(whole)
+    sizes = [int(np.size(found[i])) for i in at]
+    final = _fly(whole, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
+    slope = np.split(final[:, 1], np.cumsum(sizes)[:-1])
+    by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
+    return Gradient(float(final[0, 0]), by_path)
+
+
+class Gradients(NamedTuple):
+    """costs: (n, k), the integrals of n runs.  slopes: (n, k, d), their derivatives along d parameters."""
+
+    costs: Any
+    slopes: Any
+
+
+def gradients(
+    scenario: Scenario,
+    cost: Cost,
+    along: Iterable[tuple[str, tuple[int, ...]]],
+    *,
+    seeds: Iterable[int],
+    runs: Iterable[int],
+    spread: Mapping[str, Any] | None = None,
+    since: tuple[int, ...] = (0,),
+    threads: int | None = None,
+) -> Gradients:
+    """`gradient` of many runs at once: with their own random numbers, and parameters that differ.
+
+    Args:
+        scenario: what flies.
+        cost: signals of an instant -> (k,), in JAX; as of `gradient`, defined once.
+        along: parameters to derive along, each a path and the index of one number of it, () of a scalar.
+        seeds, runs: the two words of each run's key.
+        spread: path -> values (n, …), as `simulate_batch` takes them.
+        since: integer times from which each of the k costs is integrated.
+        threads: how many fly; as many as there are cores when None.
+    """
+    chosen, numbers, wanted = list(seeds), list(runs), list(along)
+    scenario, table, _ = prepared(scenario, chosen, None, ms(1))
+    whole = inputs(scenario, 0, 0)
+    paths = tuple(dict.fromkeys(path for path, _ in wanted))
+    at, found = _positions(whole, paths), jax.tree.leaves(whole)
+    shapes = [np.shape(found[i]) for i in at]
+    offset = dict(zip(paths, np.cumsum([0, *(int(np.prod(s)) for s in shapes)])[:-1], strict=True))
+    shape = dict(zip(paths, shapes, strict=True))
+    directions = np.zeros((len(wanted), sum(int(np.prod(s)) for s in shapes)))
+    for row, (path, index) in enumerate(wanted):
+        directions[row, offset[path] + int(np.ravel_multi_index(index, shape[path]) if index else 0)] = 1.0
+    own = own_inputs(whole, chosen, numbers, dict(spread or {}))
+    final = _fly(whole, own, table, at, cost, since, directions, threads)
+    n, k, d = len(chosen), len(since), len(wanted)
+    by_run = final.reshape(n, d, 2 * k)
+    return Gradients(by_run[:, 0, :k], np.swapaxes(by_run[:, :, k:], 1, 2))
+
+
+def _fly(
+    whole: Any,
+    own: dict[int, Any],
+    table: Timetable,
+    at: tuple[int, ...],
+    cost: Cost,
+    since: tuple[int, ...],
+    directions: Any,
+    threads: int | None,
+) -> Any:
+    """Costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
     found, tree = jax.tree.flatten(whole)
     shapes = tuple((np.shape(v), str(np.asarray(v).dtype)) for v in found)
-    flight = _lowered(tree, shapes, table.always, at, cost)
-    sizes = [int(np.size(found[i])) for i in at]
-    directions = np.eye(sum(sizes))
-    own = frozenset(range(len(found), len(found) + len(at)))
+    flight = _lowered(tree, shapes, table.always, at, cost, since)
+    varying = frozenset(own) | frozenset(range(len(found), len(found) + len(at)))
+    runs = len(next(iter(own.values()))) if own else 1
+    held = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
+    mine = np.repeat(np.concatenate([np.zeros((runs, 0)), *held], axis=1), len(directions), axis=0)
+    rows = np.concatenate([mine, np.tile(directions, (runs, 1))], axis=1)
     compiler = find_compiler("c++")
-    n = lanes(compiler) if compiler is not None and len(directions) > 1 else 1
-    path = build(flight.text(n if n > 1 else 0, own), "c++" if n > 1 else "c", extra=("-pthread",))
+    n = lanes(compiler) if compiler is not None and len(rows) > 1 else 1
+    path = build(flight.text(n if n > 1 else 0, varying), "c++" if n > 1 else "c", extra=("-pthread",))
     nowhere = rows_of(np.zeros(len(table.t), bool))
-    flown = fly(path, compiled.flat(whole), directions, table, nowhere, (1, 2), log=False, threads=threads_of(None))
-    slope = np.split(flown.final[:, 1], np.cumsum(sizes)[:-1])
-    by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
-    return Gradient(float(flown.final[0, 0]), by_path)
+    widths = 1, 2 * len(since)
+    shared = compiled.flat(whole, frozenset(own))
+    return fly(path, shared, rows, table, nowhere, widths, log=False, threads=threads_of(threads)).final
 
 
 def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
@@ -80,21 +148,25 @@ def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
 
 
 @functools.lru_cache(maxsize=16)
-def _lowered(tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost) -> Flight:
+def _lowered(
+    tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
+) -> Flight:
     """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
     example = [np.zeros(shape, dtype) for shape, dtype in shapes]
-    dual = _Dual(tree, always, at, cost)
+    dual = _Dual(tree, always, at, cost, since)
     direction = [example[i] for i in at]
     begin, state = jax.make_jaxpr(dual.begin, return_shape=True)(example, direction)
     t = np.int64(0)
-    return lower_walk(begin, jax.make_jaxpr(dual.step)(example, direction, state, t, t), 2)
+    return lower_walk(begin, jax.make_jaxpr(dual.step)(example, direction, state, t, t), 2 * len(since))
 
 
 class _Dual:
     """A run with its derivative along a direction; what is not real has none, and is carried as it is."""
 
-    def __init__(self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost) -> None:
-        self.tree, self.always, self.at, self.cost = tree, always, at, cost
+    def __init__(
+        self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
+    ) -> None:
+        self.tree, self.always, self.at, self.cost, self.since = tree, always, at, cost, since
         self.structure: Any = None
 
     def whole(self, leaves: list[Any], chosen: list[Any]) -> Any:
@@ -126,7 +198,8 @@ class _Dual:
 
         chosen = [leaves[i] for i in self.at]
         reals, slopes, others = jax.jvp(first, (chosen,), (direction,), has_aux=True)
-        return 0.0, 0.0, reals, slopes, others
+        none = [0.0] * len(self.since)
+        return none, none, reals, slopes, others
 
     def step(self, leaves: list[Any], direction: list[Any], state: Any, t: Any, h: Any) -> Any:
         total, slope, reals, slopes, others = state
@@ -135,7 +208,8 @@ class _Dual:
             world, autopilot, _, _ = self.whole(leaves, chosen)
             s, a = self.together(reals, others)
             s, a, seen = instant(world, autopilot, Clock(t, self.always), h, s, a)
-            now = jax.numpy.asarray(self.cost(seen), np.float64) * to_seconds(h)
+            rate = jax.numpy.ravel(jax.numpy.asarray(self.cost(seen), np.float64)) * to_seconds(h)
+            now = [jax.numpy.where(t >= first, rate[i], 0.0) for i, first in enumerate(self.since)]
             new, rest = self.split(self.lean(world, autopilot, s, a))
             new = [jax.numpy.asarray(v, np.float64) for v in new]
             rest = [jax.numpy.asarray(v, old.dtype) for v, old in zip(rest, others, strict=True)]
@@ -143,4 +217,6 @@ class _Dual:
 
         chosen = [leaves[i] for i in self.at]
         (now, new), (rate, change), rest = jax.jvp(one, (chosen, reals), (direction, slopes), has_aux=True)
-        return (total + now, slope + rate, new, change, rest), []
+        total = [a + b for a, b in zip(total, now, strict=True)]
+        slope = [a + b for a, b in zip(slope, rate, strict=True)]
+        return (total, slope, new, change, rest), []

@@ -1,0 +1,1 @@
+"""Thousands of runs: what is dispersed, where it runs, what it says."""

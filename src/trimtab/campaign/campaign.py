@@ -1,0 +1,218 @@
+"""A campaign: one scenario flown thousands of times, each time a little otherwise, and what came of it.
+
+Source: docs page, Campaigns.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.block import drawn, flies_c, measured_log, prepare, scenario_of
+from trimtab.campaign.distributions import Distribution, parse_distribution
+from trimtab.campaign.here import here
+from trimtab.campaign.in_memory import InMemory
+from trimtab.campaign.metrics import Metric, Rows
+from trimtab.campaign.plan import Plan, identity
+from trimtab.campaign.store import Store, block_of, missing, open_store
+from trimtab.campaign.workers import Workers, WorkersLost
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms
+from trimtab.logs.log import Log
+from trimtab.logs.proportion import Proportion, proportion
+from trimtab.loop.scenario import Scenario
+from trimtab.run.program import check_seed
+from trimtab.run.simulate import simulate
+
+
+class Result(NamedTuple):
+    """What came of it. columns: by name, (n,); `run` is the number of each row.
+
+    success: the share of runs that did what they must, with its interval.  flown, wall_s: runs of this session, and
+    the time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
+    """
+
+    plan: Plan
+    columns: dict[str, Any]
+    success: Proportion
+    flown: int
+    wall_s: float
+    block: int
+    identity: dict[str, str]
+
+
+class Campaign:
+    """One scenario in many worlds; a run's numbers depend on the campaign's seed and on the run's number alone.
+
+    Args:
+        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
+        runs: how many.
+        seed: of the campaign.
+        spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
+        correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
+        metrics: texts, e.g. "settling:yaw_rate", or functions of `Rows` to (n,); of each target when empty.
+        success: conditions, e.g. "settling:yaw_rate <= 10"; each target reached for good when empty.
+        sampling: "random", "sobol" or "latin".
+        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
+        log_period: between the rows that metrics see.
+
+    Raises: InputError for what can't be flown, before anything is.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        *,
+        runs: int = 1000,
+        seed: int = 0,
+        spread: Mapping[str, str | Distribution] | None = None,
+        correlate: Mapping[tuple[str, str], float] | None = None,
+        metrics: Iterable[str | Callable[[Rows], Any]] = (),
+        success: Iterable[str] = (),
+        sampling: str = "random",
+        settings: Mapping[str, str] | None = None,
+        without: Iterable[str] = (),
+        faults: Iterable[str] = (),
+        log_period: int = ms(10),
+    ) -> None:
+        if runs < 1:
+            raise InputError("--runs", f"{runs} is no number of runs", fix="--runs 1000")
+        check_seed(seed)
+        asked = list(metrics)
+        named = isinstance(scenario, str)
+        if not named and (settings or tuple(without) or tuple(faults)):
+            raise InputError("Campaign", "settings are for a scenario that is named", fix="change the scenario itself")
+        self.plan = Plan(
+            scenario=scenario if named else scenario.name,
+            settings=tuple(sorted((settings or {}).items())),
+            without=tuple(without),
+            faults=tuple(faults),
+            seed=seed,
+            runs=runs,
+            sampling=sampling,
+            spread=tuple(sorted((p, _distribution(p, d)) for p, d in (spread or {}).items())),
+            correlate=tuple((a, b, float(rho)) for (a, b), rho in sorted((correlate or {}).items())),
+            metrics=tuple(m for m in asked if isinstance(m, str)),
+            success=tuple(success),
+            log_period=log_period,
+        )
+        own = [_own_metric(m) for m in asked if not isinstance(m, str)]
+        self.by_name = named and not own
+        self.ready = prepare(self.plan, None if named else scenario, own)
+
+    def run(
+        self,
+        store: str | Path | None = None,
+        *,
+        backend: str = "auto",
+        threads: int | None = None,
+        workers: Workers | None = None,
+        stop: Callable[[dict[str, Any]], bool] | None = None,
+        progress: Callable[[int], None] | None = None,
+        about: Mapping[str, Any] | None = None,
+    ) -> Result:
+        """Fly what is missing.
+
+        Args:
+            store: folder of a Zarr store in which rows are kept as they are done, and looked for.
+            backend: "auto", "c" or "jax", as `simulate`.
+            threads: as many as there are cores when None.
+            workers: who flies the blocks, where it is not this process.
+            stop: asked after each block with the columns of all rows from run 0 on without a gap; True ends it.
+            progress: called with the number of rows that are done.
+            about: more attributes for the store.
+
+        Raises: InputError where the store holds another campaign, is being written, or the disk is full.
+        """
+        began = time.perf_counter()
+        if workers is not None and not self.by_name:
+            problem = "other machines can't be given an object or a function of this program"
+            fix = "name them, file.py:function, and put the file where the workers were started"
+            raise InputError("workers", problem, fix=fix)
+        used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
+        fly, who = workers or here(threads, progress), identity(self.plan, self.ready.scenario, used)
+        if store is None:
+            rows = InMemory(self.plan.runs)
+            block = self.ready.block
+            flown = self._fly(fly, used, rows, block, stop, progress)
+            columns = rows.read()
+        else:
+            folder = Path(store)
+            block = block_of(folder) or self.ready.block
+            told = {"identity": who, "plan": self.plan.plain(), **(about or {})}
+            with open_store(folder, told, self._example(), self.plan.runs, block) as kept:
+                flown = self._fly(fly, used, kept, block, stop, progress)
+                columns = _first(kept.read(), self.plan.runs)
+        good = proportion(int(columns["success"].sum()), len(columns["run"]))
+        return Result(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
+
+    def _fly(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
+        done = rows.done()[: self.plan.runs]
+        flown, blocks = 0, list(missing(done, self.plan.runs, block))
+        if stop is not None and done[:1].all() and stop(_prefix(rows, done)):
+            return 0
+        made = fly(self.ready, blocks, used)
+        try:
+            for first, columns in made:
+                n = len(columns["success"])
+                rows.write(first, columns)
+                flown += int((~done[first : first + n]).sum())
+                done[first : first + n] = True
+                if progress is not None:
+                    progress(int(done.sum()))
+                if stop is not None and done[0] and stop(_prefix(rows, done)):
+                    break
+        except WorkersLost as lost:
+            kept = f"{int(done.sum())} runs are kept" if isinstance(rows, Store) else "no run is kept without a store"
+            raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
+        finally:
+            made.close()
+        return flown
+
+    def _example(self) -> dict[str, Any]:
+        """A value of each column's type."""
+        _, values = drawn(self.ready, 0, 1)
+        kept = {m.name: np.empty(1) for m in self.ready.metrics}
+        return {**values, **kept, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
+
+    def scenario(self, run: int) -> Scenario:
+        """The scenario of one run, with all that is its own."""
+        if not 0 <= run < self.plan.runs:
+            raise InputError("--rerun", f"there is no run {run} among {self.plan.runs}", fix="--rerun 0")
+        return scenario_of(self.ready, run)
+
+    def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
+        """One run once more, with its whole log; its numbers are those of its row."""
+        of, _ = drawn(self.ready, run, run + 1)
+        period = self.plan.log_period if log_period is None else log_period
+        word = int(of.words[0])
+        return simulate(self.scenario(run), seed=self.plan.seed, run=word, log_period=period, signals=signals)
+
+    def row(self, run: int, log: Log) -> dict[str, Any]:
+        """The row that a rerun's log makes, of one run: to be held against that of the campaign."""
+        _, values = drawn(self.ready, run, run + 1)
+        found = {**values, **measured_log(self.ready, log)}
+        return {name: column[0] for name, column in found.items()}
+
+
+def _first(columns: dict[str, Any], runs: int) -> dict[str, Any]:
+    """Columns of the first runs, of a store that has more."""
+    n = int(np.searchsorted(columns["run"], runs))
+    return {name: column[:n] for name, column in columns.items()}
+
+
+def _prefix(rows: "InMemory | Store", done: Any) -> dict[str, Any]:
+    """Columns of the runs from 0 on without a gap."""
+    n = len(done) if done.all() else int(np.argmin(done))
+    return {name: column[:n] for name, column in rows.read().items()}
+
+
+def _distribution(path: str, given: str | Distribution) -> Distribution:
+    return given if isinstance(given, Distribution) else parse_distribution(given, f"--spread {path}")
+
+
+def _own_metric(function: Callable[[Rows], Any]) -> Metric:
+    name = getattr(function, "__name__", "metric")
+    return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)

@@ -1,0 +1,196 @@
+"""What a dispersed number is drawn from: each distribution as its quantile function, and as text.
+
+    value = Q(u),   u uniform in (0, 1)
+
+so that any design of points u, random, Latin or Sobol, gives values of any distribution. A number of the text may end
+in %: so much of what the scenario has there, as in normal(100%, 5%).
+
+Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from trimtab.core.errors import InputError, closest
+
+
+class Amount(NamedTuple):
+    """A number as it was written; `share` when it is one of the scenario's own value."""
+
+    number: float
+    share: bool
+
+    def of(self, nominal: float) -> float:
+        """The number itself, or that share of the nominal value."""
+        return self.number * nominal if self.share else self.number
+
+
+class Distribution(NamedTuple):
+    """A distribution as it was written, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+
+    text: str
+    kind: str
+    amounts: tuple[Amount, ...] = ()
+    choices: tuple[str, ...] = ()
+    column: tuple[float, ...] = ()
+
+    @property
+    def relative(self) -> bool:
+        """Whether all its numbers are shares, so that it suits an array whole."""
+        return bool(self.amounts) and all(a.share for a in self.amounts)
+
+    def quantile(self, u: Any, nominal: float) -> Any:
+        """Values at u (n,), uniform in (0, 1), of a parameter whose own value is `nominal`."""
+        if self.kind == "file":
+            return np.asarray(self.column)[_index(u, len(self.column))]
+        if self.kind == "choice":
+            return np.array([a.of(nominal) for a in self.amounts])[_index(u, len(self.amounts))]
+        of = KINDS[self.kind].quantile
+        if self.relative:
+            return nominal * of(u, *(a.number for a in self.amounts))
+        return of(u, *(a.of(nominal) for a in self.amounts))
+
+    def pick(self, u: Any) -> Any:
+        """Which of the choices, (n,) from 0, at u."""
+        return _index(u, len(self.choices))
+
+
+class Kind(NamedTuple):
+    """How a kind is written and computed. check: what is wrong with its numbers, or nothing."""
+
+    usage: str
+    quantile: Callable[..., Any]
+    check: Callable[..., str]
+
+
+def _index(u: Any, n: int) -> Any:
+    return np.minimum((np.asarray(u) * n).astype(np.int64), n - 1)
+
+
+def _truncated(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
+    a, b = special.ndtr((low - mean) / std), special.ndtr((high - mean) / std)
+    return np.clip(mean + std * special.ndtri(a + u * (b - a)), low, high)
+
+
+def _positive(*names: str) -> Callable[..., str]:
+    return lambda *values: next((f"{n} {v:g} is not above 0" for n, v in zip(names, values, strict=True) if v <= 0), "")
+
+
+KINDS: Mapping[str, Kind] = {
+    "normal": Kind(
+        "normal(MEAN, STD)",
+        lambda u, mean, std: mean + std * special.ndtri(u),
+        lambda mean, std: _positive("STD")(std),
+    ),
+    "truncated": Kind(
+        "truncated(MEAN, STD, LOW, HIGH)",
+        _truncated,
+        lambda mean, std, low, high: _positive("STD")(std) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
+    ),
+    "lognormal": Kind(
+        "lognormal(MEDIAN, STD_OF_LOG)",
+        lambda u, median, spread: median * np.exp(spread * special.ndtri(u)),
+        _positive("MEDIAN", "STD_OF_LOG"),
+    ),
+    "uniform": Kind(
+        "uniform(LOW, HIGH)",
+        lambda u, low, high: low + (high - low) * u,
+        lambda low, high: "" if low < high else f"LOW {low:g} is not below HIGH {high:g}",
+    ),
+    "loguniform": Kind(
+        "loguniform(LOW, HIGH)",
+        lambda u, low, high: low * (high / low) ** u,
+        lambda low, high: _positive("LOW")(low) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
+    ),
+}
+USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv:COLUMN)"]
+
+
+def parse_distribution(text: str, part: str = "--spread") -> Distribution:
+    """A distribution from its text; refused with the ways to write one."""
+    found = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
+    name = found[1] if found else text.partition("(")[0].strip()
+    if not found or name not in (*KINDS, "choice", "file"):
+        near = closest(name, [*KINDS, "choice", "file"], 1)
+        usage = next((u for u in USAGE if near and u.startswith(near[0] + "(")), "normal(100%, 5%)")
+        raise InputError(part, f"{text!r} is no distribution", choices=USAGE, fix=f"write e.g. {usage}")
+    inside = [piece.strip() for piece in found[2].split(",")]
+    if name == "file":
+        return Distribution(text, "file", column=_column(part, found[2].strip()))
+    if name == "choice":
+        return _choice(part, text, inside)
+    amounts = tuple(_amount(part, text, piece) for piece in inside)
+    kind = KINDS[name]
+    if len(amounts) != kind.usage.count(",") + 1:
+        raise InputError(part, f"{text!r} has {len(amounts)} numbers", fix=f"write {kind.usage}")
+    made = Distribution(text, name, amounts)
+    if not any(a.share for a in amounts) or made.relative:
+        _check(part, made, [a.number for a in amounts])
+    return made
+
+
+def check_nominal(part: str, made: Distribution, nominal: float) -> None:
+    """Refuse a distribution whose numbers, with their shares of the nominal value, are none."""
+    if made.kind not in KINDS:
+        return
+    if any(a.share for a in made.amounts) and nominal == 0:
+        problem = f"{made.text}: the scenario's own value is 0, and a share of it is 0"
+        raise InputError(part, problem, fix="give numbers without %")
+    if not made.relative:
+        _check(part, made, [a.of(nominal) for a in made.amounts])
+
+
+def _check(part: str, made: Distribution, numbers: list[float]) -> None:
+    wrong = KINDS[made.kind].check(*numbers)
+    if wrong:
+        raise InputError(part, f"{made.text}: {wrong}", fix=f"write {KINDS[made.kind].usage}")
+
+
+def _amount(part: str, text: str, piece: str) -> Amount:
+    share = piece.endswith("%")
+    try:
+        number = float(piece.removesuffix("%"))
+    except ValueError:
+        raise InputError(part, f"{piece!r} in {text!r} is not a number", fix="write e.g. 2.6 or 110%") from None
+    if not np.isfinite(number):
+        raise InputError(part, f"{piece!r} in {text!r} is not finite", fix="write e.g. 2.6 or 110%")
+    return Amount(number / 100 if share else number, share)
+
+
+def _choice(part: str, text: str, inside: list[str]) -> Distribution:
+    if inside == [""]:
+        raise InputError(part, f"{text!r} offers nothing", fix="write e.g. choice(1, 2, 3)")
+    try:
+        amounts = tuple(_amount(part, text, piece) for piece in inside)
+    except InputError:
+        amounts = ()  # choices of an option are words
+    return Distribution(text, "choice", amounts, tuple(inside))
+
+
+def _column(part: str, place: str) -> tuple[float, ...]:
+    """The numbers of a column of a CSV file with a header."""
+    name, _, column = place.rpartition(":")
+    usage = "write file(measured.csv:mass), a CSV file whose first line names its columns"
+    if not name or not column:
+        raise InputError(part, f"file({place}) names no column", fix=usage)
+    try:
+        with Path(name).open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(part, f"cannot read {name!r}: {error}", fix=usage) from None
+    known = list(rows[0]) if rows else []
+    if column not in known:
+        raise InputError(part, f"{name!r} has no column {column!r}", choices=map(str, known), fix=usage)
+    try:
+        numbers = tuple(float(row[column]) for row in rows)
+    except (TypeError, ValueError):
+        raise InputError(part, f"column {column!r} of {name!r} holds what is no number", fix=usage) from None
+    if not np.isfinite(numbers).all():
+        raise InputError(part, f"column {column!r} of {name!r} is not finite throughout", fix=usage)
+    return tuple(sorted(numbers))

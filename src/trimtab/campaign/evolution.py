@@ -1,0 +1,106 @@
+"""CMA-ES in the unit cube, with restarts in which the population doubles (IPOP); a generation is one batch of runs.
+
+Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary Computation
+9 (2001); restarts: Auger, Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005; both by
+the package `cma`, bounds by its smooth transformation.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+SETTINGS = {
+    "bounds": [0, 1],
+    "verbose": -9,
+    "verb_log": 0,
+    "verb_disp": 0,
+    "tolfun": 1e-4,
+    "tolfunhist": 1e-4,
+    "tolx": 1e-4,
+}
+FLAT = 8
+"""Generations of equal values after which a search starts anew."""
+
+
+class Generation(NamedTuple):
+    """x: (n, d), what was tried.  f: (n,), what is to be small.  mean: (d,), the centre then.  restart: from 0."""
+
+    x: Any
+    f: Any
+    mean: Any
+    restart: int
+
+
+def evolve(
+    of: Callable[[Any], Any],
+    start: Callable[[int], Any],
+    *,
+    step: float,
+    population: int,
+    budget: int,
+    seed: int,
+) -> Iterator[Generation]:
+    """Generations until the budget is spent; stop asking to end earlier.
+
+    Args:
+        of: points (n, d) in [0, 1] -> values (n,), finite; only their order matters.
+        start: number of the restart -> where it starts, (d,).
+        step: first standard deviation, in parts of the cube.
+        population: of the first start, at least; each restart has twice as many.
+        budget: points that may be tried.
+        seed: of the search's own random numbers.
+    """
+    cma = _package()
+    tried, restart, rng = 0, 0, np.random.default_rng(seed)
+    while True:
+        x0 = np.asarray(start(restart), np.float64)
+        d = len(x0)
+        size = max(population, 4 + int(3 * math.log(max(d, 2)))) * 2**restart
+        if tried + size > budget:
+            return
+        options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": int(rng.integers(1, 2**31))}
+        with _own_numbers(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            es = cma.CMAEvolutionStrategy(np.append(x0, 0.5) if d == 1 else x0, step, options)
+            numbers = np.random.get_state()
+        while tried + size <= budget and not es.stop():
+            with _own_numbers(numbers), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                asked = es.ask()
+                numbers = np.random.get_state()
+            x = np.clip(np.array(asked)[:, :d], 0.0, 1.0)
+            f = np.asarray(of(x), np.float64)
+            with _own_numbers(numbers), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                es.tell(asked, f.tolist())
+                numbers = np.random.get_state()
+            tried += len(x)
+            yield Generation(x, f, np.clip(np.asarray(es.result.xfavorite)[:d], 0.0, 1.0), restart)
+        restart += 1
+
+
+@contextmanager
+def _own_numbers(state: Any = None) -> Iterator[None]:
+    """The package draws from numpy's shared numbers: they are put back afterwards."""
+    kept = np.random.get_state()
+    if state is not None:
+        np.random.set_state(state)
+    try:
+        yield
+    finally:
+        np.random.set_state(kept)
+
+
+def _package() -> Any:
+    try:
+        import cma
+    except ImportError:
+        problem = "the package cma is not installed"
+        raise InputError("search", problem, fix="pip install 'trimtab[campaign]'") from None
+    return cma

@@ -1,0 +1,82 @@
+"""Rows of a campaign as a Parquet file or as an xarray Dataset, with what decided them.
+
+Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.campaign.campaign import Result
+from trimtab.core.errors import InputError
+
+ABOUT = b"trimtab"
+"""Key of the metadata under which a file says of which campaign its rows are, as JSON."""
+
+
+def write_parquet(found: Result, file: str | Path) -> Path:
+    """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
+    return write_columns(found.columns, {"identity": found.identity, "plan": found.plan.plain()}, file)
+
+
+def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:
+    """Write columns to a Parquet file, whole or not at all.
+
+    Args:
+        columns: name -> (n,), as `read_store` gives them.
+        about: goes with the rows, plain data: the store's attributes.
+        file: where to; one that is there is replaced.
+    """
+    pa, parquet = arrow()
+    file = Path(file)
+    rows = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    table = pa.table(rows).replace_schema_metadata({ABOUT: json.dumps(about, sort_keys=True)})
+    part = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        parquet.write_table(table, part, compression="zstd")
+        part.replace(file)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        problem = f"cannot be written: {error.strerror or error}"
+        raise InputError(f"parquet {str(file)!r}", problem, fix="make room, or name another file") from None
+    return file
+
+
+def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a file says of its campaign, and its columns (n,)."""
+    pa, parquet = arrow()
+    part = f"parquet {str(file)!r}"
+    try:
+        table = parquet.read_table(file)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign has exported") from None
+    metadata = table.schema.metadata or {}
+    if ABOUT not in metadata:
+        raise InputError(part, "holds no campaign", fix="name a file that a campaign has exported")
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    return json.loads(metadata[ABOUT]), columns
+
+
+def dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+    """The same rows as an xarray Dataset over `run`; what decided them is its attribute `trimtab`, JSON."""
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("dataset", "needs xarray", fix='pip install "trimtab[xarray]"') from None
+    data = {name: ("run", np.asarray(column)) for name, column in columns.items() if name != "run"}
+    attributes = {ABOUT.decode(): json.dumps(about, sort_keys=True)}
+    return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
+
+
+def arrow() -> tuple[Any, Any]:
+    """The library, and its module for these files; refused with what to install."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError("parquet", "needs pyarrow", fix='pip install "trimtab[parquet]"') from None
+    return pyarrow, pyarrow.parquet

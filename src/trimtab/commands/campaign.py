@@ -1,0 +1,212 @@
+"""`trimtab campaign`: one scenario in thousands of worlds, what they say, and one of them once more."""
+
+import json
+import math
+import shlex
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from trimtab.core.errors import InputError
+
+if TYPE_CHECKING:
+    from trimtab.campaign.campaign import Campaign, Result, Workers
+    from trimtab.campaign.verdict import Verdict
+
+
+class Request(NamedTuple):
+    """What was asked for on the command line."""
+
+    scenario: str
+    runs: int = 1000
+    seed: int = 0
+    spread: Mapping[str, str] = {}
+    correlate: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+    success: tuple[str, ...] = ()
+    require: tuple[str, ...] = ()
+    stop: str | None = None
+    sampling: str = "random"
+    settings: Mapping[str, str] = {}
+    without: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    store: Path | None = None
+    device: str = "auto"
+    threads: int | None = None
+    cluster: str | None = None
+    tls: tuple[Path | None, Path | None, Path | None] = (None, None, None)
+    rerun: int | None = None
+    out: Path | None = None
+    as_json: bool = False
+
+    @property
+    def command(self) -> str:
+        """How to type it again."""
+        return shlex.join(["trimtab", *sys.argv[1:]])
+
+
+def campaign(request: Request) -> bool:
+    """Fly it, or one of its runs; whether every requirement is met."""
+    from trimtab.campaign.campaign import Campaign
+    from trimtab.commands.cache import use_cache
+    from trimtab.commands.fly_scenario import check_folder
+
+    _check_device(request)
+    if request.out is not None:
+        from trimtab.campaign.parquet import arrow
+
+        arrow()
+        check_folder("--out", request.out)
+    use_cache()
+    made = Campaign(
+        request.scenario,
+        runs=request.runs,
+        seed=request.seed,
+        spread=request.spread,
+        correlate=_correlations(request.correlate),
+        metrics=request.metrics,
+        success=request.success,
+        sampling=request.sampling,
+        settings=request.settings,
+        without=request.without,
+        faults=request.faults,
+    )
+    if request.rerun is not None:
+        from trimtab.commands.campaign_rerun import rerun
+
+        return rerun(request, made, request.rerun)
+    return _fly(request, made)
+
+
+def _fly(request: Request, made: "Campaign") -> bool:
+    from trimtab.campaign.requirement import requirement
+    from trimtab.campaign.sampling import DESIGNS
+    from trimtab.campaign.verdict import judge
+
+    wanted = [requirement(text) for text in request.require]
+    if request.sampling in DESIGNS and (wanted or request.stop):
+        problem = f"rows of a {request.sampling} design are no independent worlds: they say what matters, not how often"
+        raise InputError("--require, --stop", problem, fix="--sampling random")
+    stop = _stopping(request.stop, made)
+    for one in wanted:
+        one.check(_metrics(made), anytime=stop is not None)
+    found = _flown(request, made, stop)
+    verdicts = [judge(one, found.columns, anytime=stop is not None) for one in wanted]
+    files = _write(request, made, found)
+    if request.as_json:
+        click.echo(json.dumps(_plain(request, found, verdicts) | {"files": files}, allow_nan=False))
+    else:
+        from trimtab.commands.campaign_tables import print_campaign
+
+        print_campaign(made, found, verdicts, request.command)
+        for file in files:
+            click.echo(f"wrote {file}")
+    return all(v.good for v in verdicts)
+
+
+def _flown(request: Request, made: "Campaign", stop: Any) -> "Result":
+    from trimtab.commands.progress import counting
+
+    with counting(made.plan.runs, f"compiling {made.plan.scenario}") as tell:
+        try:
+            return made.run(
+                request.store,
+                backend="jax" if request.device == "gpu" else "auto",
+                threads=request.threads,
+                workers=_workers(request),
+                stop=stop,
+                progress=tell,
+                about={"command": request.command},
+            )
+        except KeyboardInterrupt:
+            kept = f"what was done is in {request.store}; the same command goes on from there"
+            click.echo(f"stopped; {kept if request.store else 'nothing is kept without --store NAME.zarr'}", err=True)
+            sys.exit(130)
+
+
+def _stopping(text: str | None, made: "Campaign") -> Any:
+    if text is None:
+        return None
+    from trimtab.campaign.stopping import narrowed, stopping
+
+    wanted = stopping(text)
+    wanted.check(_metrics(made))
+    return lambda columns: narrowed(wanted, columns).done
+
+
+def _metrics(made: "Campaign") -> list[str]:
+    return [*(m.name for m in made.ready.metrics), "success", "lost"]
+
+
+def _workers(request: Request) -> "Workers | None":
+    if request.cluster is None:
+        return None
+    from trimtab.campaign.cluster import cluster
+
+    ca, cert, key = (file or "" for file in request.tls)
+    return cluster(request.cluster, ca=ca, cert=cert, key=key)
+
+
+def _check_device(request: Request) -> None:
+    if request.device != "gpu":
+        return
+    import jax
+
+    if jax.default_backend() != "gpu":
+        problem = f"JAX sees no GPU here, only {jax.default_backend()}"
+        fix = 'leave --device out; for a GPU: pip install "jax[cuda12]" on a machine that has one'
+        raise InputError("--device gpu", problem, fix=fix)
+
+
+def _correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
+    found = {}
+    for text in texts:
+        names, _, number = text.rpartition("=")
+        one, comma, other = names.partition(",")
+        try:
+            rho = float(number)
+        except ValueError:
+            rho = math.nan
+        if not comma or math.isnan(rho):
+            fix = "--correlate world.vehicle.mass,world.vehicle.inertia=0.8"
+            raise InputError("--correlate", f"{text!r} is not PATH,PATH=NUMBER", fix=fix)
+        found[one.strip(), other.strip()] = rho
+    return found
+
+
+def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
+    if request.out is None:
+        return []
+    from trimtab.campaign.parquet import write_parquet
+    from trimtab.commands.campaign_tables import write_pictures
+
+    request.out.mkdir(parents=True, exist_ok=True)
+    table = request.out / "campaign.parquet"
+    write_parquet(found, table)
+    return [str(f) for f in (table, *write_pictures(made, found, request.out))]
+
+
+def _plain(request: Request, found: "Result", verdicts: "list[Verdict]") -> dict[str, Any]:
+    from trimtab.commands.campaign_tables import summary
+
+    success = found.success
+    return {
+        "scenario": request.scenario,
+        "seed": request.seed,
+        "runs": len(found.columns["run"]),
+        "flown": found.flown,
+        "wall_s": found.wall_s,
+        "success": {"share": success.share, "low": success.low, "high": success.high, "level": success.level},
+        "lost": int(found.columns["lost"].sum()),
+        "metrics": {name: _known(numbers) for name, numbers in summary(found).items()},
+        "requirements": [{"text": v.requirement.text, "outcome": v.outcome, "note": v.note} for v in verdicts],
+        "failed": [int(run) for run in found.columns["run"][~found.columns["success"]][:100]],
+        "store": str(request.store) if request.store else None,
+    }
+
+
+def _known(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in numbers.items()}

@@ -1,0 +1,168 @@
+"""The transfer function L of a feedback loop, opened where the law's demand acts; negative feedback: 1 + L closes it.
+
+Offline code: LAPACK and scipy.
+
+Source: [1] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, sections 2.4 and 4.10.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.manifold import names
+from trimtab.core.once import QUICKLY
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate
+from trimtab.design.linearise import balanced, linearise
+from trimtab.design.lqr import in_words, poles_of, unmoved
+from trimtab.design.model import of_vehicle, unpacked, vector
+
+PER_DECADE = 120
+"""Frequencies of `grid` in each decade."""
+NEAR = np.geomspace(1e-3, 10, 40)
+"""And beside each pole, in parts of its own damping."""
+UNSTABLE = 1e-9
+"""A closed loop's pole is stable where its real part is below minus this part of the largest entry of A."""
+
+
+class Loop(NamedTuple):
+    """x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
+
+    A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; else the sampling period (s), and
+    x' is the next x.
+    """
+
+    A: Any
+    B: Any
+    C: Any
+    D: Any
+    period: float = 0.0
+
+    def response(self, w: Any) -> Any:
+        """L at frequencies w (k,) in rad/s, above 0: complex (k, m, m)."""
+        w = np.atleast_1d(np.asarray(w, float))
+        s = np.exp(1j * w * self.period) if self.period else 1j * w
+        shifted = s[:, None, None] * np.eye(len(self.A)) - self.A
+        return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D
+
+    def closed(self) -> "Loop":
+        """T = (I + L)^-1 L, from a disturbance of the demand to minus what it brings back, as A, B, C, D."""
+        try:
+            F = np.linalg.inv(np.eye(len(self.D)) + self.D)
+        except np.linalg.LinAlgError as error:
+            fix = "give a loop whose direct part is not -1"
+            raise InputError("loop", "I + D has no inverse, so that nothing closes it", fix=fix) from error
+        return Loop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
+
+    def unstable(self) -> tuple[complex, ...]:
+        """Closed poles that don't die out; hidden ones, which the loop neither moves nor sees, are left out."""
+        T = self.closed()
+        A = balanced(T.A)
+        hidden = np.array([*unmoved(T.A, T.B), *unmoved(T.A.T, T.C.T), np.inf])
+        size = max(np.abs(A).max(initial=0.0), np.finfo(float).tiny)
+        found = []
+        for pole in poles_of(A):
+            grows = abs(pole) >= 1 - UNSTABLE if self.period else pole.real >= -UNSTABLE * size
+            if grows and np.abs(hidden - pole).min() > math.sqrt(UNSTABLE) * size:
+                found.append(complex(pole))
+        return tuple(found)
+
+    def require_stable(self, part: str) -> "Loop":
+        """Itself; InputError where it is not stable without any delay."""
+        bad = self.unstable()
+        if bad:
+            problem = f"the closed loop is not stable without a delay: pole {in_words(bad[0])}"
+            raise InputError(part, problem, fix="change the gains, or the sign: the loop is closed by e = -y")
+        return self
+
+    def sampled(self, period: float) -> "Loop":
+        """The loop as a computer sees it that samples y and holds e, each `period` (s)."""
+        from scipy.signal import cont2discrete
+
+        if self.period or not (math.isfinite(period) and period > 0):
+            fix = "sample a continuous loop, with a period above 0 s"
+            raise InputError("loop.sampled", f"period {period} s of a loop of period {self.period} s", fix=fix)
+        made: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
+        A, B, C, D = made[:4]
+        return Loop(A, B, C, D, float(period))
+
+    def grid(self) -> Any:
+        """Frequencies (rad/s) at which nothing of L and T is missed: evenly in decades, and dense beside poles."""
+        poles: Any = np.concatenate([np.linalg.eigvals(self.A), np.linalg.eigvals(self.closed().A)])
+        if self.period:
+            moved = np.where(np.abs(poles) > 1e-12, poles, 1e-12)
+            poles = np.log(moved.astype(complex)) / self.period
+        sizes = np.abs(poles)
+        sizes = sizes[sizes > 1e-9 * sizes.max(initial=1e-300)]
+        low, high = (sizes.min() * 1e-4, sizes.max() * 1e4) if len(sizes) else (1e-4, 1e4)
+        last = math.pi / self.period if self.period else high
+        found = [np.geomspace(low, max(last, 10 * low), int(PER_DECADE * math.log10(max(last, 10 * low) / low)) + 2)]
+        for pole in poles[poles.imag > 0]:
+            width = max(abs(pole.real), 1e-6 * pole.imag)
+            found += [pole.imag + width * NEAR, pole.imag - width * NEAR]
+        w = np.unique(np.concatenate(found))
+        return w[(w > 0) & (w <= last)]
+
+
+def of_polynomials(numerator: Any, denominator: Any) -> Loop:
+    """The loop L(s) = numerator/denominator, coefficients by falling powers of s."""
+    from scipy.signal import tf2ss
+
+    num, den = (np.atleast_1d(np.asarray(p, float)) for p in (numerator, denominator))
+    if not (np.isfinite(num).all() and np.isfinite(den).all() and den.any()) or len(np.trim_zeros(num, "f")) > len(
+        np.trim_zeros(den, "f")
+    ):
+        problem = f"{num.tolist()} / {den.tolist()} is no proper transfer function"
+        raise InputError("loop", problem, fix="give finite coefficients by falling powers, the denominator's longer")
+    if len(np.trim_zeros(den, "f")) == 1:
+        return Loop(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[num[-1] / den[-1]]]))
+    return Loop(*tf2ss(np.trim_zeros(num, "f") if num.any() else [0.0], np.trim_zeros(den, "f")))
+
+
+def of_gain(A: Any, B: Any, K: Any) -> Loop:
+    """The loop of u = +K x around x' = A x + B u, the sign in K as `lqr` gives it."""
+    A, B, K = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, K))
+    n, m = len(A), B.shape[1]
+    if (A.shape, B.shape, K.shape) != ((n, n), (n, m), (m, n)):
+        raise InputError("loop", f"A {A.shape}, B {B.shape}, K {K.shape} don't fit", fix="give (n, n), (n, m), (m, n)")
+    return Loop(A, B, -K, np.zeros((m, m)))
+
+
+def of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> Loop:
+    """The loop of a law around a vehicle, linear about a state at which the demand rests.
+
+    The law is taken as a function of the estimated state alone: what it remembers stays as it is, so that of a law
+    that switches this is the loop of one mode.
+
+    Args:
+        vehicle: anything with `dynamics(t, x, u)` whose input is the law's demand.
+        law: with `step(t, state, estimate)` -> (state, output), the output's field `demand` a record like the input.
+        x: state record, e.g. `law.equilibrium()`.
+        state: of the law; that of its `init` where not given.
+
+    Raises:
+        InputError: where the demand does not rest at x: there is no loop about a point that the vehicle leaves.
+    """
+    memory = law.init(Key(np.uint32(0), np.uint32(0))) if state is None else state
+
+    def demand(xs: Any) -> Any:
+        estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=unpacked(x, xs))
+        return law.step(0, memory, estimate)[1].demand
+
+    start = jnp.asarray(vector(x), jnp.float64)
+    once = jax.jit(lambda xs: (demand(xs), jax.jacfwd(lambda v: vector(demand(v)))(xs)), compiler_options=QUICKLY)
+    u, gain = once(start)
+    linear = linearise(of_vehicle(vehicle, x, u))
+    K = np.asarray(gain).reshape(len(names(u)), len(start))
+    loop = of_gain(linear.A, linear.B, K)
+    closed, moved, seen = loop.closed().A, linear.drift, []
+    for _ in range(len(start)):
+        seen.append(np.abs(K @ moved).max())
+        moved = closed @ moved
+    if max(seen) > 1e-9 * max(np.abs(K).max(), 1.0):
+        problem = f"the demand of {type(law).__name__} does not rest at this state: it changes by {max(seen):.3g} per s"
+        raise InputError("loop", problem, fix="give a trim, e.g. law.equilibrium(), or the result of design.trim")
+    return loop

@@ -1,0 +1,194 @@
+"""Pictures of a campaign: a metric's histogram, how an estimate converges, what each factor matters.
+
+Colours: Okabe and Ito, "Color universal design", 2008; told apart also without colour vision.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.campaign.morris import Morris
+from trimtab.campaign.quantiles import Quantile, column, quantile
+from trimtab.campaign.saltelli import NOISE
+from trimtab.campaign.sensitivity import Sensitivity
+from trimtab.campaign.verdict import share
+from trimtab.plots.parallel_coordinates import short_names
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+LIGHT = "#BFD9EA"
+LOOKS = 60
+HUGE = 1e12
+"""What stands for infinite where matplotlib can't draw that: far outside the picture."""
+BEYOND = 4.0
+"""A histogram ends so many times the width of its middle 90 % from the median: what lies beyond is counted."""
+
+
+def plot_histogram(
+    values: Any,
+    shares: Sequence[float] = (0.05, 0.5, 0.95),
+    path: str | os.PathLike[str] | None = None,
+    title: str = "",
+    *,
+    label: str = "",
+    level: float = 0.95,
+    limit: float | None = None,
+) -> "Figure":
+    """Draw how a metric is distributed over the runs, with quantiles and their bands.
+
+    Args:
+        values: of each run, shape (n,). Runs without a finite value count as +inf: they are counted, not drawn.
+        shares: which quantiles.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+        label: name and unit of the metric.
+        level: confidence of each band.
+        limit: a required value, drawn as a line.
+    """
+    figure, axes = _axes(7.0, 4.4, title)
+    x = column(values, "plot_histogram")
+    bands = [quantile(x, p, level) for p in shares]
+    finite = np.sort(x[np.isfinite(x)])
+    left, right = _edges(finite)
+    drawn = finite[(left <= finite) & (finite <= right)]
+    count = int(np.clip(np.sqrt(len(drawn)), 10, 80))
+    axes.hist(drawn, bins=np.linspace(left, right, count + 1), color=LIGHT, edgecolor="white", linewidth=0.4)
+    for band, colour in zip(bands, (GREEN, BLUE, "#CC79A7", "#E69F00") * len(bands), strict=False):
+        _draw_band(axes, band, colour, left, right)
+    if limit is not None:
+        axes.axvline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
+    axes.set(xlabel=label, ylabel="runs")
+    notes = [f"{len(x)} runs"] + [f"{len(finite) - len(drawn)} beyond the edges"] * (len(drawn) < len(finite))
+    notes += [f"{len(x) - len(finite)} without a finite value, counted as +inf"] * (len(finite) < len(x))
+    axes.set_title("; ".join(notes), fontsize=9, color=GREY, loc="right")
+    axes.legend(fontsize=8, title=f"bands: {100 * level:g} %", title_fontsize=8)
+    return _saved(figure, path)
+
+
+def plot_convergence(
+    values: Any,
+    p: float | None = None,
+    path: str | os.PathLike[str] | None = None,
+    title: str = "",
+    *,
+    label: str = "",
+    level: float = 0.95,
+    limit: float | None = None,
+) -> "Figure":
+    """Draw an estimate with its interval against the number of runs: for one number of runs, and for all at once.
+
+    Args:
+        values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
+        p: which quantile of the metric; None: the share of successes.
+        path, title: as in `plot_histogram`.
+        label: of the vertical axis.
+        level: confidence of the intervals.
+        limit: a required value, drawn as a line.
+    """
+    figure, axes = _axes(7.0, 4.4, title)
+    x = column(values, "plot_convergence")
+    runs = np.unique(np.geomspace(min(10, len(x)), len(x), LOOKS).round().astype(int))
+    fixed, anytime = (np.array([_interval(x[:n], p, level, every) for n in runs]) for every in (False, True))
+    fixed, anytime = np.clip(fixed, -HUGE, HUGE), np.clip(anytime, -HUGE, HUGE)
+    everywhere = f"{100 * level:g} %, at all numbers of runs at once"
+    axes.fill_between(runs, anytime[:, 1], anytime[:, 2], color="#E4E4E4", linewidth=0, label=everywhere)
+    once = f"{100 * level:g} %, at one number of runs"
+    axes.fill_between(runs, fixed[:, 1], fixed[:, 2], color=LIGHT, linewidth=0, label=once)
+    axes.plot(runs, fixed[:, 0], color=BLUE, linewidth=1.4, label="estimate")
+    if limit is not None:
+        axes.axhline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
+    if p is not None:
+        axes.set_ylim(*_heights(np.where(np.abs(fixed) < HUGE, fixed, np.nan), limit))
+    axes.set(xscale="log", xlabel="runs", xlim=(runs[0], max(runs[-1], runs[0] + 1)))
+    axes.set_ylabel(label or ("success" if p is None else f"p{100 * p:g}"))
+    axes.legend(fontsize=8)
+    axes.grid(color="#DDDDDD", linewidth=0.5)
+    return _saved(figure, path)
+
+
+def plot_sensitivity(
+    found: Sensitivity | Morris, path: str | os.PathLike[str] | None = None, title: str = ""
+) -> "Figure":
+    """Draw what each factor matters, largest first, with intervals: total and first order, or mu* and sigma.
+
+    Args:
+        found: of `sensitivity` or of `morris`.
+        path, title: as in `plot_histogram`.
+    """
+    if isinstance(found, Sensitivity):
+        pair, label = (("total", "total order"), ("first", "first order")), "share of the variance"
+    else:
+        pair, label = (("mu_star", "mu*: size"), ("sigma", "sigma: spread")), "effect over the factor's range"
+    order = [found.factors.index(name) for name in found.order]
+    y = np.arange(len(order))
+    figure, axes = _axes(7.0, 1.5 + 0.34 * max(len(order), 3), title)
+    for (field, name), colour, offset in zip(pair, (BLUE, "#E69F00"), (-0.19, 0.19), strict=True):
+        value, low, high = (np.asarray(getattr(found, field + end))[order] for end in ("", "_low", "_high"))
+        axes.barh(y + offset, value, height=0.36, color=colour, label=name)
+        spread = np.maximum([value - low, high - value], 0)
+        axes.errorbar(value, y + offset, xerr=spread, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
+    names = [found.factors[i] for i in order]
+    shown = [name if name != NOISE else "noise (random numbers)" for name in short_names(names)]
+    axes.set_yticks(y, shown, fontsize=9)
+    axes.set(ylim=(len(order) - 0.4, -0.6), xlabel=label)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.grid(axis="x", color="#DDDDDD", linewidth=0.5)
+    axes.set_axisbelow(True)
+    axes.set_title(found.note or f"{found.rows} runs, intervals {100 * found.level:g} %", fontsize=9, color=GREY)
+    axes.legend(fontsize=8, loc="lower right")
+    return _saved(figure, path)
+
+
+def _edges(finite: Any) -> tuple[float, float]:
+    """From where to where a histogram goes, of sorted values: over all of them, but far outliers."""
+    if not len(finite):
+        return 0.0, 1.0
+    low, middle, high = np.percentile(finite, [5, 50, 95])
+    reach = BEYOND * (high - low) or max(1e-3, abs(middle)) / 2
+    left, right = max(finite[0], middle - reach), min(finite[-1], middle + reach)
+    return (float(left), float(right)) if right > left else (left - reach, right + reach)
+
+
+def _draw_band(axes: Any, band: Quantile, colour: str, left: float, right: float) -> None:
+    inside = [float(np.clip(v, left, right)) for v in (band.low, band.high)]
+    axes.axvspan(*inside, color=colour, alpha=0.25, linewidth=0)
+    if np.isfinite(band.value) and left <= band.value <= right:
+        axes.axvline(band.value, color=colour, linewidth=1.4)
+    axes.plot([], [], color=colour, label=str(band))
+
+
+def _interval(x: Any, p: float | None, level: float, anytime: bool) -> tuple[float, float, float]:
+    if p is None:
+        found = share(x, level, anytime=anytime)
+        return found.share, found.low, found.high
+    band = quantile(x, p, level, anytime=anytime)
+    return band.value, band.low, band.high
+
+
+def _heights(found: Any, limit: float | None) -> tuple[float, float]:
+    """From where to where estimates and bands of the later half reach; a band without a bound goes to the edge."""
+    shown = found[len(found) // 2 :]
+    shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
+    if not len(shown):
+        return 0.0, 1.0
+    margin = 0.1 * float(np.ptp(shown)) or 1.0
+    return float(shown.min()) - margin, float(shown.max()) + margin
+
+
+def _axes(width: float, height: float, title: str) -> tuple["Figure", Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
+    figure.suptitle(title, fontsize="medium")
+    return figure, figure.add_subplot()
+
+
+def _saved(figure: "Figure", path: str | os.PathLike[str] | None) -> "Figure":
+    if path is not None:
+        save(figure, Path(path))
+    return figure

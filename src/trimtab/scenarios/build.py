@@ -1,0 +1,57 @@
+"""A scenario from what is typed: its name, settings, and what is left out of it or broken in it."""
+
+from collections.abc import Iterable, Mapping
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves
+from trimtab.loop.faults import injected
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_settings
+from trimtab.scenarios import catalogue
+
+
+def build(
+    name: str, settings: Mapping[str, str] | None = None, without: Iterable[str] = (), faults: Iterable[str] = ()
+) -> Scenario:
+    """The scenario of a name with its settings, checked.
+
+    Args:
+        name: in the catalogue, or ``file.py:function``.
+        settings: text by path, as after ``--set``.
+        without: imperfections to switch off.
+        faults: to inject, as after ``--fault``.
+
+    Raises: InputError with what to type instead.
+    """
+    scenario, rest = catalogue.load(name, settings or {})
+    if not isinstance(scenario, Scenario):
+        problem = f"the function gives {type(scenario).__name__}, not a Scenario"
+        raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
+    if "navigation" in rest:
+        _refuse_navigation(name)
+    _refuse_choices(name, scenario, rest)
+    scenario = with_settings(scenario, rest)
+    for imperfection in without:
+        scenario = scenario.without(imperfection)
+    broken = list(faults)
+    if broken:
+        scenario = injected(scenario, broken)
+    scenario.check()
+    return scenario
+
+
+def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
+    """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
+    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], list(catalogue.arguments(name))
+    for wrong in [n for n in rest if "." not in n and n not in settings]:
+        problem = f"scenario {name!r} has no such choice and no such setting"
+        fix = f"trimtab list {name}  shows every setting by its path"
+        raise InputError(f"--set {wrong}", problem, choices=[*choices, *settings], fix=fix)
+
+
+def _refuse_navigation(name: str) -> None:
+    chosen = {n: catalogue.arguments(n).get("navigation", ()) for n in catalogue.names()}
+    offer = [n for n, choices in chosen.items() if choices]
+    problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
+    fix = f"leave it out; what can be chosen here:  trimtab list {name}"
+    raise InputError("--navigation", problem, fix=fix)

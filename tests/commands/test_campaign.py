@@ -1,0 +1,120 @@
+"""`trimtab campaign` as it is typed: table, JSON, exit codes, a store, a run once more."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.run.simulate import simulate
+from trimtab.scenarios.build import build
+
+SCENARIO = "hovercraft/zero-velocity"
+ASKED = [
+    SCENARIO,
+    "--runs",
+    "80",
+    "--seed",
+    "3",
+    "--set",
+    "duration=4",
+    "--spread",
+    "world.vehicle.mass=normal(100%, 5%)",
+]
+ASKED += ["--metric", "error_rms:yaw_rate", "--success", "error_rms:yaw_rate <= 3.49"]
+
+
+def typed(*words):
+    return CliRunner().invoke(main, ["campaign", *ASKED, *words])
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    return folder, typed("--store", str(folder / "a.zarr"), "--out", str(folder / "pictures"), "--json")
+
+
+def test_json_says_what_came_of_it(kept):
+    folder, result = kept
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["runs"] == found["flown"] == 80
+    assert found["success"]["low"] < found["success"]["share"] < found["success"]["high"]
+    assert len(found["failed"]) == round(80 * (1 - found["success"]["share"]))
+    assert set(found["metrics"]["error_rms:yaw_rate"]) >= {"median", "median_low", "p95", "largest"}
+    names = {f.name for f in (folder / "pictures").iterdir()}
+    assert "campaign.parquet" in names
+    assert sum(n.endswith(".png") for n in names) >= 3
+    assert {str(folder / "pictures" / n) for n in names} == set(found["files"])
+
+
+def test_the_same_command_again_flies_nothing_and_says_the_same(kept):
+    folder, result = kept
+    again = json.loads(typed("--store", str(folder / "a.zarr"), "--json").stdout)
+    assert again["flown"] == 0
+    assert again["success"] == json.loads(result.stdout)["success"]
+
+
+def test_a_run_once_more_is_equal_to_its_row(kept):
+    folder, _ = kept
+    once = typed("--store", str(folder / "a.zarr"), "--rerun", "41", "--out", str(folder / "41"))
+    assert once.exit_code == 0, once.output
+    assert "equal to its row, to the bit" in once.stdout
+    assert {f.name for f in (folder / "41").iterdir()} == {"run-41.mcap", "run-41.png"}
+
+
+def test_requirements_decide_the_exit_code(kept):
+    folder, result = kept
+    share = json.loads(result.stdout)["success"]["share"]
+    store = ("--store", str(folder / "a.zarr"))
+    assert typed(*store, "--require", f"success >= {share - 0.2:.3f} @ 95%").exit_code == 0
+    refused = typed(*store, "--require", f"success >= {share + 0.15:.3f} @ 95%")
+    assert refused.exit_code == 1
+    assert "not met" in refused.stdout
+
+
+def test_the_table_names_what_failed_and_how_to_see_it(kept):
+    folder, result = kept
+    shown = typed("--store", str(folder / "a.zarr")).stdout
+    failed = json.loads(result.stdout)["failed"]
+    assert "error_rms:yaw_rate" in shown
+    assert f"failed: {failed[0]}" in shown
+    assert f"--rerun {failed[0]}" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--spread", "world.vehicle.inertia"], "not PATH=DISTRIBUTION"),
+        (["--spread", "world.vehicle.mass=normal(1, 2)"], "named twice"),
+        (["--correlate", "world.vehicle.mass=0.3"], "not PATH,PATH=NUMBER"),
+        (["--require", "success > 0.99"], "relation"),
+        (["--require", "p95(settling:yaw_rate) <= 3"], "settling:yaw_rate"),
+        (["--stop", "width(success) <= 2"], "no width"),
+        (["--device", "gpu"], "no GPU"),
+        (["--rerun", "80"], "no run 80"),
+        (["--cluster", "tcp://10.0.0.1:8786"], "tls://"),
+    ],
+)
+def test_what_is_refused_says_what_to_type(words, problem):
+    result = typed(*words)
+    assert result.exit_code == 2, result.output
+    assert problem in result.stderr
+    assert "Fix:" in result.stderr
+
+
+def test_a_store_of_another_campaign_is_refused(kept):
+    folder, _ = kept
+    other = typed("--store", str(folder / "a.zarr"), "--spread", "autopilot.law.k2=normal(100%, 5%)")
+    assert other.exit_code == 2
+    assert "another campaign" in other.stderr
+
+
+def test_a_run_by_its_number_is_that_of_simulate():
+    """`trimtab run --run`, with which a world that a search found is flown again."""
+    asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "4 s", "--no-ideal", "--json"]
+    found = json.loads(CliRunner().invoke(main, asked).stdout)
+    log = simulate(build(SCENARIO, {"duration": "4"}), seed=3, run=5)
+    assert found["run"] == 5
+    assert found["real"]["final"]["yaw_rate"] == log.final["truth.yaw_rate"]
+    assert log.final["truth.yaw_rate"] != simulate(build(SCENARIO, {"duration": "4"}), seed=3).final["truth.yaw_rate"]

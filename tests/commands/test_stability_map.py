@@ -1,0 +1,68 @@
+"""`trimtab map`: what is printed, what is given as JSON, and what is refused before anything flies."""
+
+import json
+
+import numpy as np
+import pytest
+
+from trimtab.commands.stability_map import Request, axis, stability_map
+from trimtab.core.errors import InputError
+
+NAME = "hovercraft/zero-velocity"
+FEW = {"runs": 1, "depth": 1, "without": ("navigation-error",), "settings": {"duration": "6 s"}}
+ASKED = Request(NAME, "delay=0:0.6:4", "jitter=0:0.3:3", **FEW)
+
+
+def test_numbers_as_json_and_a_picture(tmp_path, capsys):
+    picture = tmp_path / "made" / "map.png"
+    stability_map(ASKED._replace(as_json=True, plot=picture))
+    found = json.loads(capsys.readouterr().out)
+    assert found["files"] == [str(picture)]
+    assert picture.stat().st_size > 5000
+    assert (found["x"]["name"], found["y"]["unit"]) == ("uplink delay", "s")
+    assert (len(found["x"]["values"]), len(found["y"]["values"]), found["full_grid"]) == (7, 5, 35)
+    assert found["flown"] == len(found["points"]) <= 35
+    share = {(a, b): s for a, b, s in found["points"]}
+    assert share[0.6, 0.0] == 0  # far beyond the delay margin
+    assert set(found["theory"]) == {"delay margin", "jitter margin"}
+    (line,) = found["theory"]["delay margin"]
+    # at rest the margin is 433 ms, of which 36 ms and 12 ms of waiting are the rest of the loop's, in frames of 20 ms
+    assert max(d for d, j in line if j == 0) == pytest.approx(0.385, abs=0.02)
+
+
+def test_words_for_people(capsys):
+    changes = {"x": "delay=0.1:0.6:3", "y": "autopilot.law.k2=80%:120%:2", "settings": {"duration": "20 s"}}
+    stability_map(ASKED._replace(**changes, theory=False))
+    said = capsys.readouterr().out
+    for text in ("points flown of 15", "autopilot.law.k2 0.8: succeeds at 0.1, turns at uplink delay 0."):
+        assert text in said
+
+
+def test_axes_from_text():
+    found = axis("--x", "downlink-loss=0:0.5:6")
+    assert (found.name, found.link, found.kind, len(found.values)) == ("downlink loss", "downlink", "loss", 6)
+    np.testing.assert_allclose(axis("--x", "world.vehicle.mass=80%:120%").values, np.linspace(0.8, 1.2, 5))
+    assert axis("--y", "world.vehicle.mass=2:3").name == "world.vehicle.mass"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"x": "delay"}, "no name and range"),
+        ({"x": "delay=0:fast"}, "no range of numbers"),
+        ({"x": "delay=0.6:0"}, "no rising range"),
+        ({"x": "delay=0%:50%"}, "takes no percent"),
+        ({"x": "lag=0:1"}, "downlink-jitter"),
+        ({"x": "autopilot.law.k9=1:2"}, "autopilot.law.k2"),
+        ({"y": "delay=0:0.3"}, "like --x"),
+        ({"plot": "map.txt"}, "no picture's ending"),
+        ({"runs": 0}, "one run or more"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_refused_before_anything_flies(tmp_path, monkeypatch, changes, said):
+    monkeypatch.setattr("trimtab.campaign.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
+    if "plot" in changes:
+        changes = {"plot": tmp_path / changes["plot"]}
+    with pytest.raises(InputError, match=said):
+        stability_map(ASKED._replace(**changes))
