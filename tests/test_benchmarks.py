@@ -185,6 +185,7 @@ def test_a_flight_is_timed_with_and_without_its_log():
 
 
 @needs_compilers
+@pytest.mark.slow
 def test_a_campaign_is_held_against_one_call_of_the_simulator():
     done = python(BENCHMARKS / "campaign.py", "--quick", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr

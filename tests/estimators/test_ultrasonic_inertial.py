@@ -56,6 +56,7 @@ def faultless(scenario):
     return scenario
 
 
+@pytest.mark.slow
 def test_with_perfect_sensors_it_finds_the_truth(scenario):
     """What is left: the way from a start that knows nothing, which the filter's own noise takes seconds to forget."""
     (log,) = flown(replace(faultless(scenario), duration=seconds(12)), [3])
