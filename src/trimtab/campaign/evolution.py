@@ -5,6 +5,7 @@ Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolutio
 the package `cma`, bounds by its smooth transformation.
 """
 
+import importlib
 import math
 import warnings
 from collections.abc import Callable, Iterator
@@ -12,8 +13,6 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from trimtab.core.errors import InputError
 
 SETTINGS = {
     "bounds": [0, 1],
@@ -56,7 +55,7 @@ def evolve(
         budget: points that may be tried.
         seed: of the search's own random numbers.
     """
-    cma = _package()
+    cma: Any = importlib.import_module("cma")  # only a search needs it
     tried, restart, rng = 0, 0, np.random.default_rng(seed)
     while True:
         x0 = np.asarray(start(restart), np.float64)
@@ -95,12 +94,3 @@ def _own_numbers(state: Any = None) -> Iterator[None]:
         yield
     finally:
         np.random.set_state(kept)
-
-
-def _package() -> Any:
-    try:
-        import cma
-    except ImportError:
-        problem = "the package cma is not installed"
-        raise InputError("search", problem, fix="pip install 'trimtab[campaign]'") from None
-    return cma

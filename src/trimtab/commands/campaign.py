@@ -1,5 +1,6 @@
 """`trimtab campaign`: one scenario in thousands of worlds, what they say, and one of them once more."""
 
+import importlib.util
 import json
 import math
 import shlex
@@ -56,9 +57,6 @@ def campaign(request: Request) -> bool:
 
     _check_device(request)
     if request.out is not None:
-        from trimtab.campaign.parquet import arrow
-
-        arrow()
         check_folder("--out", request.out)
     use_cache()
     made = Campaign(
@@ -180,13 +178,18 @@ def _correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
 def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
     if request.out is None:
         return []
-    from trimtab.campaign.parquet import write_parquet
     from trimtab.commands.campaign_tables import write_pictures
 
     request.out.mkdir(parents=True, exist_ok=True)
+    files = write_pictures(made, found, request.out)
+    if importlib.util.find_spec("pyarrow") is None:
+        click.echo('no campaign.parquet without pyarrow: pip install "trimtab[parquet]"', err=True)
+        return [str(f) for f in files]
+    from trimtab.campaign.parquet import write_parquet
+
     table = request.out / "campaign.parquet"
     write_parquet(found, table)
-    return [str(f) for f in (table, *write_pictures(made, found, request.out))]
+    return [str(f) for f in (table, *files)]
 
 
 def _plain(request: Request, found: "Result", verdicts: "list[Verdict]") -> dict[str, Any]:
