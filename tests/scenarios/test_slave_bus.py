@@ -41,6 +41,7 @@ def arrivals(log, end):
 
 
 @compiled
+@pytest.mark.slow
 def test_forward_reaches_its_targets(forward):
     scenario, log = forward
     assert all(time is not None for time in reached(scenario, log).values())
@@ -50,6 +51,7 @@ def test_forward_reaches_its_targets(forward):
 
 
 @compiled
+@pytest.mark.slow
 def test_each_ping_is_later_by_the_way_over_the_bus(forward):
     """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; seen at the millisecond after."""
     _, log = forward
@@ -70,6 +72,7 @@ def test_each_ping_is_later_by_the_way_over_the_bus(forward):
 
 
 @compiled
+@pytest.mark.slow
 def test_nothing_is_dropped(forward):
     _, log = forward
     pings = sorted(arrivals(log, "sensors"))
