@@ -21,8 +21,8 @@ import jax
 import numpy as np
 from paired import Program, Ratio, load, machine, ratio, rounds, row
 
-from trimtab.campaign.block import drawn
 from trimtab.campaign.campaign import Campaign
+from trimtab.campaign.ready import drawn
 from trimtab.campaign.spread import arrays_of
 from trimtab.core.time import seconds
 from trimtab.run.batch import simulate_batch

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import trimtab.commands.falsify as command
-from trimtab.campaign.block import measured_log, prepare
 from trimtab.campaign.condition import parse_condition
 from trimtab.campaign.falsify import falsify
 from trimtab.campaign.margin import margin, margins, with_margin
+from trimtab.campaign.measure import measured_log
 from trimtab.campaign.metrics import Rows, parse_metric
+from trimtab.campaign.ready import prepare
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf
 from trimtab.logs.metrics import Target

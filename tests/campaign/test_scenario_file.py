@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.block import prepare
 from trimtab.campaign.box_search import levels
 from trimtab.campaign.distributions import parse_distribution
-from trimtab.campaign.evaluate import parameters_at, scenario_at
 from trimtab.campaign.plan import Plan
+from trimtab.campaign.ready import parameters_at, prepare, scenario_at
 from trimtab.campaign.scenario_file import check_file, write_scenario
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves

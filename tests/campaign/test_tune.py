@@ -8,11 +8,11 @@ import pytest
 from scipy import stats
 
 import trimtab.commands.tune as command
-from trimtab.campaign.block import prepare
 from trimtab.campaign.comparison import compare
 from trimtab.campaign.cost import cost_of, parse_cost, running
 from trimtab.campaign.gains import parse_gain
 from trimtab.campaign.plan import Plan
+from trimtab.campaign.ready import prepare
 from trimtab.campaign.tune import UNSEEN, tune
 from trimtab.campaign.tune_gradient import combined, descend, fold, smoothed
 from trimtab.campaign.tune_search import merit, search
@@ -219,7 +219,8 @@ def test_a_lost_run_costs_infinitely_much():
         ({"gains": {}}, "nothing may be moved"),
         ({"gains": {"autopilot.law.k1": "2:3"}}, "own value"),
         ({"gains": {"autopilot.law.k1": "-1:3"}}, "can't be flown at its end"),
-        ({"gains": {"autopilot.law.k9": "1:3"}}, "no such parameter"),
+        ({"gains": {"autopilot.law.k9": "1:3"}}, r"(?s)no such parameter.*--gain 'autopilot\.law\.k\d=LOW:HIGH'"),
+        ({"gains": {"duration": "1:3"}}, "--gain"),
         ({"gains": {"autopilot.law.k1": "normal(1, 2)"}}, "no range"),
         ({"cost": "error_rms:yaw_rate + -2*rms:yaw_rate"}, "weight"),
         ({"cost": "settling:yaw_rate", "method": "gradient"}, "--method search"),

@@ -17,6 +17,7 @@ from trimtab.run.exchange import Taken
 from trimtab.run.firmware_step import WIDE
 from trimtab.wire.events import ArmAsked, Channels, ModeAsked, Sticks
 from trimtab.wire.protocol import State
+from trimtab.wire.station import Status
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 MS, WHO = 10_000, (255, 190)
@@ -80,7 +81,7 @@ def test_nothing_acts_before_it_is_armed(craft):
     craft.run(10, asks=[arm()])
     craft.run(20, command=(1.7e-3, 5000.0))
     assert (craft.acting, craft.lift, craft.duties.flying) == ((1.0, 1.7e-3, 5000.0), True, True)
-    assert craft.duties.status[:5] == (COMPUTER_MODE, True, State.ACTIVE, "", {})
+    assert craft.duties.status == Status(COMPUTER_MODE, True, State.ACTIVE)
     craft.run(10, asks=[arm(False)], command=(1.7e-3, 5000.0))
     assert craft.acting == STOPPED
     assert [m[1:] for m in craft.modes] == [("computer", "arm request"), ("disarmed", "disarm request")]

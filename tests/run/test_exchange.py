@@ -6,7 +6,7 @@ from run.stand_ins import dialect, ends, places
 from wire.line import Every, Wide
 
 from trimtab.core.signals import Command
-from trimtab.run.exchange import Group, command_group, sample_groups
+from trimtab.run.exchange import HELD, Group, command_group, sample_groups
 
 RNG = np.random.default_rng(1)
 WIDE = Wide(covariance=np.zeros((8, 9)), msg=np.zeros(5), after=Every(0.0, 0.0, 0, 0, 0, False, np.zeros(3)))
@@ -73,18 +73,42 @@ def test_a_shift_moves_the_time_and_only_that():
 
 
 def test_parts_of_two_samples_are_never_put_together():
-    """Of one sample the second part is lost: the next is whole by its own parts alone, in whatever order they come."""
+    """Of one sample a part is late: the next is whole by its own parts alone, in whatever order they come."""
     both, path = ends(DIALECT, unsigned=True), "samples.filter"
     group = Group(DIALECT, path, lambda p: READS[p])
     first, second = filled(path), filled(path)
     second[READS[f"{path}.t"]] = T + 60_000
-    lost, later = group.pack(both.there, first), group.pack(both.there, second)
-    assert through(group, [lost[0], lost[2]], both.here) == []
-    (taken,) = through(group, later[::-1], both.here)
-    received = np.zeros(SIZE)
-    taken.write(received)
-    np.testing.assert_array_equal(received[carried(path)], second[carried(path)])
-    assert through(group, [lost[1]], both.here) == []
+    late, later = group.pack(both.there, first), group.pack(both.there, second)
+    assert through(group, [late[0], late[2]], both.here) == []
+    for packets, sent in ((later[::-1], second), ([late[1]], first)):
+        (taken,) = through(group, packets, both.here)
+        received = np.zeros(SIZE)
+        taken.write(received)
+        np.testing.assert_array_equal(received[carried(path)], sent[carried(path)])
+
+
+def test_parts_of_samples_that_overtake_one_another_come_together():
+    both, path = ends(DIALECT), "samples.filter"
+    group = Group(DIALECT, path, lambda p: READS[p])
+    sent = [filled(path) for _ in range(3)]
+    for k, vector in enumerate(sent):
+        vector[READS[f"{path}.t"]] = T + k * 60_000
+    a, b, c = (group.pack(both.there, vector) for vector in sent)
+    taken = through(group, [a[0], b[2], a[2], c[1], b[0], a[1], c[0], b[1], c[2]], both.here)
+    assert [t.t for t in taken] == [T, T + 60_000, T + 120_000]
+    for found, vector in zip(taken, sent, strict=True):
+        received = np.zeros(SIZE)
+        found.write(received)
+        np.testing.assert_array_equal(received[carried(path)], vector[carried(path)])
+
+
+def test_parts_whose_others_were_lost_are_not_kept_for_ever():
+    both, path = ends(DIALECT), "samples.filter"
+    group, vector = Group(DIALECT, path, lambda p: READS[p]), filled("samples.filter")
+    for k in range(3 * HELD):
+        vector[READS[f"{path}.t"]] = T + k
+        assert through(group, group.pack(both.there, vector)[:2], both.here) == []
+    assert len(group._parts) == HELD
 
 
 def test_groups_are_found_by_sensor_and_for_another_vector():

@@ -1,5 +1,7 @@
 """Samples wait for steps: one a step, each once, none for ever. The step only remembers what it was given."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from run.stand_ins import Step, dialect, ends
@@ -15,9 +17,11 @@ MS = 10_000
 class Line:
     """A vehicle that sends samples, and a pilot that hears them."""
 
-    def __init__(self):
+    def __init__(self, any_order=()):
         self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
-        self.pilot, self.ends = Pilot(None, DIALECT, self.step), ends(DIALECT)
+        estimator = SimpleNamespace(listens=any_order, ANY_ORDER=bool(any_order))
+        scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator))
+        self.pilot, self.ends = Pilot(scenario, DIALECT, self.step), ends(DIALECT)
         self._vector = np.zeros(len(self.step.inputs))
 
     def send(self, sensor, t, real):
@@ -52,6 +56,19 @@ def test_a_sample_that_comes_twice_counts_once():
     for _ in range(2):
         line.send("compass", 5 * MS, 1.0)
     assert (line.pilot.heard, line.pilot.waiting) == (1, 1)
+
+
+def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
+    """One of another clock, which is much older, is for all: the vehicle was started anew."""
+    line = Line(any_order=("inertial-unit",))
+    for sensor in ("compass", "inertial-unit"):
+        for k in (600, 602, 601, 603, 50):
+            line.send(sensor, k * MS, float(k))
+    for k in range(6):
+        line.pilot.fly((700 + k) * MS)
+    new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
+    assert new == {"compass": [600, 602, 603, 50], "inertial-unit": [600, 602, 601, 603, 50]}
+    assert line.pilot.overtaken == 2
 
 
 def test_too_many_drop_the_oldest_and_are_counted():

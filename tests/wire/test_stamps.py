@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from wire.line import NOW, Clock, stamp_at
 
 from trimtab.core.errors import InputError
-from trimtab.wire.stamps import LARGEST, MARGIN, Stamps
+from trimtab.wire.stamps import LARGEST, LATE, MARGIN, Stamps
 
 STREAM = (9, 1, 0)
 
@@ -110,6 +110,50 @@ def test_what_is_new_is_told_by_stream(clock):
     assert [stamps.is_new(STREAM, start + k) for k in (4, 5, 6)] == [False, False, True]
     assert stamps.is_new((9, 1, 1), start + 1)
     assert stamps.last == start + 5
+
+
+def test_what_may_be_overtaken_is_taken_late_and_once_and_nothing_from_before_the_start(clock):
+    stamps = Stamps(clock=clock)
+    start = stamps.last
+    stamps.accept(STREAM, start + LATE + 10, ordered=False)
+    late = [start + k for k in (0, 9, 10, 11, LATE, LATE + 9)]
+    assert [stamps.is_new(STREAM, s, ordered=False) for s in late] == [False, False, False, True, True, True]
+    stamps.accept(STREAM, start + LATE, ordered=False)
+    assert [stamps.is_new(STREAM, s, ordered=False) for s in late] == [False, False, False, True, False, True]
+    other = (9, 1, 1)
+    stamps.accept(other, start + 5, ordered=False)
+    assert [stamps.is_new(other, start + k, ordered=False) for k in (-5, 0, 1, 5)] == [False, False, True, False]
+
+
+def test_an_order_is_never_taken_after_a_later_one_but_after_later_data(clock):
+    stamps = Stamps(clock=clock)
+    start = stamps.last
+    stamps.accept(STREAM, start + 100, ordered=False)
+    assert stamps.is_new(STREAM, start + 50)
+    stamps.accept(STREAM, start + 50)
+    assert [stamps.is_new(STREAM, start + k) for k in (49, 50, 51, 100)] == [False, False, True, False]
+    assert stamps.is_new(STREAM, start + 49, ordered=False)
+
+
+@given(st.lists(st.tuples(st.integers(1, 3 * LATE), st.booleans()), max_size=200))
+def test_whatever_comes_no_stamp_is_taken_twice_and_orders_rise(found):
+    """Against a receiver that remembers everything."""
+    stamps, taken, orders = Stamps(clock=Clock()), set(), [0]
+    start = stamps.last
+    for k, ordered in found + found[::-1]:
+        want = k not in taken and k > max(taken, default=0) - LATE and not (ordered and k <= orders[-1])
+        assert stamps.is_new(STREAM, start + k, ordered) == want
+        if want:
+            stamps.accept(STREAM, start + k, ordered)
+            taken.add(k)
+            orders += [k] if ordered else []
+
+
+def test_what_is_remembered_of_a_stream_is_bounded(clock):
+    stamps = Stamps(clock=clock)
+    for _ in range(4 * LATE):
+        stamps.accept(STREAM, stamps.last + 1, ordered=False)
+    assert len(stamps._streams[STREAM]._taken) == LATE
 
 
 def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):

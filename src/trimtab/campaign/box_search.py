@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from trimtab.campaign.block import Ready
-from trimtab.campaign.evaluate import fly_points
+from trimtab.campaign.block import fly_points
 from trimtab.campaign.margin import margins
+from trimtab.campaign.ready import Ready
 
 TAIL = float(special.ndtr(-3.0))
 """What is left out at each end of a distribution without bounds."""

@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import drawn, flies_c, measured_log, prepare, scenario_of
+from trimtab.campaign.block import flies_c
 from trimtab.campaign.distributions import Distribution, parse_distribution
 from trimtab.campaign.here import here
 from trimtab.campaign.in_memory import InMemory
+from trimtab.campaign.measure import measured_log
 from trimtab.campaign.metrics import Metric, Rows
 from trimtab.campaign.plan import Plan, identity
+from trimtab.campaign.ready import drawn, prepare, scenario_of
 from trimtab.campaign.store import Store, block_of, missing, open_store
 from trimtab.campaign.workers import Workers, WorkersLost
 from trimtab.core.errors import InputError

@@ -15,8 +15,8 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-from trimtab.campaign.block import Ready
 from trimtab.campaign.fly_rows import about, fly_rows
+from trimtab.campaign.ready import Ready
 from trimtab.campaign.scheduler import REACHED, Place, greet, place_of
 from trimtab.campaign.workers import Blocks, Flown, Workers, WorkersLost
 from trimtab.core.errors import InputError

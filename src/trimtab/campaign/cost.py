@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import Ready
+from trimtab.campaign.ready import Ready
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
 from trimtab.core.time import to_seconds

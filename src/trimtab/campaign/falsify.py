@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import Ready, measured_log, prepare
 from trimtab.campaign.box_search import TOGETHER, Search, levels
 from trimtab.campaign.distributions import parse_distribution
-from trimtab.campaign.evaluate import check_ends, parameters_at, refuse_options, scenario_at
+from trimtab.campaign.ends import check_ends, refuse_options
 from trimtab.campaign.evolution import evolve
 from trimtab.campaign.margin import margins, with_margin
+from trimtab.campaign.measure import measured_log
 from trimtab.campaign.plan import Plan
+from trimtab.campaign.ready import Ready, parameters_at, prepare, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario

@@ -9,8 +9,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from trimtab.campaign.block import Ready, flies_c, fly_block, prepare
+from trimtab.campaign.block import flies_c, fly_block
 from trimtab.campaign.plan import identity, plan_of
+from trimtab.campaign.ready import Ready, prepare
 from trimtab.core.errors import InputError
 from trimtab.export.library import threads_of
 

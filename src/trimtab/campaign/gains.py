@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import Ready, drawn
 from trimtab.campaign.distributions import Distribution, parse_distribution
-from trimtab.campaign.evaluate import parameters_at
+from trimtab.campaign.ready import Ready, drawn, parameters_at
 from trimtab.campaign.spread import Factor, Spread
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves

@@ -1,15 +1,20 @@
-"""A campaign in this process: a block flies while the one before is being written; Ctrl-C breaks it off."""
+"""A campaign in this process: blocks fly while those before are measured and written; Ctrl-C breaks it off."""
 
 import threading
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
 import numpy as np
 
-from trimtab.campaign.block import FEWEST, Ready, fly_block
+from trimtab.campaign.block import fly_block
+from trimtab.campaign.ready import FEWEST, Ready
 from trimtab.campaign.workers import Blocks, Flown, Workers
+
+AHEAD = 2
+"""Blocks under way: one's metrics are taken while the other flies on all cores."""
 
 
 class _BrokenOff(Exception):
@@ -25,32 +30,35 @@ def here(threads: int | None = None, progress: Callable[[int], None] | None = No
     """
 
     def fly(ready: Ready, blocks: Blocks, used: str) -> Flown:
-        ended, before = threading.Event(), ready.plan.runs - sum(last - first for first, last in blocks)
+        ended, alone = threading.Event(), threading.Lock()
+        kept = ready.plan.runs - sum(last - first for first, last in blocks)
 
         def check(done: int) -> None:
             if ended.is_set():
                 raise _BrokenOff
             if progress is not None:
-                progress(before + done)
+                progress(kept + done)
 
         def block(first: int, last: int) -> dict[str, Any]:
-            nonlocal before
+            nonlocal kept
             made = []
             for start, end in _pieces(first, last, used):
                 check(0)
                 made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=check))
-                before += end - start
+                with alone:
+                    kept += end - start
             return {name: np.concatenate([columns[name] for columns in made]) for name in made[0]}
 
-        with ThreadPoolExecutor(1) as pilot:
+        with ThreadPoolExecutor(AHEAD) as pilots:
+            coming: deque[tuple[int, Future[dict[str, Any]]]] = deque()
             try:
-                coming: Any = None
                 for first, last in blocks:
-                    now, coming = coming, (first, pilot.submit(block, first, last))
-                    if now is not None:
-                        yield now[0], now[1].result()
-                if coming is not None:
-                    yield coming[0], coming[1].result()
+                    coming.append((first, pilots.submit(block, first, last)))
+                    if len(coming) > AHEAD:
+                        now, columns = coming.popleft()
+                        yield now, columns.result()
+                for now, columns in coming:
+                    yield now, columns.result()
             finally:
                 ended.set()
 

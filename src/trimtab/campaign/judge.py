@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.block import rows_of, signals_of
 from trimtab.campaign.condition import parse_condition
+from trimtab.campaign.measure import rows_of
 from trimtab.campaign.metrics import parse_metric
+from trimtab.campaign.ready import signals_of
 from trimtab.loop.scenario import Scenario
 from trimtab.run.batch import Batch
 

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.block import Ready
 from trimtab.campaign.condition import Condition
 from trimtab.campaign.metrics import Metric, Rows
+from trimtab.campaign.ready import Ready
 
 NAME = "margin"
 LEAST = 1e-12

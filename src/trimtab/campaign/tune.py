@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.block import Ready, drawn, prepare
+from trimtab.campaign.block import fly_points
 from trimtab.campaign.comparison import Comparison, compare
 from trimtab.campaign.cost import Term, cost_of, parse_cost, running
 from trimtab.campaign.distributions import parse_distribution
-from trimtab.campaign.evaluate import check_ends, fly_points, refuse_options
+from trimtab.campaign.ends import check_ends, refuse_options
 from trimtab.campaign.gains import Gains, gains_of, parse_gain
 from trimtab.campaign.plan import Plan
+from trimtab.campaign.ready import Ready, drawn, prepare
 from trimtab.campaign.spread import arrays_of, parse_factors, resolve, values_of
 from trimtab.campaign.tune_gradient import Slope, descend
 from trimtab.campaign.tune_search import Step, search
@@ -145,7 +146,14 @@ def _prepared(plan: Plan, scenario: str | Scenario, gains: tuple[str, ...]) -> G
         named, _, path = error.part.partition(" ")
         if named != "--spread" or path not in gains:
             raise
-        raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=error.fix) from None
+        fix = error.fix
+        if "--spread" in fix:
+            fix = (
+                f"--gain '{error.choices[0]}=LOW:HIGH'"
+                if error.choices
+                else f"--set '{path}=…': gains are real numbers"
+            )
+        raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=fix) from None
 
 
 def _plan(

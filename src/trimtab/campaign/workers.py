@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator
 from typing import Any
 
-from trimtab.campaign.block import Ready
+from trimtab.campaign.ready import Ready
 
 Blocks = list[tuple[int, int]]
 Flown = Generator[tuple[int, dict[str, Any]], None, None]

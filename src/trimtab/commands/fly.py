@@ -104,6 +104,7 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) 
         "deadlines": flight.deadlines.summary() | {"skipped": one.skipped},
         "samples": flight.pilot.heard,
         "overflowed": flight.pilot.overflowed,
+        "overtaken": flight.pilot.overtaken,
         "wire": dataclasses.asdict(one.endpoint.counts),
         "line": link.statistics._asdict(),
         "log": None if flight.log is None else flight.log._asdict(),

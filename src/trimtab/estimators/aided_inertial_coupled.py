@@ -4,7 +4,7 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 [5] Schmidt 1966 for states that are considered but not corrected.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class AidedInertialCoupled:
         default="consider",
         choices=("consider", "correct"),
     )
+
+    ANY_ORDER: ClassVar[bool] = True
 
     @property
     def listens(self) -> tuple[str, ...]:

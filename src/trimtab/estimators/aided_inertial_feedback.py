@@ -3,7 +3,7 @@
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -64,6 +64,8 @@ class AidedInertialFeedback:
     noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
     start: InertialStart = part("What is believed at first.", default=InertialStart())
     arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+
+    ANY_ORDER: ClassVar[bool] = True
 
     @property
     def listens(self) -> tuple[str, ...]:

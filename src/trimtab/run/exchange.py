@@ -10,6 +10,8 @@ from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.message import Message
 
+HELD = 8
+"""Times of which parts may wait for the others: on some lines packets overtake one another."""
 Where = Callable[[str], int | slice]
 """Path of a leaf -> where its numbers stand in a vector."""
 
@@ -27,7 +29,7 @@ class Group:
         """group: as the dialect names it, e.g. "samples.imu" or "command"."""
         self.group, self.names = group, dialect.groups[group]
         self._layouts: dict[str, _Layout] = {}
-        self._parts: dict[str, tuple[Any, ...]] = {}
+        self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
         for name in self.names:
             slots, whole, time = [], [], -1
             for i, place in enumerate(dialect.places[name]):
@@ -58,15 +60,15 @@ class Group:
         time = message.values[layout.time]
         if len(self.names) == 1:
             return Taken(time, layout.slots, message.values, layout.time)
-        held = self._parts
-        for name in [n for n, v in held.items() if v[self._layouts[n].time] != time]:
-            del held[name]
+        if time not in self._parts and len(self._parts) == HELD:
+            del self._parts[next(iter(self._parts))]
+        held = self._parts.setdefault(time, {})
         held[message.name] = message.values
         if len(held) < len(self.names):
             return None
+        del self._parts[time]
         slots = [s for n in self.names for s in self._layouts[n].slots]
         values = tuple(v for n in self.names for v in held[n])
-        held.clear()
         return Taken(time, slots, values, self._layouts[self.names[0]].time)
 
 

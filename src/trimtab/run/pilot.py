@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.core.time import SECONDS_PER_UNIT, seconds
+from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.run.exchange import Group, Taken, command_group, sample_groups
 from trimtab.run.fast_step import FastStep
@@ -20,6 +20,8 @@ LONGEST_QUEUE = 64
 """Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""
 STANDING = 5 * LONGEST_QUEUE
 """Steps after which what still waits does so for nothing: a sensor as quick as the steps never lets its queue end."""
+OVERTAKEN = ms(500)
+"""A sample less than this older than the last of its sensor was overtaken by it; an older one is of another clock."""
 STRANGE = seconds(2)
 """A sample from further away than this is not believed: its clock is not the one that is known."""
 
@@ -28,6 +30,8 @@ class Pilot:
     """An autopilot between an endpoint and its compiled step; it knows nothing of clocks and transports.
 
     A sample waits for the next step; of several from one sensor each gets a step of its own, in the order of coming.
+    One that was overtaken by a later one is dropped, for most estimators take what comes last for what is newest; an
+    estimator that fuses each sample at its own time says so by ANY_ORDER = True.
     """
 
     def __init__(self, scenario: Scenario, dialect: Dialect, step: FastStep) -> None:
@@ -43,8 +47,10 @@ class Pilot:
         self._last: dict[str, int] = {}
         self._now: Any = step.reads["t"]
         self._standing = dict.fromkeys(self.sensors, 0)
-        self.overflowed = self.heard = self.strange = 0
-        """Samples dropped because too many waited or for too long, heard, and dropped because of their times."""
+        estimator = scenario.autopilot.estimator
+        self._any_order = estimator.listens if getattr(estimator, "ANY_ORDER", False) else ()
+        self.overflowed = self.heard = self.strange = self.overtaken = 0
+        """Samples dropped because too many waited or for too long, heard, dropped because of their times; late ones."""
 
     def take(self, message: Message) -> bool:
         """Keep a message for the next step if it is a part of a sample; tells whether it was."""
@@ -52,13 +58,21 @@ class Pilot:
         if sensor is None:
             return False
         taken = self.sensors[sensor].take(message)
-        if taken is not None and taken.t != self._last.get(sensor):  # else it was sent twice
-            self._last[sensor] = taken.t
+        if taken is not None and self._is_wanted(sensor, taken.t):
             waiting = self._waiting[sensor]
             self.overflowed += len(waiting) == LONGEST_QUEUE
             self.heard += 1
             waiting.append(taken)
         return True
+
+    def _is_wanted(self, sensor: str, t: int) -> bool:
+        """Whether a sample of time t is one that was neither sent twice nor overtaken."""
+        before = self._last.get(sensor)
+        if before is not None and 0 < before - t <= OVERTAKEN:
+            self.overtaken += 1
+            return sensor in self._any_order
+        self._last[sensor] = t
+        return t != before
 
     @property
     def waiting(self) -> int:

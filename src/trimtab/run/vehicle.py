@@ -116,7 +116,9 @@ class Vehicle:
             self.link.vouch()
         for message in messages:
             if message.name in self._command.names:
-                self._newest = self._command.take(message) or self._newest
+                taken = self._command.take(message)
+                if taken is not None and (self._newest is None or taken.t >= self._newest.t):
+                    self._newest = taken
                 continue
             self.requests.hear(message, now)
             handled = self.station.handle(message, now)

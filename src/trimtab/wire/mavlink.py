@@ -62,6 +62,7 @@ class Endpoint:
         if key is not None and key.path is not None:
             store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
         self.stamps = Stamps(store, clock) if key else None
+        self._any_order = {"TIMESYNC", *(name for names in dialect.groups.values() for name in names)}
 
     def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] = ()) -> bytes:
         """The bytes of a message.
@@ -151,7 +152,7 @@ class Endpoint:
         if self._keyed and flags and not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
             return NO_FRAME  # it may have been cut, and another one may begin in what was taken for its signature
-        if self._is_welcome(frame, flags, system, component):
+        if self._is_welcome(frame, flags, system, component, definition.name):
             self._count_lost(system, component, sequence)
             payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
             values = definition.packing.unpack(payload)
@@ -160,7 +161,7 @@ class Endpoint:
             self.counts.accepted += 1
         return size
 
-    def _is_welcome(self, frame: bytes, flags: int, system: int, component: int) -> bool:
+    def _is_welcome(self, frame: bytes, flags: int, system: int, component: int, name: str) -> bool:
         if self.stamps is not None and not flags:
             self.counts.unsigned += 1
             return False
@@ -169,10 +170,11 @@ class Endpoint:
             return False
         if self.stamps is not None:
             stream, stamp = (system, component, frame[-TAG]), int.from_bytes(frame[-12:-6], "little")
-            if not self.stamps.is_new(stream, stamp):
+            ordered = name not in self._any_order
+            if not self.stamps.is_new(stream, stamp, ordered):
                 self.counts.replayed += 1
                 return False
-            self.stamps.accept(stream, stamp)
+            self.stamps.accept(stream, stamp, ordered)
         return True
 
     def _pass_over(self, buffer: bytes, at: int, size: int, flags: int) -> int:

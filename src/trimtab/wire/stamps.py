@@ -3,17 +3,21 @@
 A stamp counts 10 us since 2015. What is stored beside the key lies ten seconds ahead, so that it is written seldom;
 after a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
 
-Refused as replayed: a stamp that is not newer than the last of its stream (system, component, link); one of a stream
-not yet heard that is not newer than this end's own stamp when it started; any that is over a minute behind this end.
+Refused as replayed: a stamp that was taken before from its stream (system, component, link); one that is 250 ms or more
+behind the newest of its stream; one that is not newer than this end's own stamp when it started; any that is over a
+minute behind this end. What has to come in order is refused, too, where its stamp is not newer than that of all before
+it that had to.
 A peer whose clock lags is refused until it has heard this end once: every MAVLink implementation moves its own stamp
 up to those that it accepts.
 Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
-what was recorded in the minute before a restart could be sent again; here it can't.
+what was recorded in the minute before a restart could be sent again; here it can't. S. Kent, "IP encapsulating security
+payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each taken once.
 """
 
 import contextlib
 import os
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,6 +33,8 @@ EPOCH = 1_420_070_400
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
 """How far behind a stamp may be."""
+LATE = PER_SECOND // 4
+"""How far behind the newest of its stream a stamp may be: a vehicle that hears nothing for so long stops by itself."""
 AHEAD = 10 * PER_SECOND
 """How far ahead the stored stamp lies: after it was killed, a sender is ahead of its peers for so long."""
 LARGEST = 2**48 - 1
@@ -41,6 +47,30 @@ def running_clock() -> Callable[[], float]:
     return lambda: began + time.monotonic() - at
 
 
+class _Stream:
+    """What was taken from one sender, as far back as it matters."""
+
+    def __init__(self, floor: int) -> None:
+        self.newest = self.ordered = floor
+        self._taken: set[int] = set()
+        self._coming: deque[int] = deque()
+
+    def is_new(self, stamp: int, ordered: bool) -> bool:
+        if stamp > self.newest:
+            return True
+        late = stamp > self.newest - LATE and stamp not in self._taken
+        return late and not (ordered and stamp <= self.ordered)
+
+    def take(self, stamp: int, ordered: bool) -> None:
+        self.newest = max(self.newest, stamp)
+        if ordered:
+            self.ordered = max(self.ordered, stamp)
+        self._taken.add(stamp)
+        self._coming.append(stamp)
+        while self._coming[0] <= self.newest - LATE:
+            self._taken.remove(self._coming.popleft())
+
+
 class Stamps:
     """The stamps of one sender, and the newest of each stream that it hears."""
 
@@ -51,7 +81,7 @@ class Stamps:
         self._ceiling = 0 if self._file is None or store is None else _read(self._file, store)
         self.last = max(self._ceiling, self._now())
         self._floor = self.last
-        self._streams: dict[tuple[int, int, int], int] = {}
+        self._streams: dict[tuple[int, int, int], _Stream] = {}
         self.unsaved = 0
         """How often the stamp ahead could not be written, e.g. because the disk is full."""
 
@@ -68,15 +98,21 @@ class Stamps:
         if self._file is not None and self.last + AHEAD // 2 > self._ceiling:
             self._write()
 
-    def is_new(self, stream: tuple[int, int, int], stamp: int) -> bool:
-        """Whether a stamp of (system, component, link) may be taken; nothing is remembered before `accept`."""
-        if stamp < max(self.last, self._now()) - MARGIN:
-            return False
-        return stamp > self._streams.get(stream, self._floor)
+    def is_new(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> bool:
+        """Whether a stamp of (system, component, link) may be taken; nothing is remembered before `accept`.
 
-    def accept(self, stream: tuple[int, int, int], stamp: int) -> None:
+        ordered: its packet must not come after a later one that must not either.
+        """
+        if stamp <= self._floor or stamp < max(self.last, self._now()) - MARGIN:
+            return False
+        heard = self._streams.get(stream)
+        return heard is None or heard.is_new(stamp, ordered)
+
+    def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
         """Remember the stamp of a packet whose signature was right; this end's own moves up to it."""
-        self._streams[stream] = stamp
+        if stream not in self._streams:
+            self._streams[stream] = _Stream(self._floor)
+        self._streams[stream].take(stamp, ordered)
         self._raise_to(max(self.last, stamp))
 
     def close(self) -> None:
