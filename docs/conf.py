@@ -57,9 +57,16 @@ def before_reading(app: sphinx.application.Sphinx, env: object, pages: list[str]
         local_provisioner.launch_kernel = kernels.launch
 
 
+def after_building(app: sphinx.application.Sphinx, error: Exception | None) -> None:
+    """Say which pages took longest to run."""
+    took = {p: (found.get("exec_data") or {}).get("runtime") or 0.0 for p, found in app.env.nb_metadata.items()}
+    print("longest pages: " + ", ".join(f"{p} {took[p]:.0f} s" for p in sorted(took, key=took.get)[:-13:-1]))
+
+
 def setup(app: sphinx.application.Sphinx) -> None:
     """Called by Sphinx."""
     app.connect("env-before-read-docs", before_reading)
+    app.connect("build-finished", after_building)
 
 
 html_theme = "furo"

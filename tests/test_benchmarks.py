@@ -34,6 +34,7 @@ def printed_numbers():
     return np.array([float(x) for x in block.split()])
 
 
+@pytest.mark.slow
 @needs_compilers
 def test_all_programs_of_the_comparison_agree(tmp_path):
     done = python(BENCHMARKS / "compare.py", "--quick", "--json", tmp_path / "found.json")
@@ -173,6 +174,7 @@ def test_instructions_are_counted_on_programs_whose_results_agree():
     assert "all results agree to 1e-09" in done.stdout
 
 
+@pytest.mark.slow
 @needs_compilers
 def test_a_flight_is_timed_with_and_without_its_log():
     done = python(BENCHMARKS / "deadlines.py", "--quick", "--markdown")

@@ -130,6 +130,7 @@ small(4096, block=2048, settings=settings).run(sys.argv[1])
 """
 
 
+@pytest.mark.slow
 def test_interrupted_in_a_block_of_minutes(store):
     child = start(store, script=LONG)
     assert child.stdout.readline() == "flies\n"

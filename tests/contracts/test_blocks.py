@@ -51,7 +51,7 @@ def test_state_keeps_its_structure(folder, cls):
     checks.assert_stable(folder, made(cls))
 
 
-@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+@pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_step_is_pure(folder, cls):
     checks.assert_pure(folder, made(cls))
 

@@ -16,11 +16,9 @@ from trimtab.scenarios import catalogue
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = range(100)
 NAMES = list(catalogue.names())
-SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
-SAME += ("navigation/platform-magnetometer", "navigation/platform-ranging")
-SAME += (*(n for n in NAMES if n.startswith("hypersonic/") and n != "hypersonic/noise"),)
-"""Of the same parts as others, or a minute and more of compiling: with the slow tests."""
-QUICK = [pytest.param(n, marks=pytest.mark.slow) if n in SAME else n for n in NAMES]
+HERE = ("hovercraft/zero-velocity", "hovercraft/forward", "hovercraft/heading-bang-bang", "navigation/still")
+"""Between them they have the laws' switches, links, actuators and filters; the others are with the slow tests."""
+QUICK = [n if n in HERE else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 
 
 def agree(name, duration, ideal):

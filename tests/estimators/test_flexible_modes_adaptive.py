@@ -141,6 +141,7 @@ def test_it_tells_all_that_the_fixed_filter_tells():
     np.testing.assert_allclose(np.sqrt(np.diag(state.spread)[4:]), 0.1, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_at_rest_nothing_is_learnt_and_nothing_drifts():
     """No excitation: after ten seconds frequencies and their deviations are what they were, within 1 % of 10 %."""
     flown = _resting()

@@ -53,6 +53,7 @@ def test_four_pings_of_two_units_give_all(heading):
     np.testing.assert_allclose(found.x, truth, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_three_pings_are_refused_and_nonsense_is_refuted():
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=3)
     assert not rs.found(start, np.zeros(2), **LIMITS).believed

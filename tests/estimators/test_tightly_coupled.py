@@ -161,6 +161,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     assert verdict.verdict == CONSISTENT, verdict
 
 
+@pytest.mark.slow
 def test_it_stays_honest_on_the_network(usual):
     """Errors that hang together in time: considering them gives 8 to 9.2 of 8, ignoring them three times that."""
     assert nees_verdict(rf.nees_of(usual)[:, FROM:], 8).mean < 9.2
@@ -299,6 +300,7 @@ def _fly(form, frames):
     return told, newest(state.history)
 
 
+@pytest.mark.slow
 def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
     """Replies come up to 100 ms after the ping: equal to the filter that got all in time, to 1e-9."""
     flight, felt, off, replies, last = ride

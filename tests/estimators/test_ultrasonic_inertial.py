@@ -66,6 +66,7 @@ def test_with_perfect_sensors_it_finds_the_truth(scenario):
         assert np.abs(errors(log, signal)[0][late]).max() < bound, signal
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_it_says(scenario):
     """On sensors with all their faults, errors of survey and temperature constant over a flight among them."""
     logs = flown(scenario)
@@ -135,6 +136,7 @@ class Spoiled:
         return (inner, strong(value)), replace(sample, value=value, t=sample.t + shift, fresh=fresh)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fault):
     ranging = Spoiled(scenario.world.sensors["ranging"], np.float64(FAULTS.index(fault)))

@@ -44,9 +44,10 @@ def flight(name):
     return module
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("board_tools")
-@pytest.mark.parametrize("target", ["cortex-m7", pytest.param("cortex-m4", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("target", ["cortex-m7", "cortex-m4"])
 def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
     """The dual-filter INS with its history of delayed fixes, law and allocation, as one exported step."""
     flown = on_the_board(flight("inertial_flight").scenario(), target, tmp_path, steps=1000)

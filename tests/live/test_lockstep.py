@@ -53,6 +53,7 @@ def test_over_a_serial_cable(tmp_path):
     assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
 
 
+@pytest.mark.slow
 def test_over_udp_that_loses_and_delays(tmp_path):
     """One packet in fifty is lost, and all are late: what comes is the same, only later."""
     port = free_port()

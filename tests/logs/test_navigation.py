@@ -62,6 +62,7 @@ def log_of(found, state):
     return Log(t=to_seconds(t), ticks=t, signals=signals)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "pessimistic"), (1.0, "consistent"), (2.0, "optimistic")])
 def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
     found = [navigation(log) for log in flown[factor]]

@@ -151,6 +151,7 @@ def test_a_run_that_outlasts_its_table_is_refused():
         replace(scenario, duration=seconds(200)).check()
 
 
+@pytest.mark.slow
 def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     """What a load does to a mode goes with 1/w^2; an estimate of w scales what is wanted of it."""
     scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})

@@ -69,6 +69,7 @@ def test_verdicts_on_ten_per_cent_off():
     assert 0.14 < loop.widest(TUNED_Q, 1e-4) < 0.15
 
 
+@pytest.mark.slow
 def test_two_seeds_with_modes_ten_per_cent_off():
     shipped, printed = trade.detuned((trade.SHIPPED, trade.PRINTED), seeds=2)
     assert not shipped.lost.any()

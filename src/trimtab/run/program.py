@@ -64,11 +64,11 @@ def width_of(columns: list[Column]) -> int:
 
 
 def split(rows: Any, columns: list[Column]) -> dict[str, Any]:
-    """Columns by path, each in its own type and shape; rows (..., width)."""
+    """Columns by path, each in its own type and shape, of rows (..., width); what has its type already is a view."""
     found, start = {}, 0
     for c in columns:
         stop = start + int(np.prod(c.shape))
-        found[c.path] = rows[..., start:stop].reshape((*rows.shape[:-1], *c.shape)).astype(c.dtype)
+        found[c.path] = rows[..., start:stop].reshape((*rows.shape[:-1], *c.shape)).astype(c.dtype, copy=False)
         start = stop
     return found
 

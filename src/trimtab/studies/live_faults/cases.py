@@ -10,6 +10,8 @@ WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
 SILENT = {"off", "stuck", "garbage"}
 """What of an uplink leaves no command that is new."""
+NOT_A_NUMBER = ("sensor:navigation", "garbage")
+"""There is a NaN in it, for which the supervisor stops: what a vehicle's only sensor says can't be believed again."""
 CUTS = (0.1, 0.3, 1.0, 5.0)
 LOST_S = 9.0
 """A second until something is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift fan is off."""
@@ -23,7 +25,8 @@ def fault_words() -> list[Case]:
 def _word(part: str, word: str) -> Case:
     place = part.replace("sensor:", "sensors.")
     uplink = part == "uplink"
-    ends = STOPS if uplink and word in SILENT else EITHER if uplink else FLIES
+    silent = word in SILENT if uplink else (part, word) == NOT_A_NUMBER
+    ends = STOPS if silent else EITHER if uplink else FLIES
     says: tuple[Words, ...] = (told(VEHICLE, rf"world\.{place}\.fault\.word = {word}"),)
     return Case(
         f"{part.rpartition(':')[2]}-{word}",

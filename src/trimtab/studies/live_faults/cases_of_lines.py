@@ -56,7 +56,14 @@ FRAMES: list[Case] = [
         "commands overtake each other by up to 100 ms, 1.5 s",
         acts.bent(UP, acts.shuffled),
         FLIES,
-        (counted(VEHICLE, REFUSED),),
+        (counted(VEHICLE, "firmware.rejected"),),
+    ),
+    Case(
+        "shuffled-down",
+        "samples overtake each other by up to 100 ms, 1.5 s",
+        acts.bent(DOWN, acts.shuffled),
+        FLIES,
+        (counted(AUTOPILOT, "link.overtaken"),),
     ),
     Case(
         "doubled",
