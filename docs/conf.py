@@ -31,6 +31,9 @@ myst_heading_anchors = 3
 nb_execution_mode = "auto"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
+if os.environ.get("TRIMTAB_PAGES") == "quick":
+    # Minutes of flights, whose numbers tests/studies computes, too: these pages come out without them.
+    nb_execution_excludepatterns = ["studies/hovercraft2006.md", "studies/hypersonic-further-work.md"]
 
 sockets = tempfile.TemporaryDirectory()
 

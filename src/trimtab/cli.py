@@ -47,6 +47,9 @@ def main() -> None:
     trimtab run hovercraft/forward --navigation ins  flown on IMU and ultrasonic network, not on an error model
     trimtab budget hovercraft/forward                what each imperfection costs
     trimtab campaign hovercraft/spin --runs 4000     how often it succeeds, with bounds
+    trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)'
+    trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5
+    trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
     trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
     trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
     trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it

@@ -1,6 +1,7 @@
 """`trimtab map`: what is printed, what is given as JSON, and what is refused before anything flies."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -36,6 +37,16 @@ def test_words_for_people(capsys):
     said = capsys.readouterr().out
     for text in ("points flown of 15", "autopilot.law.k2 0.8: succeeds at 0.1, turns at uplink delay 0."):
         assert text in said
+
+
+@pytest.mark.parametrize(
+    ("success", "said"),
+    [("peak:yaw_rate <= 0.001", "fails everywhere.*--success 'error_rms:"), ("peak:yaw_rate <= 100", "--x or --y")],
+)
+def test_where_there_is_no_boundary_it_says_what_to_type(capsys, success, said):
+    changes = {"x": "world.vehicle.mass=2:3:2", "y": "delay=0:0.01:2", "success": (success,), "theory": False}
+    stability_map(ASKED._replace(**changes, settings={"duration": "1 s"}))
+    assert re.search(said, capsys.readouterr().out)
 
 
 def test_axes_from_text():

@@ -84,6 +84,7 @@ def test_changed_scenario_of_the_user_is_noticed(run, tmp_path):
     assert jax
 
 
+@pytest.mark.slow
 def test_a_library_that_is_gone_or_damaged_is_made_again(run, tmp_path):
     words = ("hovercraft/spin", "--duration", "1", "--no-ideal")
     first, _ = run(*words)

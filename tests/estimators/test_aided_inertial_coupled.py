@@ -68,6 +68,7 @@ def accelerating():
     return monte_carlo(FORM, weave(ticks(n)), n=n, every=HERTZ, reads=False, runs=60, keep=50)
 
 
+@pytest.mark.slow
 def test_heading_from_positions_at_one_hertz(accelerating):
     """Specification 2.4: heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
     nees, flown, _ = accelerating

@@ -66,6 +66,7 @@ def test_printed_setting_is_the_observer_without_measurement():
     assert (rms(printed, 9, 10) < 0.08 * rms(printed, 0, 1)).all()  # and yet it "converges in ten seconds"
 
 
+@pytest.mark.slow
 def test_as_flown_is_the_limit_of_as_published():
     """The same densities in both: R of a sample is R/dt. Errors after the start agree to the length of the step."""
     continuous = ContinuousModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02)

@@ -145,6 +145,7 @@ def test_an_aiding_measurement_waits_for_the_imu():
     np.testing.assert_allclose(node.P, P, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
     imu, *_ = flight(10, n=20)
     node, used, _ = play([*imu, (2 * TICK, POSITION, np.ones(2))], slots=8)

@@ -139,6 +139,7 @@ def test_nan_doubled_and_backward_samples_are_flagged():
     assert errors(told, 2)[1].max() < 0.03
 
 
+@pytest.mark.slow
 def test_it_exports():
     form = numeric(replace(FORM, N=8, intake=replace(FORM.intake, slots=8)))
     frame = jax.tree.map(

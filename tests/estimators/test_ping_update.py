@@ -37,6 +37,7 @@ def least(P):
     return np.linalg.eigvalsh(np.asarray(P)).min()
 
 
+@pytest.mark.slow
 def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
     n, seen = node(), []
     for k in range(70):

@@ -44,6 +44,7 @@ def test_it_moves_before_the_command_does(default):
     assert CLIMB.at(4.76).h == H0
 
 
+@pytest.mark.slow
 def test_a_shorter_horizon_costs_what_the_unstable_mode_says():
     """What is wrong at its end comes back times e^(-3.289 H): 1 s more is 27 times less, until other errors show."""
     one, two = (

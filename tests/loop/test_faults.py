@@ -311,7 +311,10 @@ def flight():
 
 @pytest.mark.parametrize(
     "backend",
-    ["jax", pytest.param("c", marks=pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"))],
+    [
+        pytest.param("jax", marks=pytest.mark.slow),
+        pytest.param("c", marks=pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")),
+    ],
 )
 def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
     plain, wrapped = simulate(flight, backend=backend), simulate(switchable(flight), backend=backend)

@@ -20,15 +20,12 @@ def exported(name, folder, **options):
 
 
 SINGLE = ["hovercraft/zero-velocity", "hovercraft/spin", "hovercraft/heading-bang-bang"]
-SAME = ("navigation/platform-encoder", "navigation/platform-cricket", "navigation/platform-square-wave")
-SAME += ("navigation/platform-magnetometer", *(n for n in NAMES if n.startswith("hypersonic/")))
-"""Of the same parts as others, or flown on the emulated board (tests/export): with the slow tests."""
 LARGE = {"navigation/platform-ranging": 28672}
 """Most stack (bytes) of autopilots that need more than 4 KiB; measured: 27 552."""
 BOTH = [(name, "double") for name in NAMES] + [(name, "single") for name in SINGLE]
-MARKED = [
-    pytest.param(*b, marks=pytest.mark.slow) if b[0] in (*SAME, "navigation/platform-ranging") else b for b in BOTH
-]
+HERE = ("hovercraft/forward", "hovercraft/heading-bang-bang", "navigation/still")
+"""The others are of the same parts, or flown on the emulated board (tests/export): with the slow tests."""
+MARKED = [b if b[0] in HERE else pytest.param(*b, marks=pytest.mark.slow) for b in BOTH]
 
 
 @pytest.mark.parametrize(("name", "real"), MARKED)

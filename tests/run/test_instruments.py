@@ -89,6 +89,7 @@ def test_without_an_inertial_unit_there_is_no_such_message(hovercraft):
     assert not hovercraft.ask(1)["onboard_control_sensors_present"] & 0b111
 
 
+@pytest.mark.slow
 def test_an_inertial_unit_and_a_magnetometer_are_shown():
     told = Told("navigation/platform-magnetometer")
     found, world = told.ask(105), told.body.world

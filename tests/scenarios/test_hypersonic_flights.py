@@ -116,6 +116,7 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
     assert ends["linear"] > 5
 
 
+@pytest.mark.slow
 def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     """[H] 8: with the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
     scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02"})

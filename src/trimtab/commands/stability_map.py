@@ -153,10 +153,21 @@ def _print(found: "StabilityMap", criteria: tuple["Theory", ...], why: str) -> N
         passes = [f"{a:.4g} to {b:.4g}" for a, b in found.crossings(float(value))]
         turns = f", turns at {found.x.name} {', '.join(passes)} {found.x.unit}" if passes else " all along"
         click.echo(f"  {found.y.name} {value:.4g}{unit}: {side} at {found.x.values[0]:.4g}{turns}")
+    if len(traced.boundary()) == 0:
+        click.echo(_no_boundary(found))
     if criteria:
         click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}")
     elif why:
         click.echo(f"no theory beside it: {why}")
+
+
+def _no_boundary(found: "StabilityMap") -> str:
+    """What to type where a map is all of one colour."""
+    if (found.share >= found.traced.threshold).all():
+        return "no boundary: it succeeds everywhere. Wider --x or --y, or a stricter --success"
+    target = found.scenario.targets[0].path.removeprefix("truth.") if found.scenario.targets else "SIGNAL"
+    what = f"--success 'error_rms:{target} <= 0.5', --without navigation-error, or other --x and --y"
+    return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"
 
 
 def _draw(found: "StabilityMap", criteria: tuple["Theory", ...], scenario: "Scenario", file: Path | None) -> list[str]:

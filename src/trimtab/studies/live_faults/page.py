@@ -52,8 +52,9 @@ fails where it doesn't.
 - Disk full: a disk of eight megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
   else skipped).
 - Flood: recorded frames, again and again, until they make up ten times the bytes that the line usually carries.
-- The flights need a machine that lets them run: where `firmware.late` or `loop.late` in a log shows that a process was kept
-  waiting for longer than 250 ms, the failsafe was right, and the case says "fails" all the same. Fly it again, `--jobs 1`.
+- The flights need a machine that lets them run: where `firmware.late` or `loop.late` in a log shows that a process was
+  kept waiting for longer than 250 ms, the failsafe was right, and the case says "fails" all the same. Fly it again,
+  with `--jobs 1`.
 
 ## Outcomes
 
