@@ -24,18 +24,27 @@ class Flights(NamedTuple):
     columns: list[Column]
 
 
-def rows_of(scenario: Scenario, batch: Flights | Batch) -> Rows:
+TOGETHER = 128
+"""Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
+
+
+def rows_of(scenario: Scenario, batch: Flights | Batch, which: slice = slice(None)) -> Rows:
     """What metrics see of some runs."""
     angles = frozenset(c.path for c in batch.columns if c.declared is not None and c.declared.kind == "angle")
-    return Rows(to_seconds(batch.ticks), batch.log, tuple(scenario.targets), angles)
+    log = {path: signal[which] for path, signal in batch.log.items()}
+    return Rows(to_seconds(batch.ticks), log, tuple(scenario.targets), angles)
 
 
 def measured(ready: Ready, batch: Flights | Batch) -> dict[str, Any]:
     """Metrics, success and lost of some runs, each (n,)."""
     n = len(next(iter(batch.final.values())))
-    rows = rows_of(ready.scenario, batch)
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
-        found = {m.name: _column(m, rows, n) for m in ready.metrics}
+    found: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
+    for first in range(0, n, TOGETHER):
+        some = slice(first, min(first + TOGETHER, n))
+        rows = rows_of(ready.scenario, batch, some)
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
+            for metric in ready.metrics:
+                found[metric.name][some] = _column(metric, rows, some.stop - first)
     ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in batch.final.values()])
     lost = ~np.isfinite(ends).all(axis=0)
     success = ~lost

@@ -29,13 +29,20 @@ class Rows:
     signals: Mapping[str, Any]
     targets: tuple[Target, ...]
     angles: frozenset[str]
+    _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
         """A signal by its path or short name, (n, m, …)."""
         return self.signals[full_path(path)]
 
     def error(self, path: str) -> Any:
-        """A signal less its target (n, m); for an angle, less that equal of the target nearest to where a run ends."""
+        """A signal less its target (n, m), read only; for an angle, less that equal nearest to where a run ends."""
+        if path not in self._errors:
+            found = self._errors[path] = self._error(path)
+            found.setflags(write=False)
+        return self._errors[path]
+
+    def _error(self, path: str) -> Any:
         target = next(t for t in self.targets if full_path(t.path) == full_path(path))
         x = self[path].astype(np.float64)
         value = np.full(len(x), float(target.value))
