@@ -111,6 +111,8 @@ def stability_map(as_json: bool, **asked: Any) -> None:
     trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
     trimtab map hovercraft/zero-velocity --x world.vehicle.mass=1:5 --y autopilot.law.k2=50%:400% \\
         --success 'error_rms:yaw_rate <= 0.4'
+    trimtab map hypersonic/noise --x world.vehicle.modes.w1=70%:130%:7 --y world.vehicle.modes.zeta1=0.001:0.021:5 \\
+        --set duration=60 --success 'tail_rms:law.h_error <= 1'
     trimtab map hovercraft/forward --x delay=0:0.4 --y jitter=0:0.4 --without navigation-error \\
         --set initial.sway_velocity=0.05 --set initial.yaw_rate=0.15 --set duration=30
     """

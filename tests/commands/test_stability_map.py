@@ -35,7 +35,7 @@ def test_words_for_people(capsys):
     changes = {"x": "delay=0.1:0.6:3", "y": "autopilot.law.k2=80%:120%:2", "settings": {"duration": "20 s"}}
     stability_map(ASKED._replace(**changes, theory=False))
     said = capsys.readouterr().out
-    for text in ("points flown of 15", "autopilot.law.k2 0.8: succeeds at 0.1, turns at uplink delay 0."):
+    for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, turns at uplink delay 0."):
         assert text in said
 
 

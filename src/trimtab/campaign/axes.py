@@ -60,7 +60,7 @@ def of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
         return {path: np.asarray(leaf(scenario, path)[0], float) * factor}
 
-    return Axis(name or path, factors, "1", change)
+    return Axis(name or path, factors, "× own", change)
 
 
 def of_link(kind: str, values: Any, link: str = "uplink") -> Axis:

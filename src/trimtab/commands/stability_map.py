@@ -149,9 +149,9 @@ def _print(found: "StabilityMap", criteria: tuple["Theory", ...], why: str) -> N
         line = int(np.abs(found.at_y - value).argmin())
         (first,) = traced.value[(traced.index == [0, line]).all(axis=1)]
         side = "succeeds" if first >= traced.threshold else "fails"
-        unit = f" {found.y.unit}" if found.y.unit not in ("", "1") else ""
+        unit, along = (f" {axis.unit}" if axis.unit not in ("", "1") else "" for axis in (found.y, found.x))
         passes = [f"{a:.4g} to {b:.4g}" for a, b in found.crossings(float(value))]
-        turns = f", turns at {found.x.name} {', '.join(passes)} {found.x.unit}" if passes else " all along"
+        turns = f", turns at {found.x.name} {', '.join(passes)}{along}" if passes else " all along"
         click.echo(f"  {found.y.name} {value:.4g}{unit}: {side} at {found.x.values[0]:.4g}{turns}")
     if len(traced.boundary()) == 0:
         click.echo(_no_boundary(found))
