@@ -72,6 +72,7 @@ def test_killed_and_started_again_flies_what_is_missing(store, whole):
     told = []
     again = small(RUNS).run(store, progress=told.append)
     assert (again.flown, min(told) >= there, told[-1]) == (RUNS - there, True, RUNS)
+    assert told == sorted(told), "two blocks under way, and one tale of how far it is"
     assert_same(again.columns, whole)
     assert small(RUNS).run(store).flown == 0
 

@@ -3,6 +3,7 @@
 Source: docs page, Campaigns.
 """
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -134,6 +135,7 @@ class Campaign:
             fix = "name them, file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
+        progress = _rising(progress) if progress is not None else None
         fly, who = workers or here(threads, progress), identity(self.plan, self.ready.scenario, used)
         if store is None:
             rows = InMemory(self.plan.runs)
@@ -197,6 +199,20 @@ class Campaign:
         _, values = drawn(self.ready, run, run + 1)
         found = {**values, **measured_log(self.ready, log)}
         return {name: column[0] for name, column in found.items()}
+
+
+def _rising(tell: Callable[[int], None]) -> Callable[[int], None]:
+    """Tells no number below the last one: runs that fly are counted before they are kept."""
+    last, alone = 0, threading.Lock()
+
+    def told(done: int) -> None:
+        nonlocal last
+        with alone:
+            if done >= last:
+                last = done
+                tell(done)
+
+    return told
 
 
 def _first(columns: dict[str, Any], runs: int) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """A campaign in this process: blocks fly while those before are measured and written; Ctrl-C breaks it off."""
 
+import functools
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -31,22 +32,24 @@ def here(threads: int | None = None, progress: Callable[[int], None] | None = No
 
     def fly(ready: Ready, blocks: Blocks, used: str) -> Flown:
         ended, alone = threading.Event(), threading.Lock()
-        kept = ready.plan.runs - sum(last - first for first, last in blocks)
+        flown = {-1: ready.plan.runs - sum(last - first for first, last in blocks)}
 
-        def check(done: int) -> None:
+        def check(start: int, done: int) -> None:
+            """Of the piece that starts there, so many are done."""
             if ended.is_set():
                 raise _BrokenOff
             if progress is not None:
-                progress(kept + done)
+                with alone:
+                    flown[start] = max(flown.get(start, 0), done)  # runs of other choices begin at 0 again
+                    progress(sum(flown.values()))
 
         def block(first: int, last: int) -> dict[str, Any]:
-            nonlocal kept
             made = []
             for start, end in _pieces(first, last, used):
-                check(0)
-                made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=check))
-                with alone:
-                    kept += end - start
+                tell = functools.partial(check, start)
+                tell(0)
+                made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=tell))
+                tell(end - start)
             return {name: np.concatenate([columns[name] for columns in made]) for name in made[0]}
 
         with ThreadPoolExecutor(AHEAD) as pilots:
