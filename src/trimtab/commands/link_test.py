@@ -5,6 +5,7 @@ import json
 import math
 import re
 import secrets
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -192,6 +193,9 @@ def _print(request: Request, measured: list[Delays], files: list[Path]) -> None:
     if request.out is not None:
         file = request.out / f"settings-{_name(measured[0])}.txt"
         click.echo(f"fly over a link like this: trimtab run hovercraft/zero-velocity $(cat {file})")
+        words = [f"{p}link={request.out / f'{p}link-{_name(measured[0])}.csv'}" for p in ("up", "down")]
+        again = shlex.join(word for text in words for word in ("--set", text))
+        click.echo(f"over these very delays: trimtab run hovercraft/zero-velocity {again}")
     else:
         words = " ".join(f"'{w}'" if "[" in w else w for w in _settings(measured[0]))
         click.echo(f"fly over a link like this: trimtab run hovercraft/zero-velocity {words}")

@@ -8,6 +8,7 @@ from trimtab.loop.faults import injected
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.recorded_links import with_recordings
 
 
 def build(
@@ -17,7 +18,7 @@ def build(
 
     Args:
         name: in the catalogue, or ``file.py:function``.
-        settings: text by path, as after ``--set``.
+        settings: text by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a recording.
         without: imperfections to switch off.
         faults: to inject, as after ``--fault``.
 
@@ -29,6 +30,7 @@ def build(
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(name)
+    scenario, rest = with_recordings(scenario, rest)
     _refuse_choices(name, scenario, rest)
     scenario = with_settings(scenario, rest)
     for imperfection in without:

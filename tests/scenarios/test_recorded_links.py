@@ -1,0 +1,60 @@
+"""A scenario over a recording of a line, from what is typed: the delays that are flown are those of the file."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms, to_seconds
+from trimtab.links.latency_trace import LatencyTrace, Trace, write_trace
+from trimtab.run.simulate import simulate
+from trimtab.scenarios.build import build
+
+NAME = "hovercraft/zero-velocity"
+LATENCY = np.array([0.030, 0.012, 0.047, 0.0, 0.021])
+LOST = np.array([False, False, False, True, False])
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "uplink.csv"
+    write_trace(path, Trace(np.arange(5) * 0.02, LATENCY, LOST))
+    return str(path)
+
+
+def test_packets_take_the_recorded_latencies_in_turn(file):
+    scenario = build(NAME, {"uplink": file, "duration": "2"}, without=["navigation-error"])
+    log = simulate(scenario, log_period=ms(1))
+    fresh = log["uplink.fresh"].astype(bool)
+    sent = np.round((log.t[fresh] - log["uplink.age"][fresh]) / 0.02).astype(int)
+    first = int(sent[0])
+    ages = np.round(log["uplink.age"][fresh], 6)
+    wanted, last = [], 0.0
+    for k in range(first, first + len(ages) * 2):
+        if not LOST[(k - first) % 5]:
+            last = max(last, k * 0.02 + LATENCY[(k - first) % 5])
+            wanted.append(round(last - k * 0.02, 6))
+    np.testing.assert_allclose(ages, wanted[: len(ages)], atol=1e-9)
+    assert len(ages) > 70
+
+
+def test_the_rest_of_the_scenario_is_as_it_was(file):
+    own, changed = build(NAME), build(NAME, {"uplink": file, "world.vehicle.mass": "3"})
+    assert isinstance(changed.world.uplink, LatencyTrace)
+    assert changed.world.uplink.send_period == own.world.uplink.period
+    assert to_seconds(changed.world.uplink.period) == 0.001
+    assert (type(changed.world.downlink), changed.world.downlink.steps) == (type(own.world.downlink), 6)
+    assert (own.world.vehicle.mass, changed.world.vehicle.mass) == (2.6, 3.0)
+
+
+def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
+    path = tmp_path / "slow.csv"
+    write_trace(path, Trace(np.arange(2) * 0.02, np.array([0.1, 4.0]), np.zeros(2, bool)))
+    assert build(NAME, {"downlink": str(path)}).world.downlink.capacity > 4.0 / 0.006
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("3", "is no recording(.|\\n)*link-test"), ("nothing.csv", "there is no such file")]
+)
+def test_what_is_no_recording_is_refused(text, said):
+    with pytest.raises(InputError, match=said):
+        build(NAME, {"uplink": text})
