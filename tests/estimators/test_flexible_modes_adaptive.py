@@ -152,6 +152,7 @@ def test_at_rest_nothing_is_learnt_and_nothing_drifts():
     assert (np.abs(flown.error[:, -1]) < 3 * flown.estimate.sigma[:, -1]).all()  # and it knows what it does not know
 
 
+@pytest.mark.slow
 def test_steps_of_the_elevator_teach_it():
     """From 10 % off, printed first estimate, sigma 0.01: the frequency that sounds loudest within 1 % after 10 s."""
     flown = _learning()

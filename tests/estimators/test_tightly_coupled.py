@@ -152,6 +152,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
     np.testing.assert_allclose(node.P[np.ix_(keep, keep)], P, rtol=2e-4, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model, with scale and beacons' errors drawn: [4] section 5.4; issue 4."""
     start = replace(START, sigma_heading=0.05, sigma_position=0.05, sigma_velocity=0.1)
@@ -169,6 +170,7 @@ def test_it_stays_honest_on_the_network(usual):
     assert rf.nees_of(flown(ignoring))[:, FROM:].mean() > 24
 
 
+@pytest.mark.slow
 def test_it_starts_by_itself_within_a_second(usual):
     fix = usual.node.position_fix
     assert fix.tracking[:, 9:].all()
@@ -224,6 +226,7 @@ def test_two_beacons_are_enough():
     assert rf.nees_of(out)[:, FROM:].mean() < 9.2
 
 
+@pytest.mark.slow
 def test_outliers_do_not_throw_it_off(usual):
     """10 % of the ranges wrong by up to 3 m, from the start on."""
     out = flown(sensor=rf.strays())
@@ -320,6 +323,7 @@ def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
     assert np.asarray(told.state.covariance.positive)[100:].all()
 
 
+@pytest.mark.slow
 def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
     flight, felt, _, replies, last = ride
     frames = rf.late_frames(LINEAR, flight, felt, replies, last)
