@@ -32,6 +32,9 @@ CLOCK = JITTER / np.sqrt(2) / np.sqrt(8)
 LENGTH_S = 8.0
 """All simulated flights are at their speed by then."""
 SEEDS = range(100, 140)
+STALL_S = 0.1
+"""A machine that keeps a process with real-time priority waiting for longer is not its own (a virtual one whose host is
+busy); such a flight is made again, up to three times, and the last one counts."""
 
 
 def channels(latency, loss, more=(0.0, 0.0)):
@@ -57,6 +60,26 @@ def unfit():
 def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
     if reason := unfit():
         pytest.skip(reason)
+    for attempt in range(3):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        there, here = flown(folder)
+        assert (there[0], here[0]) == (0, 0), (there, here)
+        if kept_waiting(folder) < STALL_S:
+            break
+    said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]} {there[2]}"
+    check_line(folder, there[1], here[1], said)
+    scenario, _ = catalogue.load("hovercraft/forward", {"supervisor": "automatic"})
+    scenario = replace(scenario, duration=seconds(LENGTH_S))
+    flight = released(read_mcap(folder / "there" / "vehicle.mcap"))
+    assert flight.t[-1] > LENGTH_S - 0.1, said
+    wanted = bands(scenario, scenario.targets, (QUICK, SLOW), SEEDS)
+    assert ("truth.surge_velocity", "first_reach_s") in wanted
+    assert not compared(flight, scenario.targets, wanted), said
+
+
+def flown(folder):
+    """Both ends' results, of a flight from host to host."""
     weather = [f"--delay={DELAY}", f"--jitter={JITTER}", f"--loss={LOSS}", f"--seed={SEED}"]
     with Hosts() as hosts:
         relay = [sys.executable, relays.__file__, "udp", "127.0.0.1:15000", f"{NEAR}:14550", *weather]
@@ -64,17 +87,13 @@ def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
         lines = "udp://0.0.0.0:14550", "udp://127.0.0.1:15000"
         length = ("--duration", f"{LENGTH_S} s")
         both = {"vehicle": length, "pilot": length, "inside": (hosts.inside(0), hosts.inside(1))}
-        there, here = fly_pair(tmp_path, "hovercraft/forward", *lines, **both)
-    assert (there[0], here[0]) == (0, 0), (there, here)
-    said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]} {there[2]}"
-    check_line(tmp_path, there[1], here[1], said)
-    scenario, _ = catalogue.load("hovercraft/forward", {"supervisor": "automatic"})
-    scenario = replace(scenario, duration=seconds(LENGTH_S))
-    flight = released(read_mcap(tmp_path / "there" / "vehicle.mcap"))
-    assert flight.t[-1] > LENGTH_S - 0.1, said
-    wanted = bands(scenario, scenario.targets, (QUICK, SLOW), SEEDS)
-    assert ("truth.surge_velocity", "first_reach_s") in wanted
-    assert not compared(flight, scenario.targets, wanted), said
+        return fly_pair(folder, "hovercraft/forward", *lines, **both)
+
+
+def kept_waiting(folder):
+    """The longest (s) that either process was due and not run, by what both logs say."""
+    there, here = read_mcap(folder / "there" / "vehicle.mcap"), read_mcap(folder / "here" / "flight.mcap")
+    return max(there["firmware.late"].max(), here["loop.late"].max())
 
 
 def in_order():
