@@ -47,6 +47,17 @@ def test_a_scenario_of_ones_own_is_found_from_another_folder(tmp_path, monkeypat
     assert of("found.py:scenario", "world.vehicle.mass", "duration") == [3.0, 20_000_000]
 
 
+def test_a_recorded_line_is_found_from_another_folder(tmp_path, monkeypatch):
+    (tmp_path / "radio").mkdir()
+    (tmp_path / "radio" / "up.csv").write_text("sent_s,latency_s\n0.0,0.041\n0.02,0.5\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    plan = Plan("hovercraft/zero-velocity", settings=(("duration", "2"), ("uplink", "radio/up.csv")))
+    write_scenario(tmp_path / "out" / "found.py", plan, {"world.vehicle.mass": np.float64(3.0)}, "recorded")
+    monkeypatch.chdir(tmp_path / "out")
+    mass, latency = of("found.py:scenario", "world.vehicle.mass", "world.uplink.latency")
+    assert (mass, np.asarray(latency).tolist()) == (3.0, [0.041, 0.5])
+
+
 def test_parameters_at_a_point_are_those_of_the_distributions():
     texts = {"world.vehicle.mass": "uniform(80%, 120%)", "autopilot.law.k1": "normal(2, 0.1)"}
     spread = tuple((p, parse_distribution(t)) for p, t in sorted(texts.items()))

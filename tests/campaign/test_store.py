@@ -45,26 +45,20 @@ def test_metric_of_a_file_that_was_changed(store, tmp_path):
         small(BLOCK, **asked).run(store)
 
 
-def half(chunk):
-    return chunk[: len(chunk) // 2]
+TORN = {"half": lambda b: b[: len(b) // 2], "empty": lambda b: b"", "zeros": lambda b: bytes(len(b)), "gone": None}
+QUICK = {("success", "empty"), ("success", "gone"), ("error_rms:yaw_rate", "half"), ("error_rms:yaw_rate", "zeros")}
+QUICK |= {("done", "half"), ("done", "gone")}
+CHUNKS = [(column, torn) for column in ("error_rms:yaw_rate", "success", "done") for torn in TORN]
 
 
 @pytest.mark.parametrize(
-    ("column", "torn"),
-    [
-        ("error_rms:yaw_rate", half),
-        ("error_rms:yaw_rate", lambda b: bytes(len(b))),
-        ("success", lambda b: b""),
-        ("success", None),
-        ("done", half),
-        ("done", None),
-    ],
+    ("column", "torn"), [c if c in QUICK else pytest.param(*c, marks=pytest.mark.slow) for c in CHUNKS]
 )
 def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     small(4 * BLOCK).run(store)
-    chunk = store / column / "c" / "2"
-    if torn:
-        chunk.write_bytes(torn(chunk.read_bytes()))
+    chunk, spoil = store / column / "c" / "2", TORN[torn]
+    if spoil:
+        chunk.write_bytes(spoil(chunk.read_bytes()))
         with pytest.raises(InputError, match=r"damaged(.|\n)*start the command that made it again"):
             read_store(store)
     else:

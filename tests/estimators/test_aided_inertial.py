@@ -75,7 +75,11 @@ def test_all_forms_agree_where_the_model_is_linear():
         np.testing.assert_allclose(got.position_nis, want.position_nis, atol=1e-6)
 
 
-def test_late_positions_are_fused_when_they_were_measured(undisturbed):
+FORMS = (AidedInertialFeedback, AidedInertialFeedforward, AidedInertialDirect, AidedInertialCoupled)
+
+
+@pytest.mark.parametrize("made", [FORMS[0], *(pytest.param(f, marks=pytest.mark.slow) for f in FORMS[1:])])
+def test_late_positions_are_fused_when_they_were_measured(made):
     """Delays of 20 to 22 ticks, two of them swapped in order; heading too comes 3 ticks late. Equal to 1e-9."""
     sent = good()
     due = np.flatnonzero(sent.fix_fresh)
@@ -88,8 +92,10 @@ def test_late_positions_are_fused_when_they_were_measured(undisturbed):
     early = {k for k in np.flatnonzero(sent.fix_fresh) if k not in set(due)}
     in_time = sent._replace(fix_fresh=sent.fix_fresh & ~np.isin(np.arange(N), list(early)))
     late = sent._replace(fix_t=fix_t, fix=fix, fix_fresh=fresh)
-    (state, (_, belief)), (_, (_, want)) = flown(late), flown(in_time)
+    form = numeric(made(**PARTS))
+    (state, (_, belief)), (_, (_, want)) = flown(late, form), flown(in_time, form)
     assert last < N
+    assert form.ANY_ORDER, "so that a real line's late samples are given to it"
     assert state.position_sensor.disordered[-1] > 5
     assert state.position_sensor.late[-1] == 0
     np.testing.assert_allclose(belief.x, want.x, atol=1e-9)

@@ -4,8 +4,10 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 from trimtab.core.time import ms, seconds
+from trimtab.run.exchange import Taken
 from trimtab.run.fly import Flyer
 from trimtab.run.remote import QUICK_ASKS, Remote
+from trimtab.run.vehicle import Vehicle
 from trimtab.run.wall_clock import QUEUE, discard
 from trimtab.wire.time_sync import TimeSync
 
@@ -76,6 +78,18 @@ def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     flyer.remote.sync.jumps += 1  # another clock: a vehicle that was started again counts from zero
     flyer._send(ms(800), 0)
     assert ms(800) + stamps[-1] == ms(800)
+
+
+def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_comes_last():
+    """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
+    for times in ((20, 40), (40, 20)):
+        vehicle = object.__new__(Vehicle)
+        vehicle.clock, vehicle.link = SimpleNamespace(now=lambda: 0), SimpleNamespace(vouch=lambda: None)
+        vehicle.endpoint = SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data])
+        vehicle._command = SimpleNamespace(names=("COMMAND",), take=lambda m: Taken(m.t, [], [], 0))
+        vehicle._newest = None
+        vehicle._hear(times)
+        assert vehicle._newest.t == 40
 
 
 def test_what_lies_waiting_is_thrown_away_but_not_for_ever():

@@ -58,3 +58,8 @@ def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
 def test_what_is_no_recording_is_refused(text, said):
     with pytest.raises(InputError, match=said):
         build(NAME, {"uplink": text})
+
+
+def test_who_mistypes_it_is_shown_it():
+    with pytest.raises(InputError, match=r"no such choice(.|\n)*uplink, downlink"):
+        build(NAME, {"uplnk": "up.csv"})

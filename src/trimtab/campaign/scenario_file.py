@@ -11,6 +11,7 @@ import numpy as np
 from trimtab.campaign.plan import Plan
 from trimtab.core.errors import InputError
 from trimtab.logs.mcap import replacing
+from trimtab.scenarios.recorded_links import LINKS
 
 BODY = '''
 import numpy as np
@@ -46,12 +47,16 @@ def scenario_text(plan: Plan, values: Mapping[str, Any], about: str, folder: Pat
     file, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
     if file.endswith(".py"):
+        name = f'{_beside(file, folder)} + ":{function}"'
+    recorded = {link: _beside(recording, folder) for link, recording in plan.settings if link in LINKS}
+    settings = _plain({p: text for p, text in plan.settings if p not in recorded})
+    if recorded:
+        settings += f" | {{{', '.join(f'{link!r}: {path}' for link, path in recorded.items())}}}"
+    if "Path(" in name + settings:
         head += "\nfrom pathlib import Path\n"
-        near = Path(os.path.relpath(file, folder)).as_posix()
-        name = f'str(Path(__file__).parent / {near!r}) + ":{function}"'
     typed = {p: (np.asarray(v).tolist(), str(np.asarray(v).dtype)) for p, v in values.items()}
     body = BODY.format(
-        settings=_plain(dict(plan.settings)),
+        settings=settings,
         without=_plain(plan.without),
         faults=_plain(plan.faults),
         values=_plain(typed),
@@ -75,6 +80,11 @@ def check_file(part: str, file: Path) -> None:
         raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)
     if file.is_dir():
         raise InputError(part, f"{str(file)!r} is a folder", fix=f"{part} {file / 'found.py'}")
+
+
+def _beside(file: str, folder: Path) -> str:
+    """An expression for a file's path, seen from the file that will lie in the folder."""
+    return f"str(Path(__file__).parent / {Path(os.path.relpath(file, folder)).as_posix()!r})"
 
 
 def _plain(value: Any) -> str:

@@ -8,7 +8,7 @@ from trimtab.loop.faults import injected
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.recorded_links import with_recordings
+from trimtab.scenarios.recorded_links import LINKS, with_recordings
 
 
 def build(
@@ -44,7 +44,7 @@ def build(
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
     """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], list(catalogue.arguments(name))
+    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], [*catalogue.arguments(name), *LINKS]
     for wrong in [n for n in rest if "." not in n and n not in settings]:
         problem = f"scenario {name!r} has no such choice and no such setting"
         fix = f"trimtab list {name}  shows every setting by its path"
