@@ -22,8 +22,8 @@ import numpy as np
 from paired import Program, Ratio, load, machine, ratio, rounds, row
 
 from trimtab.campaign.campaign import Campaign
-from trimtab.campaign.ready import drawn
-from trimtab.campaign.spread import arrays_of
+from trimtab.campaign.sampling.spread import arrays_of
+from trimtab.campaign.workers.ready import drawn
 from trimtab.core.time import seconds
 from trimtab.run.batch import simulate_batch
 

@@ -11,9 +11,9 @@ import workload
 
 from trimtab.core.rng import Key
 from trimtab.core.time import Timetable, ms, timetable
-from trimtab.export.compiler import find_compiler, lanes
-from trimtab.export.library import fly, rows_of
+from trimtab.native.compiler import find_compiler, lanes
 from trimtab.run import compiled
+from trimtab.run.library import fly, rows_of
 
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""

@@ -19,8 +19,8 @@ from paired import Ratio, load, machine, row
 
 from trimtab.core.time import seconds, to_seconds
 from trimtab.links.open_link import open_link
+from trimtab.live.fly import Flight, Flyer
 from trimtab.run.fast_step import fast_step
-from trimtab.run.fly import Flight, Flyer
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 

@@ -26,14 +26,14 @@ import jax
 import jax.numpy as jnp
 from paired import Program, load, machine, ratio, rounds, row, show
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import numeric, replace
 from trimtab.core.time import to_seconds
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
+from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.kalman import predict, update
-from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.export.function import compile_function
 
 TRIMTAB, NUMPY, TOLERANCE, TARGET = "trimtab C", "numpy", 1e-9, 50
 COMMAND = "python benchmarks/filters.py"

@@ -25,8 +25,8 @@ import spec
 from paired import difference, machine, row
 from references import CC, CXX, HAND_C, HAND_SLP, KNOWN, SOURCES, sh
 
-from trimtab.export.build import FLAGS
-from trimtab.export.flight_text import JOB
+from trimtab.native.build import FLAGS
+from trimtab.run.walk_text import JOB
 
 MARCH, LANES = "-march=x86-64-v3", 4
 

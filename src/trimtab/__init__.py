@@ -25,7 +25,7 @@ HOMES = {
     "simulate": "run.simulate",
     "simulate_batch": "run.batch",
     "Campaign": "campaign.campaign",
-    "export_c": "run.export_c",
+    "export_c": "export.export_c",
     "open_link": "links.open_link",
 }
 """Where each name of the front door lives."""

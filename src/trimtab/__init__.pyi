@@ -14,7 +14,7 @@ from trimtab.loop.autopilot import Autopilot as Autopilot
 from trimtab.loop.scenario import Scenario as Scenario
 from trimtab.loop.world import World as World
 from trimtab.run.batch import simulate_batch as simulate_batch
-from trimtab.run.export_c import export_c as export_c
+from trimtab.export.export_c import export_c as export_c
 from trimtab.run.simulate import simulate as simulate
 from trimtab.scenarios.build import build as build
 

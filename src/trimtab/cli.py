@@ -9,9 +9,10 @@ from typing import Any
 
 import click
 
-from trimtab import __version__, campaign_cli, live_cli
+from trimtab import __version__
+from trimtab.commands import campaign_cli, live_cli
+from trimtab.commands.live_cli import FAULT, JSON, SCENARIO, pairs
 from trimtab.core.errors import InputError
-from trimtab.live_cli import FAULT, JSON, SCENARIO, pairs
 from trimtab.scenarios import catalogue
 
 NAVIGATION = click.option(

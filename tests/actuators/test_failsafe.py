@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe, FailsafeInput
+from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, replace
 from trimtab.core.signals import PlanarForce, Sample, measured
 from trimtab.core.time import ms, seconds
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
+from trimtab.native.compiler import find_compiler
 
 SAFE = (1.5e-3, 0.0)
 GOOD, STICKS = (1.7e-3, 6000.0), (1.4e-3, 2500.0)

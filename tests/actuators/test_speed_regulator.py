@@ -9,10 +9,10 @@ import pytest
 
 from trimtab.actuators.motor import Motor, MotorInput, MotorState
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import numeric, replace
 from trimtab.core.time import ms
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
+from trimtab.native.compiler import find_compiler
 
 RPM = 30 / np.pi
 motor, regulator = numeric(Motor()), numeric(SpeedRegulator())

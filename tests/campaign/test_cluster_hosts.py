@@ -11,7 +11,7 @@ from campaign.dask_processes import Processes, certificates, environment
 from campaign.small import BLOCK, assert_same, small
 from links.namespaces import FAR, NEAR, Hosts, why_not
 
-from trimtab.campaign.store import read_store
+from trimtab.campaign.store.store import read_store
 
 RUNS = 12 * BLOCK - 9
 
@@ -34,7 +34,7 @@ CLIENT = """
 import sys
 import numpy as np
 from campaign.small import small
-from trimtab.campaign.cluster import cluster
+from trimtab.campaign.workers.cluster import cluster
 from trimtab.core.errors import InputError
 
 uri, folder, runs, ca, host, out = sys.argv[1:]
@@ -81,7 +81,7 @@ def test_two_hosts(folder, whole, tmp_path):
 CUT = """
 import subprocess, sys, time
 from campaign.small import small
-from trimtab.campaign.cluster import cluster
+from trimtab.campaign.workers.cluster import cluster
 from trimtab.core.errors import InputError
 
 uri, folder, runs, store = sys.argv[1:]

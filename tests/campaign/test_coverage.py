@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.quantiles import quantile, ranks
+from trimtab.campaign.statistics.quantiles import quantile, ranks
 from trimtab.logs.proportion import proportion
 
 RUNS, CAMPAIGNS = 2000, 2000

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from campaign.small import BLOCK, assert_same, small
 
-from trimtab.campaign.store import read_store
+from trimtab.campaign.store.store import read_store
 from trimtab.core.errors import InputError
 
 RUNS = 20 * BLOCK - 5

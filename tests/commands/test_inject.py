@@ -9,9 +9,9 @@ from click.testing import CliRunner
 from trimtab.cli import main
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
+from trimtab.live.autopilot_end import dialect_for
+from trimtab.live.injector import ready_for_faults
 from trimtab.loop.fault import WORDS
-from trimtab.run.injector import ready_for_faults
-from trimtab.run.pilot import dialect_for
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
@@ -108,7 +108,7 @@ def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, sa
 
 
 def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
-    monkeypatch.setattr("trimtab.run.injector.PATIENCE", 0.3)
+    monkeypatch.setattr("trimtab.live.injector.PATIENCE", 0.3)
     done = inject("uplink off")
     assert done.exit_code == 2
     assert "no vehicle answers" in done.output

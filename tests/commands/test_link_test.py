@@ -79,7 +79,7 @@ def test_wrong_input_is_refused_with_what_to_type(change, why):
 
 
 def test_nobody_answers(tmp_path, monkeypatch, capsys):
-    from trimtab.run import link_test as measuring
+    from trimtab.live import link_test as measuring
 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr(measuring, "measure", lambda *_: None)

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 
 BOAT = '''
 from typing import Any
@@ -22,7 +22,7 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import normals
 from trimtab.core.signals import Estimate
 from trimtab.core.time import seconds
-from trimtab.estimators.navigation_state import HeadingFix, no_heading_fix
+from trimtab.estimators.inertial.navigation_state import HeadingFix, no_heading_fix
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
 from trimtab.sensors.planar_navigation import PlanarNavigation

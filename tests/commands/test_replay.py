@@ -9,9 +9,9 @@ from trimtab.commands.replay import Request, other_autopilot, replay
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
-from trimtab.export.compiler import find_compiler
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import recorded_scenario

@@ -5,8 +5,8 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from studies import catalogue
 from trimtab.cli import main
-from trimtab.studies import catalogue
 
 ROW = {
     *("group", "id", "what", "printed", "computed", "unit", "relation", "accepted", "tolerance", "basis"),
@@ -17,7 +17,7 @@ MADE_UP = '''"""Figures of chapter 1.
 Made up.
 """
 
-from trimtab.studies.row import missing, within
+from studies.row import missing, within
 
 SECTION = "1"
 

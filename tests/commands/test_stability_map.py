@@ -72,7 +72,7 @@ def test_axes_from_text():
     ],
 )
 def test_refused_before_anything_flies(tmp_path, monkeypatch, changes, said):
-    monkeypatch.setattr("trimtab.campaign.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
+    monkeypatch.setattr("trimtab.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
     if "plot" in changes:
         changes = {"plot": tmp_path / changes["plot"]}
     with pytest.raises(InputError, match=said):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.compiler.function import lowered
 from trimtab.core.float64 import jax
-from trimtab.export.build import build, load
-from trimtab.export.function import lowered
+from trimtab.native.build import build, load
 
 CPU = Path("/proc/cpuinfo")
 LANES = 8 if CPU.exists() and "avx512dq" in CPU.read_text() else 4

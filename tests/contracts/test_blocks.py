@@ -9,11 +9,11 @@ import pytest
 
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import declarations, numeric, part, period, record, replace
 from trimtab.core.signals import Motion, measured
 from trimtab.core.time import ms, to_seconds
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
+from trimtab.native.compiler import find_compiler
 
 STEPS = 40
 RUNS = 3

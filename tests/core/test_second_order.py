@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from trimtab.compiler.function import lowered
 from trimtab.core.second_order import Section, SectionState, at_rest, filtered, low_pass
-from trimtab.export.function import lowered
 
 DT = 0.0065536
 INPUT = np.random.default_rng(1).normal(size=(300, 2))

@@ -6,7 +6,7 @@ from estimators.flights import DT, rest, ticks, weave
 
 from trimtab.core.errors import InputError
 from trimtab.design.observability import constant_rank, gramian, observability
-from trimtab.estimators.aided_inertial_coupled import coupled_transition
+from trimtab.estimators.inertial.coupled import coupled_transition
 
 SIGMAS = np.array([0.1, 0.5, 0.5, 1.0, 1.0, 0.02, 0.2, 0.2])
 

@@ -3,8 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.function import lowered
 from trimtab.environment import geodetic as g
-from trimtab.export.function import lowered
 
 RNG = np.random.default_rng(5)
 PLACES = np.stack(

@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.function import lowered
 from trimtab.environment import geodetic
 from trimtab.environment.gravity import GM, RATE, gravity, normal_gravity
-from trimtab.export.function import lowered
 
 A, B = geodetic.SEMI_MAJOR, geodetic.SEMI_MINOR
 E = np.sqrt(A**2 - B**2)

@@ -16,10 +16,10 @@ from trimtab.core.rng import key, normals
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Frame, held, measured
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.measurement_history import newest
+from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.kalman import nees
-from trimtab.estimators.measurement_history import newest
-from trimtab.estimators.planar_inertial import InertialStart
 from trimtab.loop.structure import strong
 from trimtab.sensors.imu import InertialReading
 

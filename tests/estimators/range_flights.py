@@ -17,12 +17,12 @@ from trimtab.core.rng import Key, key, normals
 from trimtab.core.signals import Frame, Motion, Sample
 from trimtab.core.time import ms
 from trimtab.environment.acoustics import Air
-from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
-from trimtab.estimators.dual_filter import InertialNoise
-from trimtab.estimators.ping_update import tracked
-from trimtab.estimators.planar_inertial import LeverArms, turned_lever
-from trimtab.estimators.range_model import predicted
-from trimtab.estimators.ranging_position import RangingPosition
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.mechanisation import LeverArms, turned_lever
+from trimtab.estimators.ranging.ping_update import tracked
+from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.estimators.ranging.range_model import predicted
 from trimtab.sensors.time_of_flight import Beacons, Medium, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 

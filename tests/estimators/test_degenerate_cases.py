@@ -7,11 +7,11 @@ import pytest
 from estimators.flights import DT, MEMS, NEAR, QUICK, fly
 
 from trimtab.core.record import numeric, replace
-from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
-from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
-from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.direct import AidedInertialDirect
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 
 FORMS = (AidedInertialDirect, AidedInertialFeedforward, AidedInertialFeedback, AidedInertialCoupled)
 forms = pytest.mark.parametrize("cls", FORMS, ids=lambda cls: cls.__name__)

@@ -13,13 +13,13 @@ from estimators.flights import DT, TICK, Truth, fly_frames, ride, ticks, weave
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, replace
 from trimtab.core.rotation import wrap
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
-from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
-from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.dual_filter import InertialNoise
-from trimtab.estimators.planar_inertial import InertialStart
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.direct import AidedInertialDirect
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
+from trimtab.estimators.inertial.mechanisation import InertialStart
 
 N = 1000
 NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-8, forward=6.7e-3, starboard=6.7e-3, force_walk=1e-8)

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.function import lowered
 from trimtab.core.linalg import cholesky
 from trimtab.estimators import kalman
 from trimtab.estimators.kalman import nees, pivots, predict, update_in_turn
-from trimtab.export.function import lowered
 
 N, M = 5, 3
 update, health = jax.jit(kalman.update), jax.jit(kalman.health)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from trimtab.export.microcontroller import missing_tools
+from trimtab.export.boards import missing_tools
 
 REAL = {"c": "gcc", "c++": "g++"}
 VARIABLE = {"c": "CC", "c++": "CXX"}
@@ -38,8 +38,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("CC", "CXX"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("trimtab.export.library_cache._private", [])
-    monkeypatch.setattr("trimtab.export.library_cache._trouble", [])
+    monkeypatch.setattr("trimtab.native.cache._private", [])
+    monkeypatch.setattr("trimtab.native.cache._trouble", [])
     return tmp_path / "cache" / "c"
 
 

@@ -8,8 +8,8 @@ from trimtab.core.record import Scalar, option, part, period, quantity, record, 
 from trimtab.core.rng import Key, normals
 from trimtab.core.signals import measured
 from trimtab.core.time import ms, seconds
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
 from trimtab.sensors.imu import InertialReading

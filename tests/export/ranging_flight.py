@@ -6,10 +6,10 @@ import numpy as np
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.dual_filter import InertialNoise
-from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.estimators.tightly_coupled import PAIR, TightlyCoupled
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.mechanisation import InertialStart
+from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
 from trimtab.sensors.imu import Imu

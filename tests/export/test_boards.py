@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trimtab.export.microcontroller import TARGETS, emulate
+from trimtab.export.boards import TARGETS, emulate
+from trimtab.export.export_c import export_c
 from trimtab.export.verify import compare
-from trimtab.run.export_c import export_c
 from trimtab.scenarios import catalogue
 
 

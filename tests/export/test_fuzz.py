@@ -9,7 +9,7 @@ import pytest
 from contracts.compiled import LANES, compiled, reference, together
 from contracts.programs import TOLERANCE, Program, Writer, random_program
 from contracts.variables import Var
-from trimtab.export import scalar_text
+from trimtab.compiler import scalar_text
 
 BATCH = 50
 FEW, MANY = 40, 2000

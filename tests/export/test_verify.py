@@ -5,9 +5,9 @@ import json
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.export.compiler import find_compiler
+from trimtab.export.export_c import export_c
 from trimtab.export.verify import verify
-from trimtab.run.export_c import export_c
+from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from firmware.host import KEY, Host
 
-from trimtab.export.microcontroller import missing_tools
-from trimtab.run.firmware import write_firmware
+from trimtab.export.boards import missing_tools
+from trimtab.export.firmware_folder import write_firmware
 from trimtab.scenarios import catalogue
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-fwrapv"]

@@ -4,8 +4,8 @@ import ctypes
 
 import numpy as np
 
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import passphrase_key
 from trimtab.wire.stamps import EPOCH, PER_SECOND
 
 KEY = passphrase_key("a-key-for-these-tests-only")

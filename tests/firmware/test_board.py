@@ -11,10 +11,10 @@ from firmware.board import MACHINES, emulator
 from firmware.host import KEY, values
 from firmware.peer import Peer
 
-from trimtab.run.firmware import write_firmware
+from trimtab.export.firmware_folder import write_firmware
 from trimtab.scenarios import catalogue
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import passphrase_key
 
 NEUTRAL, LIFT_ON, LIFT_OFF = 1500, 2000, 1000
 

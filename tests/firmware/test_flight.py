@@ -11,10 +11,10 @@ from firmware.peer import Peer
 
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
+from trimtab.live.autopilot_end import dialect_for
+from trimtab.live.fly import Flyer
 from trimtab.logs.mcap import read_mcap
 from trimtab.run.fast_step import fast_step
-from trimtab.run.fly import Flyer
-from trimtab.run.pilot import dialect_for
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from firmware.host import COUNTS, KEY, MS, STAMP, Host, values
 
-from trimtab.wire.signing import passphrase_key
+from trimtab.wire.keys import passphrase_key
 
 NEUTRAL, FULL = 3000, 1000
 

@@ -9,13 +9,13 @@ from firmware.host import KEY
 
 from trimtab.actuators.direct import DirectActuation
 from trimtab.commands.firmware import Request, firmware
+from trimtab.compiler.block import Exported
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
-from trimtab.export.microcontroller import missing_tools
-from trimtab.export.step import Exported
-from trimtab.run.firmware import emulated, samples_source, write_firmware
-from trimtab.run.world_step import Built
+from trimtab.export.boards import missing_tools
+from trimtab.export.firmware_folder import emulated, samples_source, write_firmware
+from trimtab.live.world_step import Built
 from trimtab.scenarios import catalogue
 from trimtab.wire.dialect import dialect_of
 

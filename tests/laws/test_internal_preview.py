@@ -9,13 +9,13 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, V0, miss, noncausal, run
 from scipy.linalg import expm
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.once import QUICKLY
 from trimtab.core.record import numeric, replace
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
 from trimtab.laws.internal_preview import FadingModes
 from trimtab.laws.path_command import FilteredClimb
+from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import level_trim, preview_internal
 
 STEP = jax.jit(lambda form, t, state, climb: form.step(t, state, climb), compiler_options=QUICKLY)

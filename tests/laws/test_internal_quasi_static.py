@@ -10,11 +10,11 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from scipy.optimize import brentq
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import numeric, replace
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
 from trimtab.laws.internal_quasi_static import QuasiStaticInternal, QuasiStaticState
 from trimtab.laws.path_command import FilteredClimb
+from trimtab.native.compiler import find_compiler
 
 FORM = numeric(QuasiStaticInternal(CRAFT))
 

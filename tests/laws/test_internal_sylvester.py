@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import numeric
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
+from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
 
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, replace
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
 from trimtab.laws.internal_table import InternalTable
+from trimtab.native.compiler import find_compiler
 
 
 @pytest.fixture(scope="module")

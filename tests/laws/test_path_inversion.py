@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from trimtab.compiler.function import compile_function
 from trimtab.core.record import numeric
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
+from trimtab.native.compiler import find_compiler
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 CRAFT, DEG = numeric(Hypersonic()), math.pi / 180

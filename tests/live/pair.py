@@ -60,7 +60,7 @@ class Program:
 
 
 def make_key(folder, vehicle="hovercraft"):
-    from trimtab.wire.signing import create_key
+    from trimtab.wire.keys import create_key
 
     create_key(Path(folder) / "config" / "keys" / f"{vehicle}.key")
 

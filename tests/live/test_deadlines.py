@@ -11,8 +11,8 @@ import pytest
 from links.ends import free_port
 from live import pair
 
-from trimtab.export.compiler import find_compiler
 from trimtab.logs.mcap import read_mcap
+from trimtab.native.compiler import find_compiler
 
 pytestmark = [
     pytest.mark.slow,

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from studies.live_faults.case import STOPS, Case, Outcome, judge
+from studies.live_faults.cases import PARTS, WORDS, cases
+from studies.live_faults.flight import Ended
+from studies.live_faults.page import flown as flown_in_words
+from studies.live_faults.page import page
+from studies.live_faults.verdict import tripped, violations
 from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.cli import main
 from trimtab.logs.log import Log
-from trimtab.studies.live_faults.case import STOPS, Case, Outcome, judge
-from trimtab.studies.live_faults.cases import PARTS, WORDS, cases
-from trimtab.studies.live_faults.flight import Ended
-from trimtab.studies.live_faults.page import flown as flown_in_words
-from trimtab.studies.live_faults.page import page
-from trimtab.studies.live_faults.verdict import tripped, violations
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies" / "live-faults.md"
 QUICK = "cut-0.3", "uplink-stuck", "autopilot-killed"

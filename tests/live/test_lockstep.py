@@ -10,16 +10,16 @@ from live.pair import fly_pair
 
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.export.compiler import find_compiler
 from trimtab.links.open_link import open_link
+from trimtab.live.lockstep_flight import LockstepPilot, LockstepVehicle
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import metrics
-from trimtab.run.lockstep_flight import LockstepPilot, LockstepVehicle
+from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import passphrase_key
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = {"errors": 1, "ins": 2}

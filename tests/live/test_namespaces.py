@@ -20,9 +20,9 @@ from live.pair import fly_pair
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds, to_seconds
-from trimtab.export.compiler import find_compiler
 from trimtab.links.latency import NODES, MeasuredLatency, scores
 from trimtab.logs.mcap import read_mcap
+from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -10,9 +10,9 @@ from estimators.flights import DT, MEMS, NEAR, QUICK, TICK, draws, own_model, ti
 
 from trimtab.core.record import numeric, replace
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.navigation_state import at_reference
-from trimtab.estimators.planar_inertial import Belief
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
+from trimtab.estimators.inertial.mechanisation import Belief
+from trimtab.estimators.inertial.navigation_state import at_reference
 from trimtab.logs.log import Log
 from trimtab.logs.navigation import innovations, navigation, series
 

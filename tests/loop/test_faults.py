@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.direct import DirectActuation
+from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, numeric, period, quantity, record, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion, PlanarForce, Sample, measured
 from trimtab.core.time import ms, seconds
-from trimtab.export.compiler import find_compiler
-from trimtab.export.function import compile_function
 from trimtab.links.wire import Wire
 from trimtab.loop.fault import WORDS, Fault
 from trimtab.loop.faults import injected, parsed, places, switchable, watchable
@@ -22,6 +21,7 @@ from trimtab.loop.faulty_actuators import FaultyActuators
 from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.loop.faulty_sensor import FaultySensor
 from trimtab.loop.structure import strong
+from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 

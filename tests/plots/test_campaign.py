@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from trimtab.campaign.morris import morris, morris_rows
-from trimtab.campaign.quantiles import quantile
-from trimtab.campaign.saltelli import saltelli
-from trimtab.campaign.sensitivity import sensitivity
+from trimtab.campaign.sampling.morris import morris, morris_rows
+from trimtab.campaign.sampling.saltelli import saltelli
+from trimtab.campaign.statistics.quantiles import quantile
+from trimtab.campaign.statistics.sensitivity import sensitivity
 from trimtab.logs.proportion import proportion
 from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.falsify import Falsified
-from trimtab.campaign.plan import Plan
+from trimtab.campaign.search.falsify import Falsified
+from trimtab.campaign.workers.plan import Plan
 from trimtab.plots.falsify import plot_falsify
 
 

@@ -3,8 +3,8 @@ import pytest
 from matplotlib.image import imread
 from scipy import stats
 
+from trimtab.live.link_delays import Delays, Model, Plan
 from trimtab.plots.link_delays import density, plot_link_delays
-from trimtab.run.link_delays import Delays, Model, Plan
 
 
 def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from trimtab.campaign.axes import of_link, of_path
-from trimtab.campaign.boundary import trace
-from trimtab.campaign.map_theory import Theory
-from trimtab.campaign.stability_map import StabilityMap
+from trimtab.campaign.search.axes import of_link, of_path
+from trimtab.campaign.search.boundary import trace
+from trimtab.campaign.search.map_theory import Theory
+from trimtab.campaign.search.stability_map import StabilityMap
 from trimtab.plots.stability_map import plot_stability_map
 
 

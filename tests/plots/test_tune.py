@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.comparison import compare
-from trimtab.campaign.plan import Plan
-from trimtab.campaign.tune import Tuned
-from trimtab.campaign.tune_search import Step
+from trimtab.campaign.search.tune import Tuned
+from trimtab.campaign.search.tune_search import Step
+from trimtab.campaign.statistics.comparison import compare
+from trimtab.campaign.workers.plan import Plan
 from trimtab.plots.tune import plot_tune
 
 

@@ -8,8 +8,8 @@ from trimtab.core.interfaces import LinkStatistics
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.wire.dialect import dialect_of
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import passphrase_key
 
 KEY = passphrase_key("correct-horse-battery-staple")
 

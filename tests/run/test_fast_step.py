@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 from trimtab.run.fast_step import fast_step
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -4,11 +4,11 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 from trimtab.core.time import ms, seconds
-from trimtab.run.exchange import Taken
-from trimtab.run.fly import Flyer
-from trimtab.run.remote import QUICK_ASKS, Remote
-from trimtab.run.vehicle import Vehicle
-from trimtab.run.wall_clock import QUEUE, discard
+from trimtab.live.exchange import Taken
+from trimtab.live.fly import Flyer
+from trimtab.live.remote import QUICK_ASKS, Remote
+from trimtab.live.vehicle import Vehicle
+from trimtab.live.wall_clock import QUEUE, discard
 from trimtab.wire.time_sync import TimeSync
 
 OFFSET = 98_765_432

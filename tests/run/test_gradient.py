@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace, with_leaf
 from trimtab.core.time import seconds, to_seconds
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 from trimtab.run.gradient import gradient
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

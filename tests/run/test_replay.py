@@ -7,9 +7,9 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
-from trimtab.export.compiler import find_compiler
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.native.compiler import find_compiler
 from trimtab.run.program import described
 from trimtab.run.replay import describe, first_bit, replay
 from trimtab.run.simulate import simulate

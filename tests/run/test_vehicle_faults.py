@@ -6,17 +6,17 @@ import pytest
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
+from trimtab.live.duties import Duties
+from trimtab.live.exchange import Taken
+from trimtab.live.failsafe_step import failsafe_of
+from trimtab.live.injector import names_for_faults, planned
+from trimtab.live.uplink_step import uplink_step
+from trimtab.live.vehicle import on_real_link
+from trimtab.live.world_step import compiled_world
 from trimtab.loop.fault import WORDS
 from trimtab.loop.faults import injected
 from trimtab.loop.faulty_channel import FaultyChannel
-from trimtab.run.duties import Duties
-from trimtab.run.exchange import Taken
 from trimtab.run.fast_step import FastStep
-from trimtab.run.firmware_step import failsafe_of
-from trimtab.run.injector import names_for_faults, planned
-from trimtab.run.uplink_step import uplink_step
-from trimtab.run.vehicle import on_real_link
-from trimtab.run.world_step import compiled_world
 from trimtab.scenarios import catalogue
 from trimtab.wire.events import ArmAsked
 from trimtab.wire.parameters import Parameters
@@ -104,7 +104,7 @@ def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
 
 
 def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
-    from trimtab.run.injector import ready_for_faults
+    from trimtab.live.injector import ready_for_faults
 
     table = Parameters(ready_for_faults(scenario).world, "world").table()
     plan = planned(scenario, "sensor:navigation wrong by 0.25 for 2 s", names_for_faults(scenario))

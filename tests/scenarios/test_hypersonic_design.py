@@ -16,7 +16,7 @@ from trimtab.design.certificate_check import check
 from trimtab.design.certificate_file import parsed
 from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
-from trimtab.estimators.flexible_modes_model import dynamics_of
+from trimtab.estimators.flexible.model import dynamics_of
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic import _design as hypersonic
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers

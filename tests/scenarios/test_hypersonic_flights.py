@@ -8,8 +8,8 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.export.compiler import find_compiler
 from trimtab.laws.path_command import FilteredClimb
+from trimtab.native.compiler import find_compiler
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.time import ms, seconds
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -5,9 +5,9 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
-from trimtab.export.compiler import find_compiler
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import metrics
+from trimtab.native.compiler import find_compiler
 from trimtab.run.program import described
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from contracts.parts import key, motion
+from trimtab.compiler.function import lowered
 from trimtab.core.record import numeric
-from trimtab.export.build import build, load
-from trimtab.export.function import lowered
 from trimtab.loop.structure import strong
+from trimtab.native.build import build, load
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.imu import Imu

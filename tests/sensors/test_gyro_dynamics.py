@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from studies.hovercraft2006.gyro_compensation import TABLE_6_5
 from trimtab.core.time import ms
 from trimtab.sensors.gyro_dynamics import DelayedGyro, IdentifiedGyro, frequency_response
-from trimtab.studies.hovercraft2006.gyro_compensation import TABLE_6_5
 
 DT = 0.0065536
 TABLE = np.array(TABLE_6_5)

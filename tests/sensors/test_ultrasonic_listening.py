@@ -3,13 +3,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.function import lowered
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Sensor
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import Key, key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
-from trimtab.export.function import lowered
 from trimtab.sensors.time_of_flight import CEILING, CEILING_SQUARE, Beacons, RangeErrors
 from trimtab.sensors.ultrasonic_listening import UltrasonicListening
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from studies import catalogue
 from trimtab.core.errors import InputError
-from trimtab.studies import catalogue
 
 NAME = "hovercraft2006"
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from trimtab.studies import catalogue
-from trimtab.studies.erratum import KINDS, sections
-from trimtab.studies.hovercraft2006.errata import ERRATA
+from studies import catalogue
+from studies.erratum import KINDS, sections
+from studies.hovercraft2006.errata import ERRATA
 
 RIG = (
     "heading-filter",

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trimtab.studies import catalogue
-from trimtab.studies.erratum import KINDS, sections
-from trimtab.studies.hypersonic2022.errata import ERRATA
+from studies import catalogue
+from studies.erratum import KINDS, sections
+from studies.hypersonic2022.errata import ERRATA
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, K_PRINTED
 
 NAME = "hypersonic2022"

@@ -6,14 +6,14 @@
 import numpy as np
 import pytest
 
+from studies.hypersonic2022 import _linear_loop as loop
+from studies.hypersonic2022 import _trade as trade
+from studies.hypersonic2022 import elevator_trade
 from trimtab.core.record import replace
 from trimtab.core.time import ms
-from trimtab.estimators.flexible_modes import PRINTED_Q, TUNED_Q
+from trimtab.estimators.flexible.discrete import PRINTED_Q, TUNED_Q
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic._level import level_trim
-from trimtab.studies.hypersonic2022 import _linear_loop as loop
-from trimtab.studies.hypersonic2022 import _trade as trade
-from trimtab.studies.hypersonic2022 import elevator_trade
 from trimtab.vehicles.hypersonic import Hypersonic
 
 

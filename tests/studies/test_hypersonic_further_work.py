@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from studies.hypersonic2022 import _campaign as campaign
+from studies.hypersonic2022 import _campaign_ranking as ranking
+from studies.hypersonic2022 import further_work
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
 from trimtab.core.record import leaves, replace
@@ -10,9 +13,6 @@ from trimtab.core.time import ms
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.hypersonic._flight import flight
 from trimtab.scenarios.hypersonic._level import level_trim
-from trimtab.studies.hypersonic2022 import _campaign as campaign
-from trimtab.studies.hypersonic2022 import _campaign_ranking as ranking
-from trimtab.studies.hypersonic2022 import further_work
 from trimtab.vehicles.hypersonic import Hypersonic
 
 COUNT = len(campaign.COEFFICIENTS)

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from trimtab.studies.markdown import table
-from trimtab.studies.row import at_most, band, direction, inside, missing, overlaps, same, shown, within
+from studies.markdown import table
+from studies.row import at_most, band, direction, inside, missing, overlaps, same, shown, within
 
 HOLDING = {
     "within": within("a", "x", 2.0, 2.1, "p", tolerance=0.1001),

@@ -8,7 +8,7 @@ import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import Sample
-from trimtab.wire.signing import passphrase_key
+from trimtab.wire.keys import passphrase_key
 
 NOW = 1_800_000_000.0
 KEY = passphrase_key("correct-horse-battery-staple")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from wire.line import KEY, NOW, bit_by_bit, by_hand, heartbeat, stamp_at
 
 from trimtab.core.errors import InputError
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import passphrase_key
 
 VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
 """t, then what is left of SAMPLE_EVERY by size: real, angle, time, vector, count, word, valid, flag."""

@@ -15,7 +15,7 @@ from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign, Result, Workers
-    from trimtab.campaign.verdict import Verdict
+    from trimtab.campaign.statistics.verdict import Verdict
 
 
 class Request(NamedTuple):
@@ -80,9 +80,9 @@ def campaign(request: Request) -> bool:
 
 
 def _fly(request: Request, made: "Campaign") -> bool:
-    from trimtab.campaign.requirement import requirement
-    from trimtab.campaign.sampling import DESIGNS
-    from trimtab.campaign.verdict import judge
+    from trimtab.campaign.sampling.points import DESIGNS
+    from trimtab.campaign.statistics.requirement import requirement
+    from trimtab.campaign.statistics.verdict import judge
 
     wanted = [requirement(text) for text in request.require]
     if request.sampling in DESIGNS and (wanted or request.stop):
@@ -128,7 +128,7 @@ def _flown(request: Request, made: "Campaign", stop: Any) -> "Result":
 def _stopping(text: str | None, made: "Campaign") -> Any:
     if text is None:
         return None
-    from trimtab.campaign.stopping import narrowed, stopping
+    from trimtab.campaign.statistics.stopping import narrowed, stopping
 
     wanted = stopping(text)
     wanted.check(_metrics(made))
@@ -142,7 +142,7 @@ def _metrics(made: "Campaign") -> list[str]:
 def _workers(request: Request) -> "Workers | None":
     if request.cluster is None:
         return None
-    from trimtab.campaign.cluster import cluster
+    from trimtab.campaign.workers.cluster import cluster
 
     ca, cert, key = (file or "" for file in request.tls)
     return cluster(request.cluster, ca=ca, cert=cert, key=key)
@@ -185,9 +185,9 @@ def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
     if importlib.util.find_spec("pyarrow") is None:
         click.echo('no campaign.parquet without pyarrow: pip install "trimtab[parquet]"', err=True)
         return [str(f) for f in files]
-    from trimtab.campaign.parquet import write_parquet
+    from trimtab.campaign.store.parquet import write_parquet
 
-    table = request.out / "campaign.parquet"
+    table = request.out / "campaign.store.parquet"
     write_parquet(found, table)
     return [str(f) for f in (table, *files)]
 

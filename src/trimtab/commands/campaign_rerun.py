@@ -47,7 +47,7 @@ def _apart(request: "Request", run: int, row: dict[str, Any]) -> list[str] | Non
     """Names of the columns that differ from the store's row; None where there is no such row."""
     if request.store is None:
         return None
-    from trimtab.campaign.store import read_store
+    from trimtab.campaign.store.store import read_store
 
     _, columns = read_store(request.store)
     at = (columns["run"] == run).nonzero()[0]

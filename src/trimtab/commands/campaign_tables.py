@@ -10,9 +10,9 @@ import numpy as np
 
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign, Result
-    from trimtab.campaign.morris import Morris
-    from trimtab.campaign.sensitivity import Sensitivity
-    from trimtab.campaign.verdict import Verdict
+    from trimtab.campaign.sampling.morris import Morris
+    from trimtab.campaign.statistics.sensitivity import Sensitivity
+    from trimtab.campaign.statistics.verdict import Verdict
 
 SHOWN = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 WIDE = 105
@@ -29,7 +29,7 @@ def names_of(found: "Result") -> list[str]:
 
 def summary(found: "Result") -> dict[str, dict[str, float]]:
     """By metric the quantiles of SHOWN, each with its band, the largest value, and how often there was none."""
-    from trimtab.campaign.quantiles import quantile
+    from trimtab.campaign.statistics.quantiles import quantile
 
     told: dict[str, dict[str, float]] = {}
     for name in names_of(found):
@@ -47,7 +47,7 @@ def summary(found: "Result") -> dict[str, dict[str, float]]:
 
 def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdict]", command: str) -> None:
     """The table, the success, the requirements, and what to type to see one that failed."""
-    from trimtab.campaign.sampling import DESIGNS
+    from trimtab.campaign.sampling.points import DESIGNS
     from trimtab.commands.tables import console, new_table
 
     n = len(found.columns["run"])
@@ -92,7 +92,7 @@ def _n(value: float) -> str:
 
 def print_sensitivity(made: "Campaign", found: "Result") -> None:
     """What each factor matters to each metric, largest first."""
-    from trimtab.campaign.morris import Morris
+    from trimtab.campaign.sampling.morris import Morris
     from trimtab.commands.tables import console, new_table
 
     for metric, told in sensitivities(made, found).items():
@@ -118,8 +118,8 @@ def print_sensitivity(made: "Campaign", found: "Result") -> None:
 
 def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity | Morris]":
     """Of each metric, and of the success, from the rows of a design; by rank where a metric was not always finite."""
-    from trimtab.campaign.morris import morris
-    from trimtab.campaign.sensitivity import sensitivity
+    from trimtab.campaign.sampling.morris import morris
+    from trimtab.campaign.statistics.sensitivity import sensitivity
 
     parameters = [f.text for f in made.ready.spread.factors]
     told: dict[str, Any] = {}
@@ -136,7 +136,7 @@ def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity |
 
 def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path]:
     """Histograms, convergence, and what the failures have in common; or what matters, of a design."""
-    from trimtab.campaign.sampling import DESIGNS
+    from trimtab.campaign.sampling.points import DESIGNS
     from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
     from trimtab.plots.parallel_coordinates import plot_parallel
 

@@ -40,7 +40,7 @@ def export(request: Request) -> bool:
         problem = f"--run flies on a board, the target is {request.target!r}"
         raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --run")
     if request.fly:
-        from trimtab.export.microcontroller import require_tools
+        from trimtab.export.boards import require_tools
 
         require_tools(request.target)
     if request.out is None and not request.fly:
@@ -55,7 +55,7 @@ def _write(request: Request, folder: Path) -> bool:
     from trimtab.commands.cache import use_cache
     from trimtab.commands.fly_scenario import Request as Flight
     from trimtab.commands.fly_scenario import build
-    from trimtab.run.export_c import export_c
+    from trimtab.export.export_c import export_c
 
     assert request.scenario is not None
     scenario = build(Flight(request.scenario, request.settings, request.without))
@@ -91,7 +91,7 @@ def _write(request: Request, folder: Path) -> bool:
 def _real_of(target: str) -> str:
     if target not in BOARDS:
         return "double"
-    from trimtab.export.microcontroller import TARGETS
+    from trimtab.export.boards import TARGETS
 
     return TARGETS[target].real
 
@@ -100,7 +100,7 @@ def _on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
     """Fly the vectors on the emulated board: what it cost, and whether it computes what was simulated."""
     import numpy as np
 
-    from trimtab.export.microcontroller import emulate
+    from trimtab.export.boards import emulate
     from trimtab.export.verify import compare
 
     flown = emulate(folder, target)

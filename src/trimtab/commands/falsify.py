@@ -11,7 +11,7 @@ import click
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
-    from trimtab.campaign.falsify import Falsified
+    from trimtab.campaign.search.falsify import Falsified
 
 
 class Request(NamedTuple):
@@ -40,14 +40,14 @@ def falsify(request: Request) -> bool:
 
     The file is written either way: it holds the worst run that was found, failed or not.
     """
-    from trimtab.campaign import falsify as search
+    from trimtab.campaign.search import falsify as search
     from trimtab.commands.cache import use_cache
     from trimtab.commands.fly_scenario import check_folder, check_picture
     from trimtab.commands.progress import progress
 
     check_picture(request.plot, None)
     if request.out is not None:
-        from trimtab.campaign.scenario_file import check_file
+        from trimtab.campaign.search.scenario_file import check_file
 
         check_file("--out", request.out)
         check_folder("--out", request.out.parent)
@@ -76,7 +76,7 @@ def replay(request: Request, found: "Falsified") -> str:
 def _write(request: Request, found: "Falsified") -> list[str]:
     written = []
     if request.out is not None:
-        from trimtab.campaign.scenario_file import write_scenario
+        from trimtab.campaign.search.scenario_file import write_scenario
 
         kept = "; ".join(request.success) or "each target reached for good"
         about = (

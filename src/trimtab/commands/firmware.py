@@ -31,7 +31,7 @@ class Request(NamedTuple):
 
 def firmware(request: Request) -> bool:
     """Write the folder; with `emulate` build it and run it until Ctrl-C. Whether that went well."""
-    from trimtab.run.firmware import write_firmware
+    from trimtab.export.firmware_folder import write_firmware
 
     if request.emulate is not None:
         _require(request)
@@ -53,7 +53,7 @@ def firmware(request: Request) -> bool:
 
 
 def _require(request: Request) -> None:
-    from trimtab.export.microcontroller import require_tools
+    from trimtab.export.boards import require_tools
 
     require_tools(request.board)
     if not shutil.which("make"):

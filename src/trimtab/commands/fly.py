@@ -68,8 +68,8 @@ def _supervised(request: Request) -> Mapping[str, str]:
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.run.lockstep import Silence
-    from trimtab.run.lockstep_flight import LockstepPilot
+    from trimtab.live.lockstep import Silence
+    from trimtab.live.lockstep_flight import LockstepPilot
 
     with waiting(f"compiling {scenario.name}"):
         one = LockstepPilot(scenario, end, seed=request.seed)
@@ -84,7 +84,7 @@ def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -
 
 
 def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.run.fly import Flyer
+    from trimtab.live.fly import Flyer
 
     with waiting(f"compiling {scenario.name}"):
         one = Flyer(scenario, link, end, seed=request.seed)

@@ -27,8 +27,8 @@ class Request(NamedTuple):
 
 def inject(request: Request) -> None:
     """Set the numbers of a fault that the vehicle has ready; refused where it doesn't answer."""
-    from trimtab.run.injector import Injector, planned
-    from trimtab.run.pilot import dialect_for
+    from trimtab.live.autopilot_end import dialect_for
+    from trimtab.live.injector import Injector, planned
 
     scenario = build(Asked(request.scenario, request.settings))
     plan = planned(scenario, request.fault)

@@ -14,8 +14,8 @@ from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link
 from trimtab.links.uri import parse
 from trimtab.wire.dialect import Dialect
+from trimtab.wire.keys import Key, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.signing import Key, create_key, key_path, load_key
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """System and component of the ends."""

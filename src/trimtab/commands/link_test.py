@@ -15,7 +15,7 @@ import click
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link
-from trimtab.run.link_delays import Delays, Plan, model, rows, traces
+from trimtab.live.link_delays import Delays, Plan, model, rows, traces
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
 """Up and down in kb/s, those of the source's table 5.1."""
@@ -65,7 +65,7 @@ def link_test(request: Request, stop: Callable[[], bool] = lambda: False) -> boo
 
 
 def _echo(request: Request, stop: Callable[[], bool]) -> bool:
-    from trimtab.run.link_echo import echo
+    from trimtab.live.link_echo import echo
 
     link = open_link(request.uri, listen=request.listen is not False)
     click.echo(f"echoing on {request.uri}; the other end: trimtab link-test {request.uri}", err=True)
@@ -98,8 +98,8 @@ def _plans(request: Request) -> list[Plan]:
 def _measure(link: Link, uri: str, plans: list[Plan]) -> list[Delays]:
     """One after the other; empty where nobody answers, which is told."""
     from trimtab.commands.progress import waiting
-    from trimtab.run.clock_time import ClockTime
-    from trimtab.run.link_test import measure
+    from trimtab.live.clock_time import ClockTime
+    from trimtab.live.link_test import measure
 
     measured = []
     for plan in plans:

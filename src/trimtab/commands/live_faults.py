@@ -13,7 +13,7 @@ from trimtab.commands.fly_scenario import check_folder
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
-    from trimtab.studies.live_faults.case import Outcome
+    from studies.live_faults.case import Outcome
 
 
 class Request(NamedTuple):
@@ -28,7 +28,7 @@ class Request(NamedTuple):
 
 def live_faults(request: Request) -> bool:
     """Fly the cases; whether all of them hold."""
-    from trimtab.studies.live_faults.campaign import chosen, fly_cases
+    from studies.live_faults.campaign import chosen, fly_cases
 
     wanted = chosen(request.only)
     if request.out is not None:
@@ -68,8 +68,8 @@ def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
 
 def _write_page(file: Path, outcomes: "Sequence[Outcome]", wall: float, *, apart: bool) -> None:
     """A new page of all cases; or the rows of some in the page that is there."""
-    from trimtab.studies.live_faults.cases import cases
-    from trimtab.studies.live_faults.page import flown, page
+    from studies.live_faults.cases import cases
+    from studies.live_faults.page import flown, page
 
     before = file.read_text("utf-8") if apart and file.exists() else ""
     run = flown([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from studies import catalogue
+from studies.catalogue import Group
 from trimtab.commands.progress import progress
-from trimtab.studies import catalogue
-from trimtab.studies.catalogue import Group
 
 if TYPE_CHECKING:  # rich is imported when something is shown
-    from trimtab.studies.row import Row
+    from studies.row import Row
 
 Found = list[tuple[Group, "list[Row]"]]
 

@@ -11,9 +11,9 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
-    from trimtab.campaign.axes import Axis
-    from trimtab.campaign.map_theory import Theory
-    from trimtab.campaign.stability_map import StabilityMap
+    from trimtab.campaign.search.axes import Axis
+    from trimtab.campaign.search.map_theory import Theory
+    from trimtab.campaign.search.stability_map import StabilityMap
     from trimtab.loop.scenario import Scenario
 
 COARSE = 5
@@ -41,7 +41,7 @@ class Request(NamedTuple):
 
 def stability_map(request: Request) -> None:
     """Everything is checked before anything runs."""
-    from trimtab.campaign import stability_map as maps
+    from trimtab.campaign.search import stability_map as maps
     from trimtab.commands.cache import use_cache
     from trimtab.commands.fly_scenario import Request as Flight
     from trimtab.commands.fly_scenario import build, check_picture
@@ -57,7 +57,7 @@ def stability_map(request: Request) -> None:
     use_cache()
     wanted: dict[str, Any] = {"runs": request.runs, "depth": request.depth, "threshold": request.threshold}
     if request.success:
-        from trimtab.campaign.judge import success_of
+        from trimtab.campaign.statistics.judge import success_of
 
         wanted["success"], wanted["signals"] = success_of(scenario, request.success)
     with waiting(f"flying {scenario.name}"):
@@ -78,7 +78,7 @@ def axis(option: str, text: str) -> "Axis":
 
     With percent signs the scenario's own value is multiplied.
     """
-    from trimtab.campaign.axes import KINDS, LINKS, of_link, of_path, of_scale
+    from trimtab.campaign.search.axes import KINDS, LINKS, of_link, of_path, of_scale
 
     name, given, span = text.partition("=")
     ends = span.split(":")
@@ -109,7 +109,7 @@ def axis(option: str, text: str) -> "Axis":
 
 def _theory(found: "StabilityMap") -> tuple[tuple["Theory", ...], str]:
     """The criteria that apply, or why there are none."""
-    from trimtab.campaign.map_theory import theory
+    from trimtab.campaign.search.map_theory import theory
 
     try:
         return theory(found), ""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 if TYPE_CHECKING:
-    from trimtab.campaign.comparison import Comparison
-    from trimtab.campaign.tune import Tuned
+    from trimtab.campaign.search.tune import Tuned
+    from trimtab.campaign.statistics.comparison import Comparison
 
 
 class Request(NamedTuple):
@@ -42,14 +42,14 @@ def tune(request: Request) -> bool:
 
     The file is written only where it helps.
     """
-    from trimtab.campaign import tune as tuning
+    from trimtab.campaign.search import tune as tuning
     from trimtab.commands.cache import use_cache
     from trimtab.commands.fly_scenario import check_folder, check_picture
     from trimtab.commands.progress import progress
 
     check_picture(request.plot, None)
     if request.out is not None:
-        from trimtab.campaign.scenario_file import check_file
+        from trimtab.campaign.search.scenario_file import check_file
 
         check_file("--out", request.out)
         check_folder("--out", request.out.parent)
@@ -71,7 +71,7 @@ def tune(request: Request) -> bool:
 def _write(request: Request, found: "Tuned") -> list[str]:
     written = []
     if request.out is not None and found.helps:
-        from trimtab.campaign.scenario_file import write_scenario
+        from trimtab.campaign.search.scenario_file import write_scenario
 
         c = found.held_out
         gains = "\n".join(f"    {n} = {v!r}, was {found.before[n]!r}" for n, v in found.after.items())

@@ -62,8 +62,8 @@ def _free(log: Path) -> None:
 
 
 def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
-    from trimtab.run.injector import ready_for_faults
-    from trimtab.run.vehicle import Vehicle
+    from trimtab.live.injector import ready_for_faults
+    from trimtab.live.vehicle import Vehicle
 
     with waiting(f"compiling {scenario.name}"):
         one = Vehicle(ready_for_faults(scenario), link, end, seed=request.seed)
@@ -89,8 +89,8 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: i
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
-    from trimtab.run.lockstep import Silence
-    from trimtab.run.lockstep_flight import LockstepVehicle
+    from trimtab.live.lockstep import Silence
+    from trimtab.live.lockstep_flight import LockstepVehicle
 
     if duration is not None:
         scenario = replace(scenario, duration=duration)

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from trimtab.commands.plan import Plan, find, keep
 from trimtab.core.record import Quantity
-from trimtab.export.compiler import cpu
-from trimtab.export.library_cache import find as find_library
 from trimtab.logs.log import plain
 from trimtab.logs.metrics import Target
+from trimtab.native.cache import find as find_library
+from trimtab.native.compiler import cpu
 from trimtab.run.program import Column, Program
 
 PROGRAM_NUMBERS = ("words", "periods", "duration", "max_step")

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.export.c_functions import C_TYPES
-from trimtab.export.members import Member
-from trimtab.export.preamble import FREE
-from trimtab.export.step import Exported
+from trimtab.compiler.block import Exported
+from trimtab.compiler.c_functions import C_TYPES
+from trimtab.compiler.preamble import FREE
+from trimtab.compiler.structs import Member
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
 """Of each output, as a part of its largest size in the vectors; the least that is told apart is TOLERANCE too."""

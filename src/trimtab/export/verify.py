@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.export.compiler import find_compiler
+from trimtab.native.compiler import find_compiler
 
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 EXACT = ("-O2", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.morris import Morris
-from trimtab.campaign.quantiles import Quantile, column, quantile
-from trimtab.campaign.saltelli import NOISE
-from trimtab.campaign.sensitivity import Sensitivity
-from trimtab.campaign.verdict import share
+from trimtab.campaign.sampling.morris import Morris
+from trimtab.campaign.sampling.saltelli import NOISE
+from trimtab.campaign.statistics.quantiles import Quantile, column, quantile
+from trimtab.campaign.statistics.sensitivity import Sensitivity
+from trimtab.campaign.statistics.verdict import share
 from trimtab.plots.parallel_coordinates import short_names
 from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save
 

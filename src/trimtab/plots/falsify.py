@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.falsify import Falsified
+from trimtab.campaign.search.falsify import Falsified
 from trimtab.plots.run import BLUE, DPI, GREY, SEVERAL, VERMILION, save
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trimtab.live.link_delays import Delays, Model, model, rows, traces
 from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save
-from trimtab.run.link_delays import Delays, Model, model, rows, traces
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.quantiles import column
+from trimtab.campaign.statistics.quantiles import column
 from trimtab.core.errors import InputError
 from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save
 

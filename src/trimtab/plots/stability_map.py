@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.axes import Axis
-from trimtab.campaign.map_theory import Theory
-from trimtab.campaign.stability_map import StabilityMap
+from trimtab.campaign.search.axes import Axis
+from trimtab.campaign.search.map_theory import Theory
+from trimtab.campaign.search.stability_map import StabilityMap
 from trimtab.plots.run import save
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

@@ -9,11 +9,11 @@ import numpy as np
 from trimtab.core.errors import InputError, closest
 from trimtab.core.float64 import jax
 from trimtab.core.time import Timetable, ms
-from trimtab.export.compiler import find_compiler, lanes
-from trimtab.export.library import Flown, fly, rows_of, threads_of
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Walked, walk
+from trimtab.native.compiler import find_compiler, lanes
 from trimtab.run import compiled
+from trimtab.run.library import Flown, fly, rows_of, threads_of
 from trimtab.run.prepare import check_signals, inputs, prepared, use_c
 from trimtab.run.program import Column, check_seed, split, width_of
 

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.float64 import jax
-from trimtab.export.build import build
-from trimtab.export.compiler import find_compiler
-from trimtab.export.flight import Flight, lower_flight
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import logged
+from trimtab.native.build import build
+from trimtab.native.compiler import find_compiler
 from trimtab.run.program import Column, Program, described
+from trimtab.run.walk_program import Flight, lower_flight
 
 
 class Structure(NamedTuple):

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.compiler.block import Exported
+from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError, closest
-from trimtab.export.build import build, load
+from trimtab.export.export_c import autopilot_step
 from trimtab.export.folder import vectors_source
-from trimtab.export.members import Member
-from trimtab.export.step import Exported
 from trimtab.loop.scenario import Scenario
-from trimtab.run.export_c import autopilot_step
+from trimtab.native.build import build, load
 
 ENTRY = """
 #include <stddef.h>

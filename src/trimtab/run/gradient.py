@@ -9,15 +9,15 @@ import numpy as np
 from trimtab.core.errors import InputError, closest
 from trimtab.core.float64 import jax
 from trimtab.core.time import Clock, Timetable, ms, to_seconds
-from trimtab.export.build import build
-from trimtab.export.compiler import find_compiler, lanes
-from trimtab.export.flight import Flight, lower_walk
-from trimtab.export.library import fly, rows_of, threads_of
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant, start
+from trimtab.native.build import build
+from trimtab.native.compiler import find_compiler, lanes
 from trimtab.run import compiled
 from trimtab.run.batch import own_inputs
+from trimtab.run.library import fly, rows_of, threads_of
 from trimtab.run.prepare import inputs, prepared
+from trimtab.run.walk_program import Flight, lower_walk
 
 Cost = Callable[[Signals], Any]
 

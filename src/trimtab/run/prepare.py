@@ -10,10 +10,10 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import Key
 from trimtab.core.time import Timetable, show, timetable
-from trimtab.export.build import BuildFailed
-from trimtab.export.compiler import NoCompiler
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, logged
+from trimtab.native.build import BuildFailed
+from trimtab.native.compiler import NoCompiler
 from trimtab.run.program import check_seed
 
 MAX_INSTANTS = 200_000_000

@@ -10,13 +10,13 @@ from trimtab.core.record import numeric, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
 from trimtab.core.time import to_seconds
+from trimtab.export.export_c import Block, Outputs, autopilot_step, paths_of
 from trimtab.logs.difference import difference
 from trimtab.logs.log import Log
 from trimtab.logs.provenance import provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import like, strong
 from trimtab.loop.walk import start
-from trimtab.run.export_c import Block, Outputs, autopilot_step, paths_of
 from trimtab.run.fast_step import FastStep
 from trimtab.run.prepare import use_c
 from trimtab.run.program import check_seed

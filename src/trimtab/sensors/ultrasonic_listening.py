@@ -15,6 +15,7 @@ from trimtab.core.record import Scalar, option, part, period, quantity, record, 
 from trimtab.core.rng import Key, uniform2
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, ms, seconds, show, to_seconds
+from trimtab.sensors.contention import CarrierSense, exchange
 from trimtab.sensors.time_of_flight import (
     Beacons,
     Medium,
@@ -28,7 +29,6 @@ from trimtab.sensors.time_of_flight import (
     unit_velocity,
     without_fault,
 )
-from trimtab.sensors.ultrasonic_channel import CarrierSense, exchange
 
 CHIRP = 140
 """Stream of the chirps' times."""

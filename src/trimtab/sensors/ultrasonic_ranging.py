@@ -15,6 +15,7 @@ from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, ms, seconds, show, to_seconds
 from trimtab.environment.acoustics import speed_of_sound
+from trimtab.sensors.contention import CarrierSense, exchange
 from trimtab.sensors.time_of_flight import (
     Beacons,
     Medium,
@@ -28,7 +29,6 @@ from trimtab.sensors.time_of_flight import (
     unit_velocity,
     without_fault,
 )
-from trimtab.sensors.ultrasonic_channel import CarrierSense, exchange
 
 SYNC, TICK, DRIFT = 130, 131, 132
 """Streams of the clock's draws."""

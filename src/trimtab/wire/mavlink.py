@@ -18,8 +18,8 @@ from trimtab.wire.checksum import checksum
 from trimtab.wire.counts import Counts
 from trimtab.wire.definitions import Definition
 from trimtab.wire.dialect import Dialect
+from trimtab.wire.keys import Key
 from trimtab.wire.message import Message, arrange, fitted
-from trimtab.wire.signing import Key
 from trimtab.wire.stamps import Stamps
 
 VERSION_2, VERSION_1 = 0xFD, 0xFE

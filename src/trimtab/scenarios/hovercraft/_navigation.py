@@ -13,14 +13,14 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.environment.acoustics import Air
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
-from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.passthrough import Passthrough
-from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.estimators.ranging_position import RangingPosition
-from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.loop.relayed_sensor import RelayedSensor
 from trimtab.sensors.imu import Imu

@@ -9,8 +9,8 @@ from typing import Any, Literal
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.estimators.flexible_modes import FlexibleModeFilter
-from trimtab.estimators.flexible_modes_adaptive import AdaptiveFlexibleModeFilter
+from trimtab.estimators.flexible.adaptive import AdaptiveFlexibleModeFilter
+from trimtab.estimators.flexible.discrete import FlexibleModeFilter
 from trimtab.laws.adaptive_robust import AdaptiveRobust
 from trimtab.laws.internal_quasi_static import QuasiStaticInternal
 from trimtab.laws.path_command import FilteredClimb

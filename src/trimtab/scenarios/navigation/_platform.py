@@ -12,12 +12,12 @@ from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.time import seconds, to_seconds
 from trimtab.environment.gravity import STANDARD
 from trimtab.environment.magnetic import COLLEGE_PARK
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.aided_inertial_coupled import AidedInertialCoupled
-from trimtab.estimators.aided_inertial_direct import AidedInertialDirect
-from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
-from trimtab.estimators.aided_inertial_feedforward import AidedInertialFeedforward
-from trimtab.estimators.dual_filter import InertialNoise
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.direct import AidedInertialDirect
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.laws.turntable import Turntable
 from trimtab.links.wire import Wire
 from trimtab.logs.metrics import Target

@@ -5,7 +5,7 @@ from typing import Literal
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms
-from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig

@@ -2,7 +2,7 @@
 
 import math
 
-from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import ARM, DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig

@@ -1,6 +1,6 @@
 """Heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
 
-from trimtab.estimators.aided_inertial import Intake
+from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig

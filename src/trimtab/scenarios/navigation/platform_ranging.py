@@ -7,13 +7,13 @@ import numpy as np
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.environment.acoustics import Air
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.aided_inertial_feedback import AidedInertialFeedback
-from trimtab.estimators.dual_filter import InertialNoise
-from trimtab.estimators.planar_inertial import InertialStart
-from trimtab.estimators.ranging_position import RangingPosition
-from trimtab.estimators.tightly_coupled import TightlyCoupled
-from trimtab.estimators.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.mechanisation import InertialStart
+from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
+from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, rig

@@ -3,8 +3,8 @@
 from typing import Literal
 
 from trimtab.core.record import replace
-from trimtab.estimators.aided_inertial import Intake
-from trimtab.estimators.compensated_inertial import CompensatedInertial
+from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig

@@ -1,0 +1,174 @@
+"""Screening of many factors with few runs: elementary effects along random trajectories.
+
+A trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor once, in
+random order, by STEP up or down. What the metric then changes by, over that step, is an elementary effect: the slope
+over the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
+
+    mu = mean of the effects         mu* = mean of their sizes         sigma = their standard deviation
+
+mu* says whether a factor matters; sigma near or above mu* that it does so in a non-linear way or together with others.
+
+The random numbers of a run are one more factor, the last: its step flies the same point with other numbers. What
+changes then is divided by 1/3, the mean distance of two independent draws of a uniform factor, so that noise reads as a
+factor of the same spread would. Its sign means nothing, and so its mu is about 0.
+
+Source: [1] Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991); mu*:
+[2] Campolongo, Cariboni, Saltelli, "An effective screening design for sensitivity analysis of large models", Environ.
+Model. Softw. 22 (2007); interval of sigma: [3] Miller, "Jackknifing variances", Ann. Math. Statist. 39 (1968). The
+levels keep off 0 and 1, where the quantile of a normal distribution is infinite.
+"""
+
+import zlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from trimtab.campaign.sampling.saltelli import NOISE, Rows, check_factors
+from trimtab.campaign.statistics.quantiles import column
+from trimtab.campaign.statistics.sensitivity import by_ranks, why_none
+from trimtab.core.errors import InputError
+from trimtab.core.rng import threefry2x32
+
+LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
+STEP = 0.6
+"""Two levels: from each level there is one step inside the grid, so that all levels are visited equally often."""
+NOISE_STEP = 1 / 3
+STREAM = zlib.crc32(b"campaign.sampling.morris")
+LEAST = 4
+"""Fewer trajectories say nothing of sigma."""
+
+
+class Morris(NamedTuple):
+    """Elementary effects of each factor; arrays of shape (factors,), NaN where the runs tell none.
+
+    factors: names, the noise last where it is one.  mu, mu_star, sigma: in the metric's unit for the factor's range.
+    *_low, *_high: intervals.  trajectories: how many were used.  rows: how many runs these are.  note: why there are
+    no effects, or "".
+    """
+
+    factors: tuple[str, ...]
+    mu: Any
+    mu_low: Any
+    mu_high: Any
+    mu_star: Any
+    mu_star_low: Any
+    mu_star_high: Any
+    sigma: Any
+    sigma_low: Any
+    sigma_high: Any
+    trajectories: int
+    rows: int
+    level: float
+    note: str
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The factors, largest mu* first."""
+        return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
+
+
+def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
+    """How many rows one trajectory has: its start and a step of each factor."""
+    return parameters + int(noise) + 1
+
+
+def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Rows:
+    """Rows first to last - 1 of the design; row k depends on the seed, k and the number of factors alone.
+
+    Args:
+        seed: of the campaign.
+        first: number of the first row, from 0.
+        last: number of the row after the last.
+        parameters: how many are dispersed, at least 1, without the noise.
+        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
+    """
+    if not 0 <= first < last or parameters < 1:
+        problem = f"rows {first} to {last} of {parameters} parameters are none"
+        raise InputError("morris", problem, fix="0 <= first < last and at least one parameter")
+    trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
+    begin, when, up = _trajectories(seed, trajectory, parameters + int(noise))
+    stepped = when < place[:, None]
+    level = begin + 2 * (stepped == up)  # up: from the lower one to the one two above; down: the other way round
+    words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
+    return Rows(LEVELS[level[:, :parameters]], words.astype(np.uint32))
+
+
+def morris(
+    values: Any,
+    seed: int,
+    parameters: Sequence[str],
+    *,
+    noise: bool = True,
+    level: float = 0.95,
+    by_rank: bool = False,
+) -> Morris:
+    """Elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
+
+    Args:
+        values: the metric of rows 0 to n - 1, shape (n,); whole trajectories among them are used.
+        seed: of the design: it says which factor changed in which row.
+        parameters: names, in the order of the design's columns, without the noise.
+        noise: whether the random numbers of the runs are a factor of the design.
+        level: confidence of the intervals.
+        by_rank: of the metric's rank among these rows; then runs without a finite value count as the last.
+    """
+    check_factors(parameters)
+    if not 0 < level < 1:
+        raise InputError("morris: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    size = rows_per_trajectory(len(parameters), noise=noise)
+    x = column(values, "morris")
+    count = len(x) // size
+    if count < LEAST:
+        fix = f"fly at least {LEAST * size} runs; 20 trajectories are {20 * size} runs"
+        raise InputError("morris", f"{len(x)} rows are {count} trajectories of {size}", fix=fix)
+    x = x[: count * size]
+    names = (*parameters, NOISE) if noise else tuple(parameters)
+    x, note = by_ranks(x) if by_rank else (x, why_none(x))
+    if note:
+        v = np.full(len(names), np.nan)
+        return Morris(names, v, v, v, v, v, v, v, v, v, count, count * size, level, note)
+    effects = _effects(x.reshape(count, size), seed, len(parameters), noise)
+    mu, size_of = _student(effects, level), _student(np.abs(effects), level)
+    return Morris(names, *mu, *size_of, *_deviation(effects, level), count, count * size, level, "")
+
+
+def _trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
+    """Of each trajectory and factor: its lower level (0 or 1), when it steps (0 first), and whether upwards."""
+    word = np.uint32(seed % 2**32)
+    drawn = threefry2x32(word, np.uint32(STREAM), trajectory[:, None], np.arange(factors)[None])
+    bits, order = (np.asarray(w, np.uint32) for w in drawn)
+    when = np.argsort(np.argsort(order, axis=1, kind="stable"), axis=1, kind="stable")
+    return (bits & 1).astype(int), when, (bits >> 1) & 1 == 1
+
+
+def _effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
+    """Elementary effects, shape (trajectories, factors)."""
+    _, when, up = _trajectories(seed, np.arange(len(table)), parameters + int(noise))
+    change = np.take_along_axis(np.diff(table, axis=1), when, axis=1)
+    step = np.where(up, STEP, -STEP)
+    if noise:
+        step[:, -1] = NOISE_STEP
+    return change / step
+
+
+def _student(x: Any, level: float) -> tuple[Any, Any, Any]:
+    """Mean of each column with Student's interval."""
+    width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
+    return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
+
+
+def _deviation(x: Any, level: float) -> tuple[Any, Any, Any]:
+    """Standard deviation of each column; its interval from a jackknife of the logarithm of the variance."""
+    n = len(x)
+    apart = (x - x.mean(axis=0)) ** 2
+    whole = apart.sum(axis=0) / (n - 1)
+    without = (apart.sum(axis=0) - apart * n / (n - 1)) / (n - 2)
+    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: what is left is rounding
+    log = np.log(np.where(certain, 1.0, np.maximum(without, 1e-12 * whole)))
+    pseudo = n * np.log(np.where(certain, 1.0, whole)) - (n - 1) * log
+    _, low, high = _student(pseudo, level)
+    low, high = (np.where(certain, 0.0, np.exp(np.minimum(v, 700) / 2)) for v in (low, high))
+    sigma = np.sqrt(whole)
+    return sigma, np.minimum(low, sigma), np.maximum(high, sigma)

@@ -1,0 +1,182 @@
+"""What differs from run to run: paths of a scenario's parameters, what each is drawn from, and what hangs together.
+
+A path is the name that ``--set`` and the log use; ``path[1]`` or ``path[0,2]`` is one number of an array. An array
+without an index is scaled whole, by a distribution whose numbers are all shares: ``normal(100%, 5%)``.
+
+Source: Nelsen, "An introduction to copulas", Springer 2006, section 2.3, for what hangs together: a Gaussian copula.
+"""
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from trimtab.campaign.sampling.distributions import Distribution, check_nominal
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import Option, Quantity, leaves
+from trimtab.loop.scenario import Scenario
+
+FLOWN = ("world.", "autopilot.", "initial.")
+"""Where parameters live that a run reads."""
+
+
+class Factor(NamedTuple):
+    """One parameter that differs, as it was written; at: the index of one number of an array."""
+
+    text: str
+    path: str
+    at: tuple[int, ...] | None
+    distribution: Distribution
+
+
+class Spread(NamedTuple):
+    """All that differs. mixing: (d, d), z -> z' with the wanted correlations, or None."""
+
+    factors: tuple[Factor, ...]
+    mixing: Any = None
+
+    def levels(self, u: Any) -> Any:
+        """Points (n, d) of a design, with the wanted correlations; each column stays uniform."""
+        if self.mixing is None:
+            return u
+        return special.ndtr(special.ndtri(u) @ self.mixing.T)
+
+
+def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, ...]:
+    """The factors, sorted by what was written, so that the order on the command line plays no part."""
+    made = []
+    for text, distribution in spread:
+        found = re.fullmatch(r"([^\[\]]+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?", text.strip())
+        if not found:
+            raise InputError(
+                f"--spread {text}", "is no path", fix="write e.g. world.vehicle.mass or autopilot.law.K[0,1]"
+            )
+        index = tuple(int(i) for i in found[2].split(",")) if found[2] else None
+        made.append(Factor(text.strip(), found[1], index, distribution))
+    made.sort(key=lambda f: f.text)
+    for one, other in itertools.pairwise(made):
+        if one.text == other.text or (one.path == other.path and (one.at is None or other.at is None)):
+            raise InputError(f"--spread {other.text}", "is named twice", fix="keep one of them")
+    return tuple(made)
+
+
+def resolve(
+    scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
+) -> Spread:
+    """The spread of a scenario; refuses paths, indices and distributions that don't fit it."""
+    known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(FLOWN)}
+    for factor in factors:
+        part = f"--spread {factor.text}"
+        if factor.path not in known:
+            near = closest(factor.path, known, 6) or list(known)[:6]
+            raise InputError(
+                part, "there is no such parameter", choices=near, fix=f"--spread '{near[0]}=normal(100%, 5%)'"
+            )
+        value, declared = known[factor.path]
+        if isinstance(declared, Option):
+            _check_option(part, factor, declared)
+        else:
+            _check_number(part, factor, np.asarray(value), declared)
+    return Spread(factors, _mixing([f.text for f in factors], list(correlate)))
+
+
+def _check_option(part: str, factor: Factor, declared: Option) -> None:
+    if factor.distribution.kind == "choice" and factor.at is None:
+        return
+    offer = ", ".join(map(str, declared.choices)) or "10 ms, 20 ms"
+    problem = f"it shapes the program, so {factor.distribution.text!r} can't be drawn for it"
+    raise InputError(part, problem, fix=f"--spread '{factor.path}=choice({offer})'")
+
+
+def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> None:
+    if factor.at is not None:
+        inside = len(factor.at) == value.ndim and all(i < n for i, n in zip(factor.at, value.shape, strict=True))
+        if not inside:
+            raise InputError(
+                part, f"the parameter has shape {value.shape}", fix=f"--spread '{_example(factor, value)}'"
+            )
+        value = value[factor.at]
+    elif value.ndim and not factor.distribution.relative:
+        problem = f"the parameter has shape {value.shape}, and {factor.distribution.text} is one number"
+        whole = f"{factor.path}=normal(100%, 5%)"
+        fix = f"scale it whole, --spread '{whole}', or one of it, --spread '{_example(factor, value)}'"
+        raise InputError(part, problem, fix=fix)
+    if factor.distribution.kind == "choice" and not factor.distribution.amounts:
+        problem = f"{factor.distribution.text!r} are not all numbers"
+        raise InputError(part, problem, fix=f"--spread '{factor.path}=choice(90%, 100%, 110%)'")
+    if declared.kind not in ("real", "angle") and factor.distribution.kind not in ("choice", "file"):
+        problem = f"it is a whole number ({declared.kind}), and {factor.distribution.text} gives others"
+        raise InputError(part, problem, fix=f"--spread '{factor.path}=choice(1, 2)'")
+    if value.ndim == 0:
+        check_nominal(part, factor.distribution, float(value))
+
+
+def _example(factor: Factor, value: Any) -> str:
+    index = f"[{','.join('0' * value.ndim)}]" if value.ndim else ""
+    return f"{factor.path}{index}=normal(100%, 5%)"
+
+
+def _mixing(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
+    """Lower Cholesky factor of the wanted correlations."""
+    if not correlate:
+        return None
+    R = np.eye(len(names))
+    for a, b, rho in correlate:
+        for name in (a, b):
+            if name not in names:
+                raise InputError(
+                    "--correlate", f"{name!r} is not dispersed", choices=names, fix=f"add --spread {name}=…"
+                )
+        if a == b or not -1 < rho < 1:
+            raise InputError("--correlate", f"{a}, {b} = {rho:g}", fix="two paths, and a correlation between -1 and 1")
+        R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
+    if np.linalg.eigvalsh(R).min() < 1e-9:
+        problem = (
+            f"no {len(names)} numbers hang together like that: the matrix of correlations is not positive definite"
+        )
+        raise InputError("--correlate", problem, fix="weaken some of them")
+    return np.linalg.cholesky(R)
+
+
+def values_of(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
+    """Written path -> what the runs have there (n,); of an array scaled whole the factor, of an option its number.
+
+    Args:
+        spread: resolved against the scenario.
+        u: points (n, d) of a design.
+    """
+    known = {path: (value, declared) for path, value, declared in leaves(scenario)}
+    made = {}
+    for factor, level in zip(spread.factors, spread.levels(u).T, strict=True):
+        value, declared = known[factor.path]
+        if isinstance(declared, Option):
+            made[factor.text] = factor.distribution.pick(level)
+            continue
+        nominal = np.asarray(value, np.float64)
+        whole = nominal.ndim > 0 and factor.at is None
+        own = 1.0 if whole else float(nominal[factor.at or ()])
+        drawn = factor.distribution.quantile(level, own)
+        made[factor.text] = drawn if declared.kind in ("real", "angle") else np.round(drawn)
+    return made
+
+
+def arrays_of(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Path -> values (n, …) as the batch takes them; options are left out."""
+    known = {path: (value, declared) for path, value, declared in leaves(scenario)}
+    made: dict[str, Any] = {}
+    for factor in spread.factors:
+        value, declared = known[factor.path]
+        if isinstance(declared, Option):
+            continue
+        nominal, drawn = np.asarray(value, np.float64), np.asarray(values[factor.text])
+        if factor.at is not None:
+            array = made.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
+            array[(slice(None), *factor.at)] = drawn
+        elif nominal.ndim:
+            made[factor.path] = drawn.reshape(-1, *[1] * nominal.ndim) * nominal
+        else:
+            made[factor.path] = drawn
+    return made

@@ -1,0 +1,111 @@
+"""What tuning makes small: a weighted sum of metrics, e.g. ``error_rms:yaw_rate + 2*error_rms:sway_velocity``.
+
+A gradient needs a cost that is integrated while it flies; of the metrics those are
+
+    error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   the same of x, over the whole run
+    mean        1/T int x dt
+
+at every instant of the run, where a metric sees the logged rows.
+
+Source: docs page, Tune.
+"""
+
+import functools
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.workers.ready import Ready
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax
+from trimtab.core.time import to_seconds
+from trimtab.logs.metrics import full_path
+from trimtab.loop.walk import Signals, logged, signals, start
+from trimtab.run.prepare import inputs
+
+INTEGRALS = ("error_rms", "rms", "mean")
+
+
+class Term(NamedTuple):
+    """A metric and how much it counts."""
+
+    weight: float
+    metric: str
+
+
+def parse_cost(text: str) -> tuple[Term, ...]:
+    """The terms of a cost from its text."""
+    terms = []
+    for piece in text.split(" + "):
+        found = re.fullmatch(r"(?:([0-9.eE+-]+)\s*\*\s*)?(\S+)", piece.strip())
+        try:
+            weight = float(found[1]) if found and found[1] else 1.0
+        except ValueError:
+            weight = float("nan")
+        if not found or not (np.isfinite(weight) and weight > 0):
+            problem = f"{piece.strip()!r} is no metric with a weight above 0"
+            raise InputError("--cost", problem, fix="--cost 'error_rms:yaw_rate + 2*error_rms:sway_velocity'")
+        terms.append(Term(weight, found[2]))
+    return tuple(terms)
+
+
+def cost_of(terms: tuple[Term, ...], columns: Mapping[str, Any]) -> Any:
+    """Costs (n,) of a campaign's columns; infinite for a run that was lost."""
+    total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
+    return np.where(columns["lost"] | np.isnan(total), np.inf, total)
+
+
+class Running(NamedTuple):
+    """A cost that is integrated: what `run.gradient.gradients` wants, and what is made of the integrals.
+
+    finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes (n, d).
+    """
+
+    cost: Callable[[Signals], Any]
+    since: tuple[int, ...]
+    finish: Callable[[Any, Any], tuple[Any, Any]]
+
+
+def running(terms: tuple[Term, ...], ready: Ready) -> Running:
+    """The integrals of a cost; refuses what is none."""
+    targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
+    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(ready.scenario, 0, 0))
+    declared = {path: d for path, _, d in logged(seen)}
+    asked, since, kinds = [], [], []
+    for term in terms:
+        kind, _, name = term.metric.partition(":")
+        path = full_path(name)
+        if kind not in INTEGRALS:
+            problem = f"{term.metric} is no integral over the run, and a gradient needs one"
+            raise InputError("--cost", problem, choices=INTEGRALS, fix="--method search takes any metric")
+        if kind == "error_rms" and declared[path].kind == "angle":
+            problem = f"{name} is an angle, whose target depends on where the run ends"
+            raise InputError("--cost", problem, fix="--method search, or the rms of a signal that does not wrap")
+        asked.append((path, targets[path] if kind == "error_rms" else 0.0, kind != "mean"))
+        since.append(ready.scenario.duration // 2 if kind == "error_rms" else 0)
+        kinds.append(kind != "mean")
+    length = np.array([to_seconds(ready.scenario.duration - first) for first in since])
+    weights = np.array([t.weight for t in terms])
+    return Running(_integrand(tuple(asked)), tuple(since), functools.partial(_finish, length, weights, np.array(kinds)))
+
+
+@functools.cache
+def _integrand(asked: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
+    """One function for one cost, so that it compiles once."""
+
+    def integrand(seen: Signals) -> Any:
+        found = {path: value for path, value, _ in logged(seen)}
+        reals = [jax.numpy.asarray(found[path], np.float64) - value for path, value, _ in asked]
+        return jax.numpy.stack([x * x if squared else x for x, (_, _, squared) in zip(reals, asked, strict=True)])
+
+    return integrand
+
+
+def _finish(length: Any, weights: Any, squared: Any, integrals: Any, slopes: Any) -> tuple[Any, Any]:
+    mean, change = integrals / length, slopes / length[:, None]
+    root = np.sqrt(np.maximum(mean, 0.0))
+    value = np.where(squared, root, mean)
+    factor = np.where(squared, 0.5 / np.maximum(root, 1e-12), 1.0)
+    return value @ weights, np.einsum("nk,nkd->nd", factor * weights, change)

@@ -1,0 +1,140 @@
+"""What linear theory says of a stability map: delay margin, jitter margin and packet loss, where they apply.
+
+Source: docs page, Theory beside a map; the theorems are those of `design`.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.search.axes import Axis, changed
+from trimtab.campaign.search.loop_delay import loop_delay
+from trimtab.campaign.search.stability_map import StabilityMap, values_at
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import to_seconds
+from trimtab.design.delay_margin import delay_margin
+from trimtab.design.jitter_margin import jitter_margin
+from trimtab.design.loop_transfer import Loop, of_law
+from trimtab.design.packet_loss import critical_loss
+from trimtab.links.latency import MeasuredLatency
+from trimtab.loop.scenario import Scenario
+
+FINE = 30
+"""About as many points of the theory's own grid along an axis."""
+FEW = 8
+"""As many, along an axis where every value has a linear loop of its own."""
+FAR = 10.0
+"""Where theory has no limit, so much (s) is to spare."""
+
+
+class Theory(NamedTuple):
+    """One criterion over the plane: what is to spare, 0 on its line and positive on the stable side.
+
+    name: of the criterion.  x, y: values of the axes (nx,), (ny,).  spare: (nx, ny), s or probability.
+    """
+
+    name: str
+    x: Any
+    y: Any
+    spare: Any
+
+    def lines(self) -> list[Any]:
+        """Where it is 0: lines (k, 2) of values of x and y."""
+        from contourpy import contour_generator
+
+        return list(contour_generator(self.x, self.y, self.spare.T).lines(0.0))
+
+
+def linear_loop(scenario: Scenario) -> Loop:
+    """The loop of a scenario's law around its vehicle, about the state at which the law says that it rests.
+
+    Raises: InputError where the law has no `equilibrium`, or the loop about it is none (see `of_law`).
+    """
+    law = scenario.autopilot.law
+    rest = getattr(law, "equilibrium", None)
+    if rest is None:
+        fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
+        raise InputError("theory", f"{type(law).__name__} has no equilibrium about which it would be linear", fix=fix)
+    return of_law(scenario.world.vehicle, law, rest())
+
+
+def theory(found: StabilityMap, loop: Callable[[Scenario], Loop] = linear_loop) -> tuple[Theory, ...]:
+    """The criteria that apply to a map.
+
+    "delay margin" and "jitter margin" where an axis is a link's delay or jitter: the loop's mean delay against the
+    first, the span of its delay on top of the least against the second. "packet loss" where an axis is the uplink's
+    loss and the loop is a scalar one: there each step is lost with the link's probability, no packet is sent again.
+
+    Args:
+        found: the map.
+        loop: scenario -> its linear loop.
+
+    Raises: InputError where no criterion applies, or there is no linear loop.
+    """
+    kinds = {axis.kind for axis in (found.x, found.y)}
+    if not kinds - {""}:
+        problem = f"neither {found.x.name!r} nor {found.y.name!r} is the delay, jitter or loss of a link"
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
+    x, y = _fine(found.x), _fine(found.y)
+    known: dict[bytes, _Margins] = {}
+    made: dict[str, Any] = {}
+    for i, a in enumerate(x):
+        for j, b in enumerate(y):
+            scenario = changed(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
+            key = _key(scenario)
+            if key not in known:
+                known[key] = _Margins.of(loop(scenario))
+            for name, spare in _spare(known[key], scenario, kinds).items():
+                made.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
+    if not made:
+        problem = "the loss criterion is that of a scalar loop, and this one has more states"
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
+    return tuple(Theory(name, x, y, spare) for name, spare in made.items())
+
+
+class _Margins(NamedTuple):
+    """A loop, its delay margin (0 where it is not stable even without delay), jitter margins by constant delay."""
+
+    loop: Loop
+    delay: float
+    jitter: dict[float, float]
+
+    @staticmethod
+    def of(loop: Loop) -> "_Margins":
+        return _Margins(loop, 0.0 if loop.unstable() else min(delay_margin(loop).delay, FAR), {})
+
+    def allowed(self, least: float) -> float:
+        """Jitter margin on top of a constant delay; below 0 beyond the delay margin."""
+        if least >= self.delay:
+            return self.delay - least
+        if least not in self.jitter:
+            self.jitter[least] = min(jitter_margin(self.loop, delay=least), FAR)
+        return self.jitter[least]
+
+
+def _spare(margins: _Margins, scenario: Scenario, kinds: set[str]) -> dict[str, float]:
+    spare: dict[str, float] = {}
+    if kinds & {"delay", "jitter"}:
+        under_way = loop_delay(scenario)
+        spare["delay margin"] = margins.delay - under_way.mean
+        spare["jitter margin"] = margins.allowed(under_way.least) - (under_way.most - under_way.least)
+    channel, loop = scenario.world.uplink, margins.loop
+    if "loss" in kinds and len(loop.A) == 1 and isinstance(channel, MeasuredLatency):
+        a = float(np.exp(loop.A[0, 0] * to_seconds(channel.send_period)))
+        spare["packet loss"] = float(critical_loss(a, retransmissions=0) - np.asarray(channel.loss))
+    return spare
+
+
+def _fine(axis: Axis) -> Any:
+    """Values of an axis for the theory, those of the coarse grid among them."""
+    coarse = np.asarray(axis.values, float)
+    each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
+    return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)
+
+
+def _key(scenario: Scenario) -> bytes:
+    """What the linear loop follows from: all numbers of vehicle and law."""
+    both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
+    return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

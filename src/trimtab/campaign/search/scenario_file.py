@@ -1,0 +1,91 @@
+"""A scenario as a file: the one of the catalogue, with the numbers that were found for it, to the bit. Data only."""
+
+import os
+import pprint
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.campaign.workers.plan import Plan
+from trimtab.core.errors import InputError
+from trimtab.logs.mcap import replacing
+from trimtab.scenarios.recorded_links import LINKS
+
+BODY = '''
+import numpy as np
+
+from trimtab.core.record import with_leaf
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.build import build
+
+SETTINGS = {settings}
+WITHOUT = {without}
+FAULTS = {faults}
+VALUES = {values}
+
+
+def scenario() -> Scenario:
+    """The scenario with these values."""
+    made = build({name}, SETTINGS, WITHOUT, FAULTS)
+    for path, (value, dtype) in VALUES.items():
+        made = with_leaf(made, path, lambda old, declared, value=value, dtype=dtype: np.array(value, dtype)[()])
+    return made
+'''
+
+
+def scenario_text(plan: Plan, values: Mapping[str, Any], about: str, folder: Path) -> str:
+    """The text of the file.
+
+    Args:
+        plan: names the scenario, its settings, and what is left out of it or broken in it.
+        values: path -> number or array.
+        about: what the file says of itself; lines.
+        folder: where it will lie; a scenario of one's own is looked for from there.
+    """
+    file, _, function = plan.scenario.rpartition(":")
+    head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
+    if file.endswith(".py"):
+        name = f'{_beside(file, folder)} + ":{function}"'
+    recorded = {link: _beside(recording, folder) for link, recording in plan.settings if link in LINKS}
+    settings = _plain({p: text for p, text in plan.settings if p not in recorded})
+    if recorded:
+        settings += f" | {{{', '.join(f'{link!r}: {path}' for link, path in recorded.items())}}}"
+    if "Path(" in name + settings:
+        head += "\nfrom pathlib import Path\n"
+    typed = {p: (np.asarray(v).tolist(), str(np.asarray(v).dtype)) for p, v in values.items()}
+    body = BODY.format(
+        settings=settings,
+        without=_plain(plan.without),
+        faults=_plain(plan.faults),
+        values=_plain(typed),
+        name=name,
+    )
+    return head + body
+
+
+def write_scenario(file: Path, plan: Plan, values: Mapping[str, Any], about: str) -> None:
+    """Write the file, whole or not at all."""
+    text = scenario_text(plan, values, about, file.parent)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as stream:
+        stream.write(text.encode())
+
+
+def check_file(part: str, file: Path) -> None:
+    """Refuse a name that is no Python file's."""
+    if file.suffix != ".py" or not file.stem.isidentifier():
+        fix = f"{part} {file.with_name('found.py')}"
+        raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)
+    if file.is_dir():
+        raise InputError(part, f"{str(file)!r} is a folder", fix=f"{part} {file / 'found.py'}")
+
+
+def _beside(file: str, folder: Path) -> str:
+    """An expression for a file's path, seen from the file that will lie in the folder."""
+    return f"str(Path(__file__).parent / {Path(os.path.relpath(file, folder)).as_posix()!r})"
+
+
+def _plain(value: Any) -> str:
+    return pprint.pformat(value, width=110, sort_dicts=True)

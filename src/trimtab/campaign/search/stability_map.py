@@ -1,0 +1,208 @@
+"""Where in the plane of two parameters a scenario succeeds, its boundary traced by refining only what is near it.
+
+Source: docs page, Stability maps.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.search.axes import Axis, changed, leaf, roomy
+from trimtab.campaign.search.boundary import Traced, check_grid, trace
+from trimtab.core.errors import InputError
+from trimtab.logs.metrics import full_path
+from trimtab.loop.scenario import Scenario
+from trimtab.run.batch import ENOUGH, Batch, simulate_batch
+
+Success = Callable[[Batch], Any]
+"""The runs of a batch, with its log -> whether each succeeded (n,)."""
+ROWS = 300
+"""About as many rows of each run are looked at."""
+NUMBERS = 20_000_000
+"""At most so many numbers of logs are held at once; larger rounds fly in parts."""
+ALL = 100
+"""About as many numbers are in a row where all signals are logged."""
+
+
+class StabilityMap(NamedTuple):
+    """Share of successes over the points that were flown.
+
+    scenario: the one that was flown, with its links prepared and its rings long enough.  x, y: the axes.  at_x, at_y:
+    values of the whole lattice (nx,), (ny,).  traced: lattice points, shares and cells.  runs: of each point.
+    """
+
+    scenario: Scenario
+    x: Axis
+    y: Axis
+    at_x: Any
+    at_y: Any
+    traced: Traced
+    runs: int
+    backend: str
+
+    @property
+    def points(self) -> Any:
+        """What was flown, in values of the axes (n, 2)."""
+        i, j = self.traced.index.T
+        return np.column_stack([self.at_x[i], self.at_y[j]])
+
+    @property
+    def share(self) -> Any:
+        """Of successes at each of `points` (n,)."""
+        return self.traced.value
+
+    def crossings(self, y: float) -> list[tuple[float, float]]:
+        """Neighbouring values of x between which the boundary passes, along the lattice's line nearest to y."""
+        line = int(np.abs(self.at_y - y).argmin())
+        return [(float(self.at_x[a]), float(self.at_x[b])) for a, b in self.traced.changes(line)]
+
+
+def stability_map(
+    scenario: Scenario,
+    x: Axis,
+    y: Axis,
+    *,
+    runs: int = 8,
+    depth: int = 4,
+    threshold: float = 0.5,
+    seed: int = 0,
+    success: Success | None = None,
+    signals: tuple[str, ...] = (),
+    log_period: int | None = None,
+    backend: str = "auto",
+    threads: int | None = None,
+    tell: Callable[[str, int], None] = lambda text, done: None,
+) -> StabilityMap:
+    """Fly a coarse grid, then halve `depth` times the cells through which the boundary passes.
+
+    All new points of a level fly in one batch. Every point has the same seeds, so that neighbours differ by the
+    parameters alone and the boundary of a random scenario is smooth.
+
+    Args:
+        scenario: what flies.
+        x: first axis; the coarse grid has its values.
+        y: second axis.
+        runs: of each point.
+        depth: how often a cell is halved.
+        threshold: the boundary is where the share of successes passes this.
+        seed: of a point's first run; the others follow.
+        success: which runs of a batch, with its log, succeed; every target of the scenario inside its band over the
+            last third where not given.
+        signals: what is logged for `success`; the targets' where neither is given.
+        log_period: of the rows; a multiple of the autopilot's period with about 300 rows where not given.
+        backend: as `simulate_batch`.
+        threads: as `simulate_batch`.
+        tell: called after each round with words, and the points flown in it.
+
+    Raises:
+        InputError: before anything flies; every point of the coarse grid is checked as a scenario of its own.
+    """
+    if runs < 1 or not 0 < threshold <= 1:
+        problem = f"{runs} runs with threshold {threshold}"
+        raise InputError("stability_map", problem, fix="give one run or more, and a threshold in (0, 1]")
+    for axis in (x, y):
+        axis.check()
+    check_grid((len(x.values), len(y.values)), depth)
+    judge = on_target(scenario) if success is None else success
+    wanted = signals or (() if success else tuple(full_path(t.path) for t in scenario.targets))
+    base, paths = _prepared(scenario, x, y)
+    step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
+    at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
+    flies: dict[str, Any] = {"signals": wanted, "log_period": step, "backend": backend, "threads": threads}
+    numbers = scenario.duration // step * (len(wanted) or ALL)
+    flights = _Flights(base, range(seed, seed + runs), judge, numbers, flies, [])
+
+    def flown(index: Any) -> Any:
+        values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
+        share = flights.share({path: np.stack([v[path] for v in values]) for path in paths})
+        tell(f"{len(index)} points", len(index))
+        return share
+
+    traced = trace(flown, (len(x.values), len(y.values)), depth, threshold=threshold)
+    return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
+
+
+class _Flights(NamedTuple):
+    """Flies points. seeds: of each.  numbers: in the log of one run.  used: backends of the batches so far."""
+
+    scenario: Scenario
+    seeds: range
+    judge: Success
+    numbers: int
+    options: dict[str, Any]
+    used: list[str]
+
+    def share(self, own: dict[str, Any]) -> Any:
+        """Share of successes (k,) of k points; own: path -> values (k, …)."""
+        points, runs = len(next(iter(own.values()))), len(self.seeds)
+        each = max(NUMBERS // max(self.numbers * runs, 1), 1)
+        slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
+        ok = [self._fly({path: np.repeat(v[part], runs, axis=0) for path, v in own.items()}) for part in slices]
+        return np.concatenate(ok).reshape(points, runs).mean(axis=1)
+
+    def _fly(self, spread: dict[str, Any]) -> Any:
+        """Whether each run succeeded (n,), the runs of a point side by side."""
+        count = len(next(iter(spread.values())))
+        seeds = np.tile(self.seeds, count // len(self.seeds))
+        if self.used and self.used[0] == "c lanes" and count < ENOUGH:  # else another program had to be compiled
+            more = np.arange(ENOUGH) % count
+            spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
+        batch = simulate_batch(self.scenario, seeds=seeds.tolist(), spread=spread, log=True, **self.options)
+        self.used.append(batch.backend)
+        return np.asarray(self.judge(batch), bool)[:count]
+
+
+def on_target(scenario: Scenario) -> Success:
+    """Success where every target is inside its band over the last third of the run; for angles, modulo full turns."""
+    targets = tuple(scenario.targets)
+    if not targets:
+        fix = "give the scenario targets=(Target(…),), or a success function of your own"
+        raise InputError(f"scenario {scenario.name!r}", "has no targets, so nothing tells success", fix=fix)
+
+    def judge(batch: Batch) -> Any:
+        ticks = np.asarray(batch.ticks)
+        late = ticks >= ticks[0] + (ticks[-1] - ticks[0]) * 2 / 3
+        kinds = {c.path: getattr(c.declared, "kind", "real") for c in batch.columns}
+        ok = np.ones(len(batch.seeds), bool)
+        for target in targets:
+            path = full_path(target.path)
+            rows = batch.log[path][:, late].astype(float)
+            with np.errstate(invalid="ignore", over="ignore"):
+                away = rows - target.value
+                if kinds.get(path) == "angle":
+                    away = away - 2 * np.pi * np.round(away[:, -1:] / (2 * np.pi))
+                ok &= (np.abs(away) <= target.band).all(axis=1)
+        return ok
+
+    return judge
+
+
+def _prepared(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
+    """The scenario to fly and the paths that its points differ in; every coarse point is checked."""
+    base = y.prepare(x.prepare(scenario))
+    last = changed(base, values_at(base, x, y, x.values[-1], y.values[-1]))
+    base = roomy(base, last)
+    paths: tuple[str, ...] = ()
+    for a in x.values:
+        for b in y.values:
+            values = values_at(base, x, y, a, b)
+            paths = tuple(values)
+            changed(base, values).check()
+    return base, paths
+
+
+def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str, Any]:
+    """Path -> value at one point, y's changes on top of x's."""
+    first = x.change(base, float(a))
+    second = y.change(base, float(b))
+    if {*first} & {*second}:
+        second = y.change(changed(base, first), float(b))
+    made = {**first, **second}
+    return {path: np.asarray(value, leaf(base, path)[1].dtype()) for path, value in made.items()}
+
+
+def _lattice(values: Any, depth: int) -> Any:
+    coarse = np.asarray(values, float)
+    size = 2**depth
+    return np.interp(np.arange((len(coarse) - 1) * size + 1) / size, np.arange(len(coarse)), coarse)

@@ -1,0 +1,234 @@
+"""Tuning: gains that make a cost small in the mean of many runs, and what they are worth in runs they have not seen.
+
+Source: docs page, Tune.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.sampling.distributions import parse_distribution
+from trimtab.campaign.sampling.spread import arrays_of, parse_factors, resolve, values_of
+from trimtab.campaign.search.cost import Term, cost_of, parse_cost, running
+from trimtab.campaign.search.ends import check_ends, refuse_options
+from trimtab.campaign.search.gains import Gains, gains_of, parse_gain
+from trimtab.campaign.search.tune_gradient import Slope, descend
+from trimtab.campaign.search.tune_search import Step, search
+from trimtab.campaign.statistics.comparison import Comparison, compare
+from trimtab.campaign.workers.block import fly_points
+from trimtab.campaign.workers.plan import Plan
+from trimtab.campaign.workers.ready import Ready, drawn, prepare
+from trimtab.core.errors import InputError
+from trimtab.loop.scenario import Scenario
+from trimtab.run.gradient import gradients
+from trimtab.run.program import check_seed
+from trimtab.scenarios.build import build
+
+METHODS = ("search", "gradient")
+UNSEEN = 2**31
+"""Number of the first run that no tuning flies."""
+
+
+class Tuned(NamedTuple):
+    """What was found.
+
+    values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
+    steps: how it went.  slopes: of the gradient's steps.  seen: against the scenario's own gains, in runs that tuning
+    flew; held_out: in runs that it did not, which is what counts.  flown: runs in all; a run with its derivative along
+    d gains counts d times.
+    """
+
+    plan: Plan
+    method: str
+    values: dict[str, Any]
+    before: dict[str, float]
+    after: dict[str, float]
+    steps: list[Step]
+    slopes: list[Slope]
+    seen: Comparison
+    held_out: Comparison
+    flown: int
+    wall_s: float
+
+    @property
+    def helps(self) -> bool:
+        """Whether the interval of the held-out runs says that it does."""
+        return self.held_out.improves
+
+
+def tune(
+    scenario: str | Scenario,
+    *,
+    gains: Mapping[str, str],
+    cost: str,
+    method: str = "search",
+    runs: int = 64,
+    held_out: int = 256,
+    iterations: int = 30,
+    width: float = 0.05,
+    spread: Mapping[str, str] | None = None,
+    seed: int = 0,
+    settings: Mapping[str, str] | None = None,
+    without: Iterable[str] = (),
+    faults: Iterable[str] = (),
+    backend: str = "auto",
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Tuned:
+    """Tune gains on many runs, then compare with the scenario's own on others.
+
+    Args:
+        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
+        gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)"; the scenario's own value is the start.
+        cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
+        method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals, needs a C compiler).
+        runs: of each candidate, or of each step of the gradient.
+        held_out: runs that decide whether it helps.
+        iterations: generations, or steps.
+        width: of the smoothing, in parts of each range; for the gradient.
+        spread: what else differs from run to run, as in a campaign.
+        seed: of the runs' random numbers, and of the method.
+        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
+        backend, threads: as `simulate_batch`.
+        progress: called with the number of runs flown since.
+
+    Raises: InputError for what can't be flown or tuned, before anything flies.
+    """
+    began = time.perf_counter()
+    if method not in METHODS:
+        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
+    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
+        if number < least:
+            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
+    if not 0 < width <= 0.5:
+        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
+    terms = parse_cost(cost)
+    plan = _plan(scenario, gains, spread or {}, seed, runs, settings or {}, tuple(without), tuple(faults))
+    chosen = _prepared(plan._replace(metrics=tuple(t.metric for t in terms)), scenario, tuple(gains))
+    fly = _Fly(chosen, terms, runs, {"backend": backend, "threads": threads, "progress": progress})
+    slopes: list[Slope] = []
+    if method == "search":
+        x, steps = search(fly.costs, chosen.start, runs, iterations, seed)
+    else:
+        x, steps, slopes = descend(fly.slopes(), chosen.start, runs, iterations, width, seed)
+    return Tuned(
+        plan=chosen.ready.plan,
+        method=method,
+        values=chosen.values(x),
+        before=chosen.numbers(chosen.start),
+        after=chosen.numbers(x),
+        steps=steps,
+        slopes=slopes,
+        seen=fly.compared(x, 0, runs),
+        held_out=fly.compared(x, UNSEEN, held_out),
+        flown=fly.flown,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _prepared(plan: Plan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
+    """The gains of the campaign; what is wrong with their ranges is said of them, and first."""
+    try:
+        made = scenario
+        if isinstance(made, str):
+            made = build(made, dict(plan.settings), plan.without, plan.faults)
+        spread = resolve(made, parse_factors(plan.spread))
+        bare = Ready(plan, made, spread, (), (), (), 0)
+        refuse_options(bare, "--spread")
+        chosen = gains_of(bare, gains)
+        ends = np.stack([np.full(len(spread.factors), level) for level in (1e-3, 0.999)])
+        ends[:, chosen.at] = [[2.0**-54], [1 - 2.0**-53]]
+        check_ends(bare, ends, "--spread")
+        return chosen._replace(ready=prepare(plan, made))
+    except InputError as error:
+        named, _, path = error.part.partition(" ")
+        if named != "--spread" or path not in gains:
+            raise
+        fix = error.fix
+        if "--spread" in fix:
+            fix = (
+                f"--gain '{error.choices[0]}=LOW:HIGH'"
+                if error.choices
+                else f"--set '{path}=…': gains are real numbers"
+            )
+        raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=fix) from None
+
+
+def _plan(
+    scenario: str | Scenario,
+    gains: Mapping[str, str],
+    spread: Mapping[str, str],
+    seed: int,
+    runs: int,
+    settings: Mapping[str, str],
+    without: tuple[str, ...],
+    faults: tuple[str, ...],
+) -> Plan:
+    check_seed(seed)
+    if not gains:
+        raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
+    named = isinstance(scenario, str)
+    if not named and (settings or without or faults):
+        raise InputError("tune", "settings are for a scenario that is named", fix="change the scenario itself")
+    moved = [(p, parse_gain(p, text)) for p, text in gains.items()]
+    differ = [(p, parse_distribution(text, f"--spread {p}")) for p, text in spread.items()]
+    return Plan(
+        scenario=scenario if named else scenario.name,
+        settings=tuple(sorted(settings.items())),
+        without=without,
+        faults=faults,
+        seed=seed,
+        runs=runs,
+        spread=tuple(sorted(moved + differ)),
+    )
+
+
+class _Fly:
+    """Runs with gains at given places."""
+
+    def __init__(self, gains: Gains, terms: tuple[Term, ...], runs: int, how: Mapping[str, Any]) -> None:
+        self.gains, self.terms, self.runs, self.how = gains, terms, runs, dict(how)
+        self.flown = 0
+
+    def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
+        """Costs (n, runs) at places x (n, d), each in the same runs from the first on."""
+        n = runs or self.runs
+        u = np.concatenate([self.gains.points(np.repeat(place[None], n, axis=0), first) for place in x])
+        words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
+        self.flown += len(words)
+        return cost_of(self.terms, fly_points(self.gains.ready, u, words, **self.how)).reshape(len(x), n)
+
+    def compared(self, x: Any, first: int, runs: int) -> Comparison:
+        """The gains at x against the scenario's own, in runs from the first on."""
+        before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
+        return compare(before, after)
+
+    def slopes(self) -> Callable[[Any, int], tuple[Any, Any]]:
+        """What flies pairs with their derivatives."""
+        ready, gains = self.gains.ready, self.gains
+        of = running(self.terms, ready)
+        along = [(f.path, f.at or ()) for f in gains.factors]
+
+        def flights(x: Any, first: int) -> tuple[Any, Any]:
+            pairs = len(x) // 2
+            u = np.repeat(drawn(ready, first, first + pairs)[0].u, 2, axis=0)
+            u[:, gains.at] = np.clip(x, 2.0**-54, 1 - 2.0**-53)
+            found = gradients(
+                ready.scenario,
+                of.cost,
+                along,
+                seeds=[ready.plan.seed] * len(x),
+                runs=np.repeat(np.arange(first, first + pairs), 2),
+                spread=arrays_of(ready.spread, ready.scenario, values_of(ready.spread, ready.scenario, u)),
+                since=of.since,
+                threads=self.how["threads"],
+            )
+            self.flown += len(x) * len(along)
+            if self.how["progress"] is not None:
+                self.how["progress"](len(x) * len(along))
+            costs, slopes = of.finish(found.costs, found.slopes)
+            return costs, slopes * gains.slope(x)
+
+        return flights

@@ -1,0 +1,107 @@
+"""Tuning by gradient through the loop, with the switches smoothed: the cost is averaged over gains near by, and runs.
+
+    f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
+
+A loop that switches has a cost that jumps with a gain. The derivative of one run sees no jump; the mean f_s has none.
+Of each pair x ± s eps, flown with the same random numbers, come two estimates of its slope:
+
+    first order    (g+ + g-)/2            mean of the runs' own derivatives: little scatter, blind to jumps
+    zeroth order   (f+ - f-) eps/(2 s)    a difference: sees the jumps, no bias, more scatter
+
+    g = g0 + a (g1 - g0)      a = -cov(g0, D)/(var(D) + b^2) in [0, 1],   D = g1 - g0,  b^2 = (mean(D)^2 - var(D))+
+
+with variances of means: the weight of least estimated mean square error. Where the two agree within their scatter the
+derivatives are used, where they differ by more the jumps count. Steps are Adam's, projected to the ranges; the gains
+are the mean of the last third (Polyak). Beyond its range a gain is folded back, so that f goes on continuously.
+
+Source: Suh, Simchowitz, Zhang, Tedrake, "Do differentiable simulators give better policy gradients?", ICML 2022;
+Green, Strawderman, "A James-Stein type estimator for combining unbiased and possibly biased estimators", Journal of
+the ASA 86 (1991), for the weight; Nesterov, Spokoiny, Foundations of Computational Mathematics 17 (2017), for f_s;
+Kingma, Ba, ICLR 2015 (Adam); Polyak, Juditsky, SIAM Journal on Control and Optimization 30 (1992).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.campaign.search.tune_search import Step
+from trimtab.core.errors import InputError
+
+RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
+Flights = Callable[[Any, int], tuple[Any, Any]]
+"""Places (n, d) and the number of the first run, of which two each fly together -> costs (n,), slopes (n, d)."""
+
+
+class Slope(NamedTuple):
+    """slope: (d,).  weight: (d,), of the derivatives in it.  first, zeroth: (d,), the two estimates."""
+
+    slope: Any
+    weight: Any
+    first: Any
+    zeroth: Any
+
+
+def fold(y: Any) -> tuple[Any, Any]:
+    """Points of the line folded into [0, 1], and the sign of the slope there."""
+    z = np.mod(y, 2.0)
+    return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
+
+
+def combined(first: Any, zeroth: Any) -> Slope:
+    """The slope of least estimated mean square error from samples (pairs, d) of both estimates."""
+    n = len(first)
+    difference = first - zeroth
+    mean, spread = difference.mean(axis=0), difference.var(axis=0, ddof=1) / n
+    shared = np.mean((zeroth - zeroth.mean(axis=0)) * (difference - mean), axis=0) / (n - 1)
+    bias = np.maximum(mean**2 - spread, 0.0)
+    weight = np.clip(-shared / np.maximum(spread + bias, 1e-300), 0.0, 1.0)
+    return Slope(zeroth.mean(axis=0) + weight * mean, weight, first.mean(axis=0), zeroth.mean(axis=0))
+
+
+def smoothed(flights: Flights, x: Any, eps: Any, width: float, first_run: int) -> tuple[float, Slope]:
+    """Mean cost and slope at x (d,) from pairs of runs: eps (pairs, d), standard normal."""
+    high, s_high = fold(x + width * eps)
+    low, s_low = fold(x - width * eps)
+    costs, slopes = flights(np.stack([high, low], axis=1).reshape(-1, len(x)), first_run)
+    f, g = costs.reshape(-1, 2), slopes.reshape(-1, 2, len(x))
+    if not (np.isfinite(f).all() and np.isfinite(g).all()):
+        return np.inf, Slope(*[np.full(len(x), np.nan)] * 4)
+    first = (s_high * g[:, 0] + s_low * g[:, 1]) / 2
+    zeroth = (f[:, :1] - f[:, 1:]) * eps / (2 * width)
+    return float(f.mean()), combined(first, zeroth)
+
+
+def descend(
+    flights: Flights, start: Any, runs: int, iterations: int, width: float, seed: int
+) -> tuple[Any, list[Step], list[Slope]]:
+    """The gains found, and how it went; every iteration flies runs that no other did.
+
+    Args:
+        flights: flies places.
+        start: (d,), the scenario's own.
+        runs: of an iteration, half as many pairs.
+        iterations: steps.
+        width: s, in parts of the ranges.
+        seed: of the pairs.
+    """
+    rng, pairs = np.random.default_rng(seed), runs // 2
+    x, m, v, rate = np.array(start), np.zeros(len(start)), np.zeros(len(start)), RATE
+    before, steps, slopes, done = x, [], [], 0
+    for k in range(iterations):
+        cost, found = smoothed(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
+        if not np.isfinite(cost):
+            if k == 0:
+                problem = "some runs near the scenario's own gains cost infinitely much, and have no slope"
+                raise InputError("--method gradient", problem, fix="--method search, or another start by --set")
+            x, rate = before, rate / 2
+            continue
+        steps.append(Step((k + 1) * 2 * pairs, cost, x))
+        slopes.append(found)
+        done += 1
+        m = BETA1 * m + (1 - BETA1) * found.slope
+        v = BETA2 * v + (1 - BETA2) * found.slope**2
+        step = (m / (1 - BETA1**done)) / np.maximum(np.sqrt(v / (1 - BETA2**done)), 1e-300)
+        before, x = x, np.clip(x - rate * (1 - 0.9 * k / iterations) * step, 0.0, 1.0)
+    last = [s.x for s in steps[-max(len(steps) // 3, 1) :]]
+    return np.mean([*last, x], axis=0), steps, slopes

@@ -1,0 +1,129 @@
+"""Which factor makes a metric vary: Sobol indices of first and total order from the rows of a Saltelli design.
+
+    S_i = V(E(Y | x_i)) / V(Y)          T_i = 1 - V(E(Y | all but x_i)) / V(Y)
+
+S_i is the share of the variance that would vanish if factor i were known; T_i what would remain if all but it were. The
+difference is what it does together with others. With the noise as a factor, its T is the share that no parameter tells.
+
+Source: [1] Sobol, Math. Comput. Simul. 55 (2001); [2] Saltelli et al., Comput. Phys. Commun. 181 (2010), table 2 (b)
+and (f), as scipy.stats.sobol_indices has them. Intervals: percentiles of a bootstrap over base samples, [3] Archer,
+Saltelli, Sobol, "Sensitivity measures, ANOVA-like techniques and the use of bootstrap", J. Stat. Comput. Simul. 58
+(1997); they take base samples for independent, and so are rather too wide for a Sobol sequence.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from trimtab.campaign.sampling.saltelli import NOISE, check_factors, rows_per_base
+from trimtab.campaign.statistics.quantiles import column
+from trimtab.core.errors import InputError
+
+RESAMPLES = 1000
+TOGETHER = 50
+"""Resamples at a time: memory stays flat."""
+LEAST = 8
+"""Fewer base samples have no interval worth its name."""
+
+
+class Sensitivity(NamedTuple):
+    """Indices of each factor with their intervals; arrays of shape (factors,), NaN where the runs tell none.
+
+    factors: names, the noise last where it is one.  first, total: S and T.  *_low, *_high: the intervals.
+    variance: of the metric (of its ranks, where those were asked for).  base: how many base samples were used, a power
+    of two.  rows: how many runs these are.  note: why there are no indices, or "".
+    """
+
+    factors: tuple[str, ...]
+    first: Any
+    first_low: Any
+    first_high: Any
+    total: Any
+    total_low: Any
+    total_high: Any
+    variance: float
+    base: int
+    rows: int
+    level: float
+    note: str
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The factors, largest total index first."""
+        return tuple(self.factors[i] for i in np.argsort(-self.total, kind="stable"))
+
+
+def sensitivity(
+    values: Any, parameters: Sequence[str], *, noise: bool = True, level: float = 0.95, by_rank: bool = False
+) -> Sensitivity:
+    """Indices of first and total order of a metric over the rows of `saltelli(seed, 0, rows, len(parameters))`.
+
+    Args:
+        values: the metric of rows 0 to n - 1, shape (n,), true and false too. Of the whole base samples among them the
+            largest power of two is used.
+        parameters: names, in the order of the design's columns, without the noise.
+        noise: whether the random numbers of the runs are a factor of the design.
+        level: confidence of the intervals.
+        by_rank: of the metric's rank among these rows; then runs without a finite value count as the last, and a few
+            extreme ones don't decide.
+    """
+    check_factors(parameters)
+    if not 0 < level < 1:
+        raise InputError("sensitivity: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    size = rows_per_base(len(parameters), noise=noise)
+    x = column(values, "sensitivity")
+    if len(x) < LEAST * size:
+        fix = f"fly at least {LEAST * size} runs; 1024 base samples are {1024 * size} runs"
+        raise InputError("sensitivity", f"{len(x)} rows are {len(x) // size} base samples of {size}", fix=fix)
+    base = 1 << int(np.log2(len(x) // size))
+    x = x[: base * size]
+    names = (*parameters, NOISE) if noise else tuple(parameters)
+    x, note = by_ranks(x) if by_rank else (x, why_none(x))
+    if note:
+        none = np.full(len(names), np.nan)
+        return Sensitivity(names, none, none, none, none, none, none, np.nan, base, base * size, level, note)
+    table = x.reshape(base, size)
+    centre = table[:, [0, -1]].mean()
+    a, b, ab = table[:, 0] - centre, table[:, -1] - centre, table[:, 1:-1].T - centre
+    found = stats.sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}, n=base)
+    low, high = _bootstrap(a, b, ab, level)
+    first, total = np.ravel(found.first_order), np.ravel(found.total_order)
+    return Sensitivity(
+        names, first, low[0], high[0], total, low[1], high[1], _variance(a, b), base, base * size, level, ""
+    )
+
+
+def by_ranks(x: Any) -> tuple[Any, str]:
+    """Ranks of the values in (0, 1), runs without a finite value last, and why they tell nothing, or ""."""
+    ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
+    return ranked, why_none(ranked)
+
+
+def why_none(x: Any) -> str:
+    """Why these values have no variance to share out, or ""."""
+    bad = int(np.count_nonzero(~np.isfinite(x)))
+    if bad:
+        return f"{bad} of {len(x)} runs have no finite value, so there is no variance: ask by rank, or of the success"
+    if np.ptp(x) <= 1e-12 * np.abs(x).max():
+        return "all runs gave the same value: there is nothing to explain"
+    return ""
+
+
+def _variance(a: Any, b: Any) -> float:
+    return float(np.var([a, b]))
+
+
+def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:
+    """Percentiles (low, high), each of shape (2, factors): base samples drawn again, as weights of their moments."""
+    n, d = len(a), len(ab)
+    products = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2, [(a + b) / 2, (a * a + b * b) / 2]]).T
+    rng, drawn = np.random.default_rng(n), []
+    for start in range(0, RESAMPLES, TOGETHER):
+        count = min(TOGETHER, RESAMPLES - start)
+        moments = rng.multinomial(n, np.full(n, 1 / n), size=count) @ products / n
+        drawn.append(moments[:, : 2 * d] / (moments[:, [2 * d + 1]] - moments[:, [2 * d]] ** 2))
+    tail = 50 * (1 - level)
+    low, high = np.percentile(np.concatenate(drawn), [tail, 100 - tail], axis=0)
+    return low.reshape(2, d), high.reshape(2, d)

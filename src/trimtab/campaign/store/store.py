@@ -1,0 +1,228 @@
+"""Rows of a campaign on disk, as a Zarr group: an array for each column, written a block at a time, and what is done.
+
+A block's `done` is written after its columns have reached the disk, each chunk under another name and then renamed:
+whatever ends the process, a row is done or it isn't, and the same campaign started again flies those that are not.
+Chunks carry a checksum; where one is damaged or gone, its block is flown anew.
+"""
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.campaign.store.store_files import DONE, LOCK, PARTIAL, begun, described, key_of, made, reach_disk
+from trimtab.core.errors import InputError
+
+
+class Store:
+    """An open store; one process writes at a time. Close it, or use it in a `with`."""
+
+    def __init__(self, folder: Path, group: Any, lock: Any) -> None:
+        self.folder, self._group, self._lock = folder, group, lock
+        self._block = int(group.attrs["block"])
+        names = [*group.attrs["columns"], DONE]
+        self._arrays = {n: group[key_of(n)].with_config({"write_empty_chunks": True}) for n in names}
+
+    def __enter__(self) -> "Store":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let others write."""
+        os.close(self._lock)
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the store says of its campaign."""
+        return dict(self._group.attrs)
+
+    def done(self) -> Any:
+        """Which rows are there: bool (runs,)."""
+        return np.asarray(self._arrays[DONE][:])
+
+    def write(self, first: int, columns: Mapping[str, Any]) -> None:
+        """Keep the rows of a block, which begins at a multiple of the block's length.
+
+        Raises: InputError where there is no room, or the disk fails; what was done before remains.
+        """
+        n = len(next(iter(columns.values())))
+        try:
+            for name, column in columns.items():
+                self._arrays[name][first : first + n] = column
+            for name in columns:
+                reach_disk(self._chunk(name, first // self._block))
+            self._arrays[DONE][first : first + n] = np.ones(n, bool)
+            reach_disk(self._chunk(DONE, first // self._block))
+        except OSError as error:
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            problem = (
+                f"{'the disk is full' if full else error.strerror or error}: {int(self.done().sum())} runs are kept"
+            )
+            fix = ("make room, then " if full else "") + "start the same command again: it goes on from there"
+            raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
+
+    def read(self) -> dict[str, Any]:
+        """Every column by name, of the rows that are done, and `run`, their numbers."""
+        try:
+            done = self.done()
+            columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
+        except RuntimeError as error:
+            problem = f"a chunk is damaged: {error}"
+            fix = "start the command that made it again: it flies the runs of such chunks anew"
+            raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
+        return {"run": np.flatnonzero(done), **columns}
+
+    def mend(self) -> None:
+        """Forget the blocks of which a chunk is damaged or gone, and what killed processes left half written."""
+        for left in self.folder.rglob("*" + PARTIAL):
+            left.unlink()
+        for k in self._damaged(DONE, set()):
+            self._chunk(DONE, k).unlink()
+        done = self.done()
+        wanted = {k for k, (first, last) in enumerate(self._bounds()) if done[first:last].any()}
+        for k in set().union(*(self._damaged(name, wanted) for name in self._arrays)):
+            first, last = self._bounds()[k]
+            self._arrays[DONE][first:last] = np.zeros(last - first, bool)
+            for name in self._arrays:
+                if name != DONE:
+                    self._chunk(name, k).unlink(missing_ok=True)
+
+    def _damaged(self, name: str, wanted: set[int]) -> set[int]:
+        """Which chunks of a column can't be read, or are gone though wanted."""
+        there = {int(f.name) for f in self._chunk(name, 0).parent.glob("*")}
+        try:
+            self._arrays[name][:]
+            return wanted - there
+        except RuntimeError:
+            return (wanted - there) | {k for k in there if not self._readable(name, k)}
+
+    def _readable(self, name: str, k: int) -> bool:
+        first, last = self._bounds()[k]
+        try:
+            self._arrays[name][first:last]
+        except RuntimeError:
+            return False
+        return True
+
+    def _bounds(self) -> list[tuple[int, int]]:
+        """First row and last + 1 of each chunk."""
+        runs = self._arrays[DONE].shape[0]
+        return [(first, min(first + self._block, runs)) for first in range(0, runs, self._block)]
+
+    def _chunk(self, name: str, k: int) -> Path:
+        return self.folder / key_of(name) / "c" / str(k)
+
+
+def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int) -> Store:
+    """Open the store of a campaign, or make it; grow it where more runs are wanted.
+
+    Args:
+        folder: of the store, e.g. mass.zarr.
+        about: attributes; `identity` in it must be that of a store that is there.
+        columns: name -> an array of a row's type.
+        runs: how many there will be.
+        block: rows of a chunk, for a new store.
+    """
+    zarr = _zarr()
+    part = f"store {str(folder)!r}"
+    lock = _locked(folder, part)
+    try:
+        if begun(folder):
+            group = zarr.open_group(folder, mode="r+")
+            _check_same(part, dict(group.attrs), about)
+            if runs > group[DONE].shape[0]:
+                for name in [*group.attrs["columns"], DONE]:
+                    group[key_of(name)].resize((runs,))
+                group.attrs.update(dict(about))
+                described(folder)
+        else:
+            group = made(zarr, folder, columns, runs, block)
+            group.attrs.update({**about, "columns": list(columns), "block": block})
+            described(folder)
+        store = Store(folder, group, lock)
+        store.mend()
+        return store
+    except BaseException as error:
+        os.close(lock)
+        if isinstance(error, json.JSONDecodeError | KeyError):
+            problem = f"a description in it is damaged: {error}"
+            raise InputError(part, problem, fix="name another store: --store OTHER.zarr") from None
+        if isinstance(error, OSError):
+            fix = "make room, or name another store: --store NAME.zarr"
+            raise InputError(part, f"{error.strerror or error}", fix=fix) from None
+        raise
+
+
+def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Attributes and columns of a store that is there; a campaign may be writing it meanwhile."""
+    zarr = _zarr()
+    if not (folder / "zarr.json").exists():
+        raise InputError(
+            "--store", f"there is no store {str(folder)!r}", fix="trimtab campaign SCENARIO --store NAME.zarr"
+        )
+    group = zarr.open_group(folder, mode="r")
+    if "identity" not in group.attrs:
+        raise InputError(f"store {str(folder)!r}", "holds no campaign", fix="name the store of one: --store NAME.zarr")
+    store = Store(folder, group, -1)
+    return store.about, store.read()
+
+
+def block_of(folder: Path) -> int | None:
+    """Rows of a chunk of the store that is there, or None."""
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        return int(json.loads((folder / "zarr.json").read_text())["attributes"]["block"])
+    return None
+
+
+def missing(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
+    """First and last + 1 of each block in which a row is missing."""
+    for first in range(0, runs, block):
+        last = min(first + block, runs)
+        if not done[first:last].all():
+            yield first, last
+
+
+def _locked(folder: Path, part: str) -> int:
+    """The store's lock, which ends with this process."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError as error:
+        problem = f"cannot write there: {(error.strerror or str(error)).lower()}"
+        raise InputError(part, problem, fix="--store with a folder of yours, e.g. --store mass.zarr") from None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        fix = "wait for it to end, or give this one another store: --store OTHER.zarr"
+        raise InputError(part, "another campaign is writing it", fix=fix) from None
+    return lock
+
+
+def _check_same(part: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Refuse to mix rows that another campaign, scenario, version or machine made."""
+    was, now = there.get("identity"), here["identity"]
+    if was == now:
+        return
+    if not isinstance(was, Mapping):
+        raise InputError(part, "holds no campaign", fix="name another store: --store NAME.zarr")
+    apart = [name for name in now if was.get(name) != now[name]]
+    told = ", ".join(f"{name} (there {was.get(name)}, here {now[name]})" for name in apart)
+    fix = "the command that made it is in its attribute `command`; or name another store: --store OTHER.zarr"
+    raise InputError(part, f"holds rows of another campaign: {told} differs", fix=fix)
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise InputError("--store", "needs zarr", fix='pip install "trimtab[campaign]"') from None
+    return zarr

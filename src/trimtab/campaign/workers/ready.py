@@ -1,0 +1,152 @@
+"""A plan, ready to fly: checked against its scenario, and what each run of it is."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.campaign.sampling.points import DESIGNS, Points, points
+from trimtab.campaign.sampling.saltelli import check_factors
+from trimtab.campaign.sampling.spread import Factor, Spread, arrays_of, parse_factors, resolve, values_of
+from trimtab.campaign.statistics.condition import Condition, parse_condition
+from trimtab.campaign.statistics.metrics import Metric, default_metrics, parse_metric, short_name
+from trimtab.campaign.workers.plan import Plan
+from trimtab.core.errors import InputError
+from trimtab.core.record import Option, Quantity, leaves, with_leaf
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_settings
+from trimtab.loop.walk import logged, signals, start
+from trimtab.run.prepare import inputs
+from trimtab.scenarios.build import build
+
+MEMORY = 48 * 2**20
+"""Bytes of logged rows that a block holds at once, about."""
+FEWEST, MOST = 64, 2048
+VARIANTS = 64
+"""Programs that choices of options may ask for."""
+
+
+class Ready(NamedTuple):
+    """A plan, checked against its scenario. block: runs that fly together, and are kept together."""
+
+    plan: Plan
+    scenario: Scenario
+    spread: Spread
+    metrics: tuple[Metric, ...]
+    success: tuple[Condition, ...]
+    wanted: tuple[str, ...]
+    block: int
+
+
+def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] = ()) -> Ready:
+    """Check everything that can be checked before anything flies.
+
+    Args:
+        plan: the campaign.
+        scenario: where it is not to be built from the plan's name and settings.
+        own: metrics that are functions.
+
+    Raises: InputError with what to type instead.
+    """
+    if scenario is None:
+        scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
+    scenario.check()
+    shapes, units = signals_of(scenario)
+    targets = tuple(scenario.targets)
+    texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
+    metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
+    conditions = tuple(parse_condition(text) for text in plan.success)
+    needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
+    if not conditions:
+        settled = [f"settling:{short_name(t.path)}" for t in targets]
+        needed = [name for name in settled if name not in [m.name for m in metrics]]
+        conditions = tuple(Condition(name, "<", np.inf) for name in settled)
+    metrics += tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
+    spread = resolve(scenario, parse_factors(plan.spread), plan.correlate)
+    if plan.sampling in DESIGNS:
+        check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
+    wanted = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
+    ready = Ready(plan, scenario, spread, metrics, conditions, wanted, 0)
+    _check_values(ready)
+    width = sum(int(np.prod(s)) for p, s in shapes.items() if any(p == w or p.startswith(w + ".") for w in wanted))
+    rows = max(scenario.duration // plan.log_period, 1)
+    block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
+    return ready._replace(block=block)
+
+
+def signals_of(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+    """Shape and unit of each signal by path; nothing flies."""
+    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(scenario, 0, 0))
+    found = list(logged(seen))
+    return {path: tuple(np.shape(value)) for path, value, _ in found}, {path: d.unit for path, _, d in found}
+
+
+def drawn(ready: Ready, first: int, last: int) -> tuple[Points, dict[str, Any]]:
+    """Points of the runs first … last - 1, and what each has where it differs."""
+    names = tuple(f.text for f in ready.spread.factors)
+    of = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
+    return of, values_of(ready.spread, ready.scenario, of.u)
+
+
+def _check_values(ready: Ready) -> None:
+    """Refuse a spread that leaves a parameter's range, naming the run; parts check themselves at each extreme."""
+    extremes: dict[str, list[tuple[float, int]]] = {}
+    for first in range(0, ready.plan.runs, 2**16):
+        _, values = drawn(ready, first, min(first + 2**16, ready.plan.runs))
+        for text, column in values.items():
+            for at in (int(np.argmin(column)), int(np.argmax(column))):
+                extremes.setdefault(text, []).append((float(column[at]), first + at))
+    ends = {run for found in extremes.values() for run in (min(found)[1], max(found)[1])}
+    for run in sorted(ends):
+        try:
+            scenario_of(ready, run).check()
+        except InputError as error:
+            problem = f"run {run} of the campaign can't be flown: {error.problem}"
+            fix = "narrow the spread, e.g. --spread 'PATH=truncated(MEAN, STD, LOW, HIGH)'" + (
+                f"; or {error.fix}" if error.fix else ""
+            )
+            raise InputError(f"--spread {error.part}", problem, choices=error.choices, fix=fix) from None
+    options = options_of(ready).values()
+    count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
+    if count > VARIANTS:
+        problem = f"the choices of {', '.join(f.path for f in options)} make {count} programs"
+        raise InputError("--spread", problem, fix=f"at most {VARIANTS} together: offer fewer choices")
+
+
+def parameters_at(ready: Ready, u: Any) -> dict[str, Any]:
+    """Path -> value of each parameter at the point u (d,) of the spread, to the bit as it flies there; no options."""
+    declared = {path: d for path, _, d in leaves(ready.scenario)}
+    arrays = arrays_of(ready.spread, ready.scenario, values_of(ready.spread, ready.scenario, u[None]))
+    return {path: _typed(array[0], declared[path]) for path, array in arrays.items()}
+
+
+def _typed(value: Any, declared: Quantity | Option) -> Any:
+    dtype = declared.dtype() if isinstance(declared, Quantity) else np.float64
+    return np.asarray(value).astype(dtype)[()]
+
+
+def scenario_at(ready: Ready, u: Any) -> Scenario:
+    """The scenario at the point u (d,) of the spread, options too."""
+    values = values_of(ready.spread, ready.scenario, u[None])
+    scenario = variant(ready, {text: int(values[text][0]) for text in options_of(ready)})
+    for path, value in parameters_at(ready, u).items():
+        scenario = with_leaf(scenario, path, lambda _old, _declared, value=value: value)
+    return scenario
+
+
+def scenario_of(ready: Ready, run: int) -> Scenario:
+    """The scenario of one run, with all that is its own."""
+    return scenario_at(ready, drawn(ready, run, run + 1)[0].u[0])
+
+
+def options_of(ready: Ready) -> dict[str, Factor]:
+    """What differs and shapes the program, by what was written."""
+    declared = {path: d for path, _, d in leaves(ready.scenario)}
+    return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
+
+
+def variant(ready: Ready, picks: Mapping[str, int]) -> Scenario:
+    """The scenario with the choices of these numbers, by what was written."""
+    texts = {f.path: f.distribution.choices[picks[text]] for text, f in options_of(ready).items()}
+    return with_settings(ready.scenario, texts) if texts else ready.scenario

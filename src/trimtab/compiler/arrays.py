@@ -1,0 +1,165 @@
+"""Arrays while a program is lowered: small ones are scalars by index, large ones a buffer that loops run over."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from trimtab.compiler.ir import NAMES, TYPES, Buffer, Builder, Value
+
+UNROLL = 48
+"""Arrays of more elements than this are kept in buffers, and handled by loops."""
+
+Index = list[Value]
+
+
+class Array:
+    """An array of one type: `items`, an object array of values, or a `buffer` (row-major, from element `offset`)."""
+
+    __slots__ = ("buffer", "dtype", "items", "offset", "shape")
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: str, items: Any = None, buffer: Buffer | None = None, offset: Any = None
+    ) -> None:
+        self.shape, self.dtype, self.items, self.buffer, self.offset = shape, dtype, items, buffer, offset
+
+    @property
+    def size(self) -> int:
+        """How many elements."""
+        return math.prod(self.shape)
+
+
+def type_name(dtype: Any) -> str:
+    """Our short name of a numpy type; raises KeyError for one that C text can't have."""
+    return NAMES[np.dtype(dtype)]
+
+
+def small(shape: tuple[int, ...]) -> bool:
+    """Whether an array of this shape is unrolled."""
+    return math.prod(shape) <= UNROLL
+
+
+def scalars(values: Sequence[Value], shape: tuple[int, ...], dtype: str) -> Array:
+    """A small array of values in row-major order."""
+    items = np.empty(len(values), object)
+    items[:] = values
+    return Array(shape, dtype, items.reshape(shape))
+
+
+def scalar(value: Value) -> Array:
+    """An array of shape ()."""
+    return scalars([value], (), value.dtype)
+
+
+def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
+    """A known array."""
+    data = np.asarray(data)
+    dtype = dtype or type_name(data.dtype)
+    if small(data.shape):
+        return scalars([b.const(n, dtype) for n in data.ravel()], data.shape, dtype)
+    return Array(data.shape, dtype, buffer=Buffer(dtype, data.size, "const", data=data.ravel()))
+
+
+def linear(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
+    """The row-major position of an index."""
+    position = b.index(0)
+    for extent, i in zip(shape, index, strict=True):
+        position = b.op("mul", position, b.index(extent), dtype="i32")
+        position = b.op("add", position, i, dtype="i32")
+    return position
+
+
+def at(b: Builder, array: Array, position: Value) -> Value:
+    """The element at a row-major position."""
+    if array.items is not None:
+        if position.op == "const":
+            return array.items.ravel()[int(position.const)]
+        array = stored(b, array)
+    assert array.buffer is not None
+    if array.offset is not None:
+        position = b.op("add", position, array.offset, dtype="i32")
+    return b.load(array.buffer, position)
+
+
+def read(b: Builder, array: Array, index: Index) -> Value:
+    """The element at an index; the index of an axis of length 1 is taken as 0."""
+    index = [b.index(0) if n == 1 else i for n, i in zip(array.shape, index, strict=True)]
+    return at(b, array, linear(b, array.shape, index))
+
+
+def values(b: Builder, array: Array) -> list[Value]:
+    """All elements in row-major order; for small arrays."""
+    if array.items is not None:
+        return list(array.items.ravel())
+    return [at(b, array, b.index(i)) for i in range(array.size)]
+
+
+def items(b: Builder, array: Array) -> Any:
+    """All elements as an object array of the array's shape; for small arrays."""
+    if array.items is not None:
+        return array.items
+    return scalars(values(b, array), array.shape, array.dtype).items
+
+
+def stored(b: Builder, array: Array) -> Array:
+    """The same array in a buffer, which serves all who read these values by a computed index: nobody writes to it."""
+    if array.items is None:
+        return array
+    elements = tuple(array.items.ravel())
+    buffer = b.once(("stored", array.dtype, elements), lambda: _memory(b, array.dtype, elements))
+    return Array(array.shape, array.dtype, buffer=buffer)
+
+
+def _memory(b: Builder, dtype: str, elements: tuple[Value, ...]) -> Buffer:
+    if all(v.op == "const" for v in elements):
+        return Buffer(dtype, len(elements), "const", data=np.array([v.const for v in elements], TYPES[dtype]))
+    made = b.local(dtype, len(elements))
+    for i, v in enumerate(elements):
+        b.store(made, b.index(i), v)
+    return made
+
+
+def every(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> None:
+    """Nested loops over all indices of a shape."""
+
+    def nest(index: Index) -> None:
+        if len(index) == len(shape):
+            body(index)
+        elif shape[len(index)] == 1:
+            nest([*index, b.index(0)])
+        else:
+            b.each(shape[len(index)], lambda i: nest([*index, i]))
+
+    nest([])
+
+
+def build(b: Builder, shape: tuple[int, ...], dtype: str, element: Callable[[Index], Value]) -> Array:
+    """The array whose element at an index is element(index): unrolled when small, else loops into a new buffer."""
+    if small(shape):
+        found = [element([b.index(i) for i in index]) for index in np.ndindex(*shape)]
+        return scalars(found, shape, dtype)
+    made = Array(shape, dtype, buffer=b.local(dtype, math.prod(shape)))
+
+    def write(index: Index) -> None:
+        assert made.buffer is not None
+        b.store(made.buffer, linear(b, shape, index), element(index))
+
+    every(b, shape, write)
+    return made
+
+
+def copy_into(b: Builder, target: Buffer, source: Array) -> None:
+    """Write a whole array into a buffer of its size."""
+    if source.items is not None:
+        for i, v in enumerate(source.items.ravel()):
+            b.store(target, b.index(i), v)
+    elif source.size:
+        b.each(source.size, lambda i: b.store(target, i, at(b, source, i)))
+
+
+def copied(b: Builder, array: Array) -> Array:
+    """The same array in a new buffer that nothing else refers to."""
+    made = b.local(array.dtype, array.size)
+    copy_into(b, made, array)
+    return Array(array.shape, array.dtype, buffer=made)

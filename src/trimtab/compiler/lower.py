@@ -1,0 +1,152 @@
+"""jaxpr -> program: calls inlined, a large array changed in place only where nobody reads the old one afterwards.
+
+A primitive that has no rule is refused with its name, the Python line that made it, and what to write instead.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from trimtab.compiler import jaxprs
+from trimtab.compiler.arrays import Array, constant, small, stored, type_name
+from trimtab.compiler.ir import Builder
+from trimtab.core.errors import InputError
+
+Rule = Callable[["Site"], list[Array]]
+
+INSTEAD = {
+    "sort": "jnp.partition by hand, or keep the values ordered as they come",
+    "lu": "core.linalg.solve_spd, or an unrolled solve",
+    "lu_pivots_to_permutation": "core.linalg.solve_spd, or an unrolled solve",
+    "eigh": "an unrolled formula for 2 x 2, or do it before the flight, in design/",
+    "eig": "do it before the flight, in design/",
+    "svd": "do it before the flight, in design/",
+    "qr": "core.linalg's Cholesky, or an unrolled solve",
+    "fft": "a filter written as a difference equation",
+    "conv_general_dilated": "a filter written as a difference equation",
+    "random_bits": "core.rng: the same bits in every backend",
+    "random_wrap": "core.rng: the same bits in every backend",
+    "random_seed": "core.rng: the same bits in every backend",
+    "random_unwrap": "core.rng: the same bits in every backend",
+    "threefry2x32": "core.rng: the same bits in every backend",
+    "erf_inv": "core.rng.normal2 for normal numbers",
+    "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
+    "io_callback": "a logged signal: flight code cannot call back into Python",
+    "debug_print": "a logged signal: flight code cannot print",
+    "debug_callback": "a logged signal: flight code cannot print",
+}
+
+
+class Site:
+    """One equation with its operands: what a rule works on."""
+
+    def __init__(self, lowering: "Lowering", equation: Any, operands: list[Array], dying: list[bool]) -> None:
+        self.lowering, self.equation, self.operands, self.dying = lowering, equation, operands, dying
+        self.b: Builder = lowering.b
+        self.params: dict[str, Any] = equation.params
+        aval = equation.outvars[0].aval if equation.outvars else None
+        self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
+        self.dtype: str = lowering.type_of(aval.dtype) if aval is not None else ""
+
+    def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
+        """The results of another program on these operands; those that die may be changed in place."""
+        return self.lowering.program(jaxpr, operands, dying or [False] * len(operands))
+
+
+class Lowering:
+    """Lowers programs into a builder. rules: by primitive name. real: "f64", or "f32" for every float64."""
+
+    def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
+        self.b, self.rules, self.real = b, rules, real
+        self.around: list[Any] = []
+
+    def source(self) -> str:
+        """file:line of the innermost Python that made what is lowered now and is not JAX's own."""
+        for equation in reversed(self.around):
+            found = jaxprs.source(equation)
+            if found is not None:
+                return found
+        return "an unknown line"
+
+    def type_of(self, dtype: Any) -> str:
+        """Our name of a JAX type."""
+        try:
+            name = type_name(dtype)
+        except (KeyError, TypeError):
+            where = f", from {self.source()}," if self.around else ""
+            fix = "use float64, float32, integers or bool"
+            raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
+        return self.real if name == "f64" else name
+
+    def array_like(self, aval: Any) -> Array:
+        """A new buffer for an array of this abstract value."""
+        dtype = self.type_of(aval.dtype)
+        return Array(aval.shape, dtype, buffer=self.b.local(dtype, math.prod(aval.shape)))
+
+    def program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
+        inner = jaxpr.jaxpr
+        env: dict[Any, Array] = {}
+        doomed: dict[Any, bool] = {}
+        for var, data in zip(inner.constvars, jaxpr.consts, strict=True):
+            env[var], doomed[var] = constant(self.b, data, self.type_of(data.dtype)), False
+        for var, operand, dies in zip(inner.invars, operands, dying, strict=True):
+            env[var], doomed[var] = operand, dies
+        last = _last_uses(inner)
+        for k, equation in enumerate(inner.eqns):
+            self.around.append(equation)
+            given = [self._atom(a, env) for a in equation.invars]
+            dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
+            env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
+            self.around.pop()
+        return [self._atom(a, env) for a in inner.outvars]
+
+    def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:
+        number = jaxprs.literal(atom)
+        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype))
+
+    def _dies(self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]) -> bool:
+        """Whether the buffer of an operand is read by nobody after equation k, under any name."""
+        if jaxprs.literal(atom) is not None:
+            return False
+        buffer = env[atom].buffer
+        if buffer is None or buffer.fixed:
+            return False
+        names = [v for v, array in env.items() if array.buffer is buffer]
+        return all(last.get(v, -1) <= k and doomed.get(v, True) for v in names)
+
+    def _equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        inner = jaxprs.called(equation)
+        if inner is not None:
+            return self.program(inner, operands, dying)
+        name = equation.primitive.name
+        rule = self.rules.get(name)
+        if rule is None:
+            where = self.source()
+            fix = f"write {INSTEAD[name]}" if name in INSTEAD else "write it with what trimtab.compiler.coverage lists"
+            raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
+        site = Site(self, equation, operands, dying)
+        if name not in ("cond", "scan", "while"):
+            self._in_memory(equation, operands)
+        return rule(site)
+
+    def _in_memory(self, equation: Any, operands: list[Array]) -> None:
+        """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
+        if all(small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
+            return
+        for array in operands:
+            if array.size > 1:
+                stored(self.b, array)
+
+
+def _last_uses(jaxpr: Any) -> dict[Any, int]:
+    """Variable -> the last equation that reads it; results are read after all."""
+    last: dict[Any, int] = {}
+    for k, equation in enumerate(jaxpr.eqns):
+        for atom in equation.invars:
+            if jaxprs.literal(atom) is None:
+                last[atom] = k
+    for atom in jaxpr.outvars:
+        if jaxprs.literal(atom) is None:
+            last[atom] = len(jaxpr.eqns)
+    return last

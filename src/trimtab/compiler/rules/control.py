@@ -1,0 +1,217 @@
+"""Rules for branches and loops."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from trimtab.compiler import jaxprs
+from trimtab.compiler.arrays import Array, Index, at, build, copied, copy_into, read, scalars, small, stored, values
+from trimtab.compiler.ir import Block, Builder, If, Value
+from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.rules.reduce import accumulate
+
+
+def _cond(site: Site) -> list[Array]:
+    programs = jaxprs.branches(site.equation)
+    which = values(site.b, site.operands[0])[0]
+    operands, dying = site.operands[1:], site.dying[1:]
+    # what one operand's buffer is to several is settled by the equation: a branch sees each under its own names
+    return _choose(site, which, programs, operands, dying)
+
+
+def _choose(site: Site, which: Value, programs: list[Any], operands: list[Array], dying: list[bool]) -> list[Array]:
+    b = site.b
+    if len(programs) == 1:
+        return site.inline(programs[0], operands, dying)
+    if which.op == "const":
+        chosen = min(max(int(which.const), 0), len(programs) - 1)
+        return site.inline(programs[chosen], operands, dying)
+    test = b.op("le", which, b.const(0, which.dtype), dtype="bool") if len(programs) > 2 else _is_zero(b, which)
+
+    def first() -> list[Array]:
+        return site.inline(programs[0], operands, dying)
+
+    def second() -> list[Array]:
+        less = b.op("sub", which, b.const(1, which.dtype), dtype=which.dtype)
+        return _choose(site, less, programs[1:], operands, dying)
+
+    return join(b, test, first, second)
+
+
+def _is_zero(b: Builder, which: Value) -> Value:
+    """Whether the first of two branches is taken; free where the index came from a bool."""
+    if which.op == "convert" and which.args[0].dtype == "bool":
+        return b.op("not", which.args[0], dtype="bool")
+    return b.op("le", which, b.const(0, which.dtype), dtype="bool")
+
+
+def join(b: Builder, test: Value, first: Callable[[], list[Array]], second: Callable[[], list[Array]]) -> list[Array]:
+    """A branch: results that both sides hold in memory end in one buffer, the others are joined value by value."""
+    made = If(test, Block(), Block())
+    with b.inside(made.first):
+        xs = first()
+    with b.inside(made.second):
+        ys = second()
+    results = [_joined(b, made, x, y) for x, y in zip(xs, ys, strict=True)]
+    b.block.items.append(made)
+    return results
+
+
+def _joined(b: Builder, made: If, x: Array, y: Array) -> Array:
+    if x.items is None and x.buffer is y.buffer and x.offset is y.offset:
+        return x
+    if small(x.shape) and (x.items is not None or y.items is not None):
+        with b.inside(made.first):
+            a = values(b, x)
+        with b.inside(made.second):
+            c = values(b, y)
+        return scalars([made.join(v, w) for v, w in zip(a, c, strict=True)], x.shape, x.dtype)
+    buffer = b.local(x.dtype, x.size)
+    for block, array in ((made.first, x), (made.second, y)):
+        with b.inside(block):
+            copy_into(b, buffer, array)
+    return Array(x.shape, x.dtype, buffer=buffer)
+
+
+class Carried:
+    """The arrays that a loop carries: values, or, where they are large or indexed, a buffer of the loop."""
+
+    def __init__(
+        self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
+    ) -> None:
+        """others: what else the loop reads; a buffer of theirs is not the loop's to change."""
+        self.b, self.like = b, starts
+        self.buffers: list[Array | None] = []
+        taken: list[Any] = [a.buffer for a in others]
+        for i, (a, dies) in enumerate(zip(starts, dying, strict=True)):
+            own = a.buffer is not None and dies and not a.buffer.fixed and a.offset is None and a.buffer not in taken
+            in_memory = a.items is None or i in indexed
+            held = a if own else copied(b, a) if in_memory else None
+            self.buffers.append(held)
+            taken.append(held.buffer if held else None)
+        free = zip(starts, self.buffers, strict=True)
+        self.values = [v for a, held in free if held is None for v in values(b, a)]
+
+    def arrays(self, flat: list[Value]) -> list[Array]:
+        """The carried arrays, from their flat values."""
+        rest = iter(flat)
+        found = []
+        for a, buffer in zip(self.like, self.buffers, strict=True):
+            found.append(buffer or scalars([next(rest) for _ in range(a.size)], a.shape, a.dtype))
+        return found
+
+    def close(self, nexts: list[Array]) -> list[Value]:
+        """End of a turn: large results go to their buffers, small ones are returned flat."""
+        b = self.b
+        flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in values(b, a)]
+        moves = []
+        for a, held in zip(nexts, self.buffers, strict=True):
+            if held is None or a.buffer is held.buffer:
+                continue
+            crossing = any(a.buffer is other.buffer for other in self.buffers if other is not None)
+            moves.append((held.buffer, copied(b, a) if crossing else a))
+        for target, source in moves:
+            copy_into(b, target, source)  # pyright: ignore[reportArgumentType]
+        return flat
+
+
+def _scan(site: Site) -> list[Array]:
+    b, s = site.b, jaxprs.scan(site.equation)
+    first = s.constants + s.carried
+    constants, slices = site.operands[: s.constants], [stored(b, a) for a in site.operands[first:]]
+    carried = Carried(
+        b,
+        site.operands[s.constants : first],
+        site.dying[s.constants : first],
+        jaxprs.indexed(s.body.jaxpr, s.constants),
+        [*constants, *slices],
+    )
+    _in_memory(b, constants, s.body)
+    outs = [site.lowering.array_like(v.aval) for v in site.equation.outvars[s.carried :]]
+
+    def turn(i: Value, flat: list[Value]) -> list[Value]:
+        k = b.op("sub", b.index(s.length - 1), i, dtype="i32") if s.reverse else i
+        now = [element(b, a, k) for a in slices]
+        operands = [*constants, *carried.arrays(flat), *now]
+        dying = [False] * s.constants + [True] * s.carried + [False] * len(now)
+        found = site.inline(s.body, operands, dying)
+        for made, row in zip(outs, found[s.carried :], strict=True):
+            _write_row(b, made, k, row)
+        return carried.close(found[: s.carried])
+
+    end = b.loop(s.length, carried.values, turn)
+    return [*carried.arrays(end), *outs]
+
+
+def element(b: Builder, array: Array, k: Value) -> Array:
+    """array[k], k in range: values when small, else a view."""
+    shape = array.shape[1:]
+    size = math.prod(shape)
+    offset = b.op("mul", k, b.index(size), dtype="i32")
+    if small(shape):
+        found = [at(b, array, b.op("add", offset, b.index(j), dtype="i32")) for j in range(size)]
+        return scalars(found, shape, array.dtype)
+    if array.offset is not None:
+        offset = b.op("add", offset, array.offset, dtype="i32")
+    return Array(shape, array.dtype, buffer=array.buffer, offset=offset)
+
+
+def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
+    buffer = made.buffer
+    assert buffer is not None
+    offset = b.op("mul", k, b.index(row.size), dtype="i32")
+    if small(row.shape):
+        for j, v in enumerate(values(b, row)):
+            b.store(buffer, b.op("add", offset, b.index(j), dtype="i32"), v)
+    else:
+        b.each(row.size, lambda j: b.store(buffer, b.op("add", offset, j, dtype="i32"), at(b, row, j)))
+
+
+def _kept(b: Builder, holds: Array, new: Array, old: Array) -> Array:
+    """The new numbers of those in a batch whose test holds; the batch's axes are the first."""
+
+    def one(index: Index) -> Value:
+        test = read(b, holds, index[: len(holds.shape)])
+        return b.op("select", test, read(b, new, index), read(b, old, index), dtype=new.dtype)
+
+    return build(b, new.shape, new.dtype, one)
+
+
+def _in_memory(b: Builder, constants: list[Array], program: Any) -> None:
+    """Small arrays that a loop reads at computed indices are put in memory before it, not at each turn."""
+    for i in jaxprs.indexed(program.jaxpr):
+        if i < len(constants):
+            stored(b, constants[i])
+
+
+def _while(site: Site) -> list[Array]:
+    b, w = site.b, jaxprs.while_loop(site.equation)
+    first = w.test_constants + w.body_constants
+    of_test, of_body = site.operands[: w.test_constants], site.operands[w.test_constants : first]
+    indexed = jaxprs.indexed(w.body.jaxpr, w.body_constants)
+    carried = Carried(b, site.operands[first:], site.dying[first:], indexed, site.operands[:first])
+    _in_memory(b, of_test, w.test)
+    _in_memory(b, of_body, w.body)
+
+    def test(flat: list[Value]) -> Value:
+        [holds] = site.inline(w.test, [*of_test, *carried.arrays(flat)])
+
+        def either(index: Index, so_far: list[Value]) -> list[Value]:
+            return [b.op("or", so_far[0], read(b, holds, index), dtype="bool")]
+
+        return accumulate(b, holds.shape, [b.const(0, "bool")], either)[0]
+
+    def turn(flat: list[Value]) -> list[Value]:
+        now = carried.arrays(flat)
+        if not w.test.out_avals[0].shape:
+            dying = [False] * len(of_body) + [True] * len(now)
+            return carried.close(site.inline(w.body, [*of_body, *now], dying))
+        # under vmap the test is an array: those of the batch that are done keep what they have
+        [holds] = site.inline(w.test, [*of_test, *now])
+        nexts = site.inline(w.body, [*of_body, *now])
+        return carried.close([_kept(b, holds, new, old) for new, old in zip(nexts, now, strict=True)])
+
+    return carried.arrays(b.loop_while(carried.values, test, turn))
+
+
+RULES: dict[str, Rule] = {"cond": _cond, "scan": _scan, "while": _while}

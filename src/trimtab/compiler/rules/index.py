@@ -1,0 +1,274 @@
+"""Rules for reading and writing at computed indices: slices, gathers (lookup tables), updates, scatters."""
+
+import numpy as np
+from jax import lax
+
+from trimtab.compiler import jaxprs
+from trimtab.compiler.arrays import (
+    Array,
+    Index,
+    at,
+    build,
+    constant,
+    copied,
+    every,
+    items,
+    linear,
+    read,
+    scalar,
+    scalars,
+    small,
+    values,
+)
+from trimtab.compiler.ir import Builder, Value, is_float
+from trimtab.compiler.lower import Rule, Site
+
+MODE = lax.GatherScatterMode
+
+
+def clamped(site: Site, start: Value, extent: int, window: int) -> Value:
+    """A start index brought into range, so that the window fits, as an int32."""
+    b = site.b
+    most = extent - window
+    if most == 0:
+        return b.index(0)
+    start = at_least_32_bits(b, start)
+    if start.dtype[0] == "u":
+        high = b.op("min", start, b.const(most, start.dtype), dtype=start.dtype)
+        return b.op("convert", high, dtype="i32")
+    low = b.op("max", start, b.const(0, start.dtype), dtype=start.dtype)
+    return b.op("convert", b.op("min", low, b.const(most, start.dtype), dtype=start.dtype), dtype="i32")
+
+
+def at_least_32_bits(b: Builder, start: Value) -> Value:
+    """An index whose type can hold the extent of any array."""
+    return b.op("convert", start, dtype="i32") if start.dtype[1:] in ("8", "16") else start
+
+
+def _starts(site: Site, array: Array, window: tuple[int, ...], given: list[Array]) -> Index:
+    found = [values(site.b, s)[0] for s in given]
+    return [clamped(site, s, n, w) for s, n, w in zip(found, array.shape, window, strict=True)]
+
+
+def _plus(site: Site, starts: Index, index: Index) -> Index:
+    return [site.b.op("add", s, i, dtype="i32") for s, i in zip(starts, index, strict=True)]
+
+
+def _dynamic_slice(site: Site) -> list[Array]:
+    array = site.operands[0]
+    starts = _starts(site, array, site.shape, site.operands[1:])
+    return [sliced(site, array, starts)]
+
+
+def sliced(site: Site, array: Array, starts: Index) -> Array:
+    """A window of the site's shape from in-range starts; small arrays are read by selects or a table."""
+    return build(site.b, site.shape, array.dtype, lambda index: read(site.b, array, _plus(site, starts, index)))
+
+
+def writable(site: Site, which: int) -> Array:
+    """Operand `which` in a buffer that may be written: its own where nobody reads it afterwards, else a copy."""
+    array = site.operands[which]
+    if array.items is None and site.dying[which] and array.offset is None:
+        return array
+    return copied(site.b, array)
+
+
+def _dynamic_update_slice(site: Site) -> list[Array]:
+    b, (array, update) = site.b, site.operands[:2]
+    starts = _starts(site, array, update.shape, site.operands[2:])
+    if small(array.shape) and array.items is not None and all(s.op == "const" for s in starts):
+        new = array.items.copy()
+        window = tuple(slice(int(s.const), int(s.const) + n) for s, n in zip(starts, update.shape, strict=True))
+        new[window] = items(b, update)
+        return [Array(array.shape, array.dtype, new)]
+    if small(array.shape) and array.items is not None and update.size == 1:
+        return [_replaced(site, array, starts, values(b, update)[0])]
+    update = _apart(site, update, array)
+    target = writable(site, 0)
+    buffer = target.buffer
+    assert buffer is not None
+
+    def write(index: Index) -> None:
+        b.store(buffer, linear(b, array.shape, _plus(site, starts, index)), read(b, update, index))
+
+    if small(update.shape):
+        for index in np.ndindex(*update.shape):
+            write([b.index(i) for i in index])
+    else:
+        every(b, update.shape, write)
+    return [target]
+
+
+def _apart(site: Site, update: Array, array: Array) -> Array:
+    """The update where it shares no memory with what is written."""
+    if update.items is None and update.buffer is array.buffer:
+        return copied(site.b, update)
+    return update
+
+
+def _replaced(site: Site, array: Array, starts: Index, value: Value) -> Array:
+    """A small array with one element replaced: a select for each, no memory."""
+    b, where = site.b, linear(site.b, array.shape, starts)
+    new = [
+        b.op("select", b.op("eq", where, b.index(i), dtype="bool"), value, old, dtype=array.dtype)
+        for i, old in enumerate(values(b, array))
+    ]
+    return scalars(new, array.shape, array.dtype)
+
+
+class Windows:
+    """Where the windows of a gather or scatter lie: from its dimension numbers and its array of indices."""
+
+    def __init__(self, site: Site, array: Array, indices: Array, sizes: tuple[int, ...], to: tuple[int, ...]) -> None:
+        self.site, self.array, self.indices, self.sizes, self.to = site, array, indices, sizes, to
+
+    def starts(self, batch: Index, paired: dict[int, int]) -> tuple[Index, Value]:
+        """Start of the window of one batch index, brought into range, and whether it was in range already."""
+        b, array = self.site.b, self.array
+        found: Index = [b.index(0)] * len(array.shape)
+        inside = b.const(1, "bool")
+        for k, axis in enumerate(self.to):
+            start = at_least_32_bits(b, read(b, self.indices, [*batch, b.index(k)]))
+            most = array.shape[axis] - self.sizes[axis]
+            for test, limit in (("ge", 0), ("le", most)):
+                if test == "ge" and start.dtype[0] == "u":
+                    continue
+                within = b.op(test, start, b.const(limit, start.dtype), dtype="bool")
+                inside = b.op("and", inside, within, dtype="bool")
+            found[axis] = clamped(self.site, start, array.shape[axis], self.sizes[axis])
+        for axis, of_batch in paired.items():
+            found[axis] = batch[of_batch]
+        return found, inside
+
+
+def _gather(site: Site) -> list[Array]:
+    b, (array, indices) = site.b, site.operands
+    numbers, mode = site.params["dimension_numbers"], site.params["mode"]
+    sizes = site.params["slice_sizes"]
+    windows = Windows(site, array, indices, sizes, numbers.start_index_map)
+    paired = dict(zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True))
+    gone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
+    kept = [a for a in range(len(array.shape)) if a not in gone]
+    fill = _fill(site, array)
+
+    def element(index: Index) -> Value:
+        batch = [i for a, i in enumerate(index) if a not in numbers.offset_dims]
+        inner = [index[a] for a in numbers.offset_dims]
+        starts, inside = windows.starts(batch, paired)
+        place = list(starts)
+        for a, i in zip(kept, inner, strict=True):
+            place[a] = b.op("add", starts[a], i, dtype="i32")
+        value = read(b, array, place)
+        if mode in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
+            return value
+        return b.op("select", inside, value, fill, dtype=array.dtype)
+
+    return [build(b, site.shape, array.dtype, element)]
+
+
+def _fill(site: Site, array: Array) -> Value:
+    given = site.params["fill_value"]
+    if given is None:
+        if is_float(array.dtype):
+            given = np.nan
+        elif array.dtype == "bool":
+            given = True
+        else:
+            limits = np.iinfo(np.dtype(array.dtype.replace("i", "int").replace("u", "uint").replace("uuint", "uint")))
+            given = limits.min if array.dtype[0] == "i" else limits.max
+    return values(site.b, constant(site.b, np.asarray(given), array.dtype))[0]
+
+
+class Updates:
+    """What a scatter writes: where the element of each update goes, whether that is in range, and the new number."""
+
+    def __init__(self, site: Site, combine: str | None, updates: Array, indices: Array) -> None:
+        self.site, self.combine, self.updates = site, combine, updates
+        self.array = array = site.operands[0]
+        self.numbers = numbers = site.params["dimension_numbers"]
+        gone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
+        self.kept = [a for a in range(len(array.shape)) if a not in gone]
+        sizes = [1] * len(array.shape)
+        for a, of_update in zip(self.kept, numbers.update_window_dims, strict=True):
+            sizes[a] = updates.shape[of_update]
+        self.windows = Windows(site, array, indices, tuple(sizes), numbers.scatter_dims_to_operand_dims)
+        self.paired = dict(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True))
+        self.function = site.params["update_jaxpr"] if combine is None else None
+
+    def place(self, index: Index) -> tuple[Value, Value]:
+        """The row-major position of one update, and whether its window is in range."""
+        b, window = self.site.b, self.numbers.update_window_dims
+        batch = [i for a, i in enumerate(index) if a not in window]
+        starts, inside = self.windows.starts(batch, self.paired)
+        place = list(starts)
+        for a, i in zip(self.kept, [index[a] for a in window], strict=True):
+            place[a] = b.op("add", starts[a], i, dtype="i32")
+        if self.site.params["mode"] in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
+            inside = b.const(1, "bool")
+        return linear(b, self.array.shape, place), inside
+
+    def new(self, old: Value, index: Index, inside: Value) -> Value:
+        """What one update makes of the number that is there."""
+        site, b = self.site, self.site.b
+        new = read(b, self.updates, index)
+        if self.combine is not None:
+            new = b.op(self.combine, old, new, dtype=self.array.dtype)
+        elif self.function is not None:
+            function = jaxprs.closed(self.function, site.params["update_consts"])
+            new = values(b, site.inline(function, [scalar(old), scalar(new)])[0])[0]
+        return b.op("select", inside, new, old, dtype=self.array.dtype)
+
+
+def _scatter(combine: str | None) -> Rule:
+    def rule(site: Site) -> list[Array]:
+        b, (array, indices, given) = site.b, site.operands
+        updates = Updates(site, combine, _apart(site, given, array), _apart(site, indices, array))
+        every_index = [[b.index(i) for i in index] for index in np.ndindex(*given.shape)] if small(given.shape) else []
+        if array.items is not None and small(given.shape):
+            places = [updates.place(index) for index in every_index]
+            if all(where.op == "const" for where, _ in places):
+                return [_rewritten(array, updates, every_index, places)]
+        target = writable(site, 0)
+        buffer = target.buffer
+        assert buffer is not None
+
+        def write(index: Index) -> None:
+            where, inside = updates.place(index)
+            b.store(buffer, where, updates.new(b.load(buffer, where), index, inside))
+
+        if small(given.shape):
+            for index in every_index:
+                write(index)
+        else:
+            every(b, given.shape, write)
+        return [_unrolled(site, target)]
+
+    return rule
+
+
+def _rewritten(array: Array, updates: Updates, indices: list[Index], places: list[tuple[Value, Value]]) -> Array:
+    """A small array with elements replaced at known positions: no memory."""
+    flat = list(array.items.ravel())
+    for index, (where, inside) in zip(indices, places, strict=True):
+        flat[int(where.const)] = updates.new(flat[int(where.const)], index, inside)
+    return scalars(flat, array.shape, array.dtype)
+
+
+def _unrolled(site: Site, array: Array) -> Array:
+    """A small array as values again, so that later updates don't change it."""
+    if small(array.shape):
+        return scalars([at(site.b, array, site.b.index(i)) for i in range(array.size)], array.shape, array.dtype)
+    return array
+
+
+RULES: dict[str, Rule] = {
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update_slice,
+    "gather": _gather,
+    "scatter": _scatter(None),
+    "scatter-add": _scatter("add"),
+    "scatter-sub": _scatter("sub"),
+    "scatter-mul": _scatter("mul"),
+    "scatter-min": _scatter("min"),
+    "scatter-max": _scatter("max"),
+}

@@ -1,0 +1,169 @@
+"""Rules for sums, products, extremes and their positions, along axes and running; and dot products."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from trimtab.compiler.arrays import Array, Index, build, every, linear, read, small
+from trimtab.compiler.ir import TYPES, Builder, Value, is_float
+from trimtab.compiler.lower import Rule, Site
+
+OPERATIONS = {
+    "reduce_sum": "add",
+    "reduce_prod": "mul",
+    "reduce_max": "max",
+    "reduce_min": "min",
+    "reduce_and": "and",
+    "reduce_or": "or",
+    "reduce_xor": "xor",
+}
+RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
+
+
+def neutral(op: str, dtype: str) -> object:
+    """What an empty reduction gives."""
+    if op in ("add", "or", "xor"):
+        return 0
+    if op == "mul":
+        return 1
+    if op == "and":
+        return True if dtype == "bool" else -1
+    if is_float(dtype):
+        return -np.inf if op == "max" else np.inf
+    if dtype == "bool":
+        return op == "min"
+    limits = np.iinfo(TYPES[dtype])
+    return limits.min if op == "max" else limits.max
+
+
+def _merge(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
+    """The operand's index from that of the result and that along the reduced axes."""
+    rest, along = iter(index), iter(inner)
+    return [next(along) if a in axes else next(rest) for a in range(len(index) + len(inner))]
+
+
+def accumulate(
+    b: Builder, shape: tuple[int, ...], starts: list[Value], step: Callable[[Index, list[Value]], list[Value]]
+) -> list[Value]:
+    """Carry values over all indices of a shape in row-major order: unrolled when small, else loops."""
+    if small(shape):
+        for index in np.ndindex(*shape):
+            starts = step([b.index(i) for i in index], starts)
+        return starts
+
+    def nest(index: Index, carried: list[Value]) -> list[Value]:
+        if len(index) == len(shape):
+            return step(index, carried)
+        return b.loop(shape[len(index)], carried, lambda i, inner: nest([*index, i], inner))
+
+    return nest([], starts)
+
+
+def _reduce(op: str) -> Rule:
+    def rule(site: Site) -> list[Array]:
+        b, array, axes = site.b, site.operands[0], tuple(site.params["axes"])
+        along = tuple(array.shape[a] for a in axes)
+
+        def element(index: Index) -> Value:
+            def step(inner: Index, carried: list[Value]) -> list[Value]:
+                value = read(b, array, _merge(index, inner, axes))
+                return [b.op(op, carried[0], value, dtype=site.dtype)] if carried else [value]
+
+            start = [] if small(along) and 0 not in along else [b.const(neutral(op, site.dtype), site.dtype)]
+            return accumulate(b, along, start, step)[0]
+
+        return [build(b, site.shape, site.dtype, element)]
+
+    return rule
+
+
+def _position(better: str) -> Rule:
+    """argmax and argmin: the first of equals; a NaN is better than any number."""
+
+    def rule(site: Site) -> list[Array]:
+        b, array, axes = site.b, site.operands[0], tuple(site.params["axes"])
+        along = tuple(array.shape[a] for a in axes)
+
+        def element(index: Index) -> Value:
+            def step(inner: Index, carried: list[Value]) -> list[Value]:
+                value = read(b, array, _merge(index, inner, axes))
+                here = b.op("convert", linear(b, along, inner), dtype=site.dtype)
+                if not carried:
+                    return [value, here]
+                best, where = carried
+                wins = b.op(better, value, best, dtype="bool")
+                if is_float(value.dtype):
+                    first = b.op("eq", best, best, dtype="bool")
+                    nan = b.op("and", b.op("ne", value, value, dtype="bool"), first, dtype="bool")
+                    wins = b.op("or", wins, nan, dtype="bool")
+                new = b.op("select", wins, value, best, dtype=value.dtype)
+                return [new, b.op("select", wins, here, where, dtype=site.dtype)]
+
+            zero = [b.index(0)] * len(along)
+            start = [] if small(along) else step(zero, [])
+            return accumulate(b, along, start, step)[1]
+
+        return [build(b, site.shape, site.dtype, element)]
+
+    return rule
+
+
+def _running(op: str) -> Rule:
+    def rule(site: Site) -> list[Array]:
+        b, array = site.b, site.operands[0]
+        axis, backwards = site.params["axis"], site.params["reverse"]
+        n = array.shape[axis]
+        rest = tuple(1 if a == axis else m for a, m in enumerate(array.shape))
+        made = Array(site.shape, site.dtype, buffer=b.local(site.dtype, array.size))
+
+        def lane(index: Index) -> None:
+            def step(i: Value, carried: list[Value]) -> list[Value]:
+                j = b.op("sub", b.index(n - 1), i, dtype="i32") if backwards else i
+                here = [j if a == axis else k for a, k in enumerate(index)]
+                value = b.op(op, carried[0], read(b, array, here), dtype=site.dtype)
+                assert made.buffer is not None
+                b.store(made.buffer, linear(b, site.shape, here), value)
+                return [value]
+
+            b.loop(n, [b.const(neutral(op, site.dtype), site.dtype)], step)
+
+        every(b, rest, lane)
+        return [made]
+
+    return rule
+
+
+def _dot_general(site: Site) -> list[Array]:
+    b, (x, y) = site.b, site.operands
+    (cx, cy), (bx, by) = site.params["dimension_numbers"]
+    along = tuple(x.shape[a] for a in cx)
+    free_x = [a for a in range(len(x.shape)) if a not in cx and a not in bx]
+    free_y = [a for a in range(len(y.shape)) if a not in cy and a not in by]
+
+    def place(rank: int, *pairs: tuple[object, Index]) -> Index:
+        found: list[Value | None] = [None] * rank
+        for axes, index in pairs:
+            for a, i in zip(axes, index, strict=True):  # pyright: ignore[reportArgumentType]
+                found[a] = i
+        return [i for i in found if i is not None]
+
+    def element(index: Index) -> Value:
+        batch, left = index[: len(bx)], index[len(bx) : len(bx) + len(free_x)]
+        right = index[len(bx) + len(free_x) :]
+
+        def step(inner: Index, carried: list[Value]) -> list[Value]:
+            p = read(b, x, place(len(x.shape), (bx, batch), (free_x, left), (cx, inner)))
+            q = read(b, y, place(len(y.shape), (by, batch), (free_y, right), (cy, inner)))
+            p, q = (b.op("convert", v, dtype=site.dtype) for v in (p, q))
+            product = b.op("mul", p, q, dtype=site.dtype)
+            return [b.op("add", carried[0], product, dtype=site.dtype)] if carried else [product]
+
+        start = [] if small(along) and 0 not in along else [b.const(0, site.dtype)]
+        return accumulate(b, along, start, step)[0]
+
+    return [build(b, site.shape, site.dtype, element)]
+
+
+RULES: dict[str, Rule] = {name: _reduce(op) for name, op in OPERATIONS.items()}
+RULES |= {name: _running(op) for name, op in RUNNING.items()}
+RULES |= {"argmax": _position("gt"), "argmin": _position("lt"), "dot_general": _dot_general}

@@ -1,0 +1,221 @@
+"""The bending modes and their frequencies from the pitch acceleration: a filter that learns what it was told wrong."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate, Frame, is_new
+from trimtab.core.time import ms, show, to_seconds
+from trimtab.estimators import kalman
+from trimtab.estimators.discretise import discretise
+from trimtab.estimators.flexible.discrete import PRINTED_ETA0
+from trimtab.estimators.flexible.frequencies import CORNERS, AdaptiveModeState, M, adapted
+from trimtab.estimators.flexible.model import (
+    RigidFlight,
+    check_variances,
+    dynamics_of,
+    forcing,
+    hear,
+    stepped,
+    unmeasured,
+)
+from trimtab.estimators.flexible.stretched import bending, jolt, mixture, moved, stretch, vibration
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
+
+SHARE = 0.5
+"""Of the first deviation of a frequency, what each hypothesis has by itself; they stand apart by the rest."""
+APART = math.sqrt(1.5 * (1 - SHARE**2))
+LEAST = 1e-6
+"""No hypothesis becomes less probable than about this, so that each can come back."""
+
+
+@record
+class AdaptiveFlexibleModeFilter:
+    """Nine extended Kalman filters of modal state and both natural frequencies, weighed by how well each predicts.
+
+        x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
+
+    One such filter does not do: frequencies 10 % off bring mode 2 near where mode 1 was expected, and it settles on the
+    wrong one. Nine that start a tenth apart find the right one; the estimate is their mean, with the spread between.
+
+    - Frequencies and probabilities move only at instants at which the modes vibrate, by `excitation` deviations of what
+      is in doubt; else the frequencies are considered, not corrected. **At rest nothing can be learnt and nothing is.**
+    - An innovation with NIS above `gate` is no noise: its square joins R, and P by the jolt that a moment which makes
+      it gives the modes. The frequencies learn nothing from it.
+    - Each filter's frequencies walk slowly, up to its first deviation, and stay within `bound`.
+
+    Not modelled: damping and coupling that differ from the vehicle's; noise of the rigid flight.
+    Source:  beyond [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
+             hypersonic flight vehicle", Aerospace 2022, 9(4), 206; [4] Bar-Shalom, Li, Kirubarajan, "Estimation with
+             applications to tracking and navigation", Wiley 2001, section 11.6 (static multiple models).
+    """
+
+    craft: Hypersonic = part("The vehicle that the filter believes in, with nominal frequencies.", default=Hypersonic())
+    Q: Any = quantity("1", "Process noise of the modal state, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
+    R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
+    P0: Any = quantity("1", "First variances, frequencies given.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
+    eta0: Any = quantity("1", "First estimate, at nominal frequencies.", default=PRINTED_ETA0, shape=(4,), source="[1]")
+    deviation: Any = quantity("1", "First deviations of ln w1 and ln w2.", default=(0.1, 0.1), shape=(2,))
+    walk: Any = quantity("1/s", "Densities of the walks of ln w1 and ln w2.", default=(1e-6, 1e-6), shape=(2,))
+    bound: Scalar = quantity("1", "Most that a frequency can be off, as a factor up or down.", default=1.25, above=1)
+    excitation: Scalar = quantity("1", "Vibration to learn from, in deviations of its doubt.", default=3.0, low=0)
+    gate: Scalar = quantity("1", "NIS above which an innovation is a jolt.", default=16.0, above=0)
+    corrects: bool = option("Whether measurements are used at all.", default=True, choices=(True, False))
+    flight: str = option("Name of the sensor of the rigid flight.", default="flight")
+    accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
+    actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
+    period: int = period("Time between predictions.", default=ms(5))
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Rigid flight, pitch acceleration, acting input."""
+        return (self.flight, self.accelerometer, self.actuators)
+
+    def check(self) -> None:
+        """Variances that are variances, hypotheses within the bound, a period for which the series is exact."""
+        name = "AdaptiveFlexibleModeFilter"
+        check_variances(name, Q=self.Q, P0=self.P0)
+        for field in ("deviation", "walk"):
+            value = np.asarray(getattr(self, field), float)
+            if not (np.isfinite(value).all() and (value >= 0).all()):
+                raise InputError(
+                    f"{name}.{field}", f"{value.tolist()} must be finite and not below 0", fix="two numbers"
+                )
+        for field in ("R", "bound", "excitation"):
+            if not math.isfinite(getattr(self, field)):
+                raise InputError(f"{name}.{field}", f"{getattr(self, field)} is not finite", fix="a finite number")
+        outermost = math.exp(APART * float(np.max(self.deviation)))
+        if outermost >= self.bound:
+            problem = f"hypotheses start at a factor {outermost:.3g}, beyond {float(self.bound):g}"
+            raise InputError(f"{name}.bound", problem, fix="raise it, or make deviation smaller")
+        fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
+        if fastest * to_seconds(self.period) >= 0.5:
+            problem = f"{show(self.period)} is too long for a mode of {fastest:g} rad/s"
+            raise InputError(f"{name}.period", problem, fix=f"below {show(int(0.5 / fastest * 1e7))}")
+
+    def init(self, key: Key) -> AdaptiveModeState:
+        """The first estimate, nothing measured."""
+        no, zero, deviation = jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(self.deviation)
+        A, _ = dynamics_of(self.craft)
+        model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
+        lam = CORNERS * APART * deviation
+        x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(self.eta0), (M, 4)), lam], axis=1)
+        P = jnp.diag(jnp.concatenate([jnp.asarray(self.P0), (SHARE * deviation) ** 2]))
+        P, p = jnp.broadcast_to(P, (M, 6, 6)), jnp.full(M, 1 / M)
+        mean, spread = mixture(x, P, p)
+        return AdaptiveModeState(
+            x=x,
+            P=P,
+            p=p,
+            Qd=model.Qd,
+            mean=mean,
+            spread=spread,
+            w=self._frequencies(mean),
+            bare=unmeasured(self.eta0, model.Ad, model.Bd),
+            chi=jax.tree.map(jnp.asarray, RigidFlight()),
+            u=HypersonicInput(zero, zero),
+            t=np.int64(0),
+            seen=np.int64(NEVER),
+            flight_t=np.int64(0),
+            started=no,
+            innovation=zero,
+            S=zero,
+            nis=zero,
+            updated=no,
+            learned=no,
+            bounded=no,
+        )
+
+    def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
+        """One hypothesis, x (6,) and P (6, 6), one period on under the held forcing b (4,) of eta."""
+        dt, by, still = to_seconds(self.period), stretch(x), jnp.zeros((4, 2))
+        F = jax.jacfwd(lambda x: moved(self.craft, x, b, dt))(x)
+        room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])
+        grown = jnp.minimum(jnp.asarray(self.walk) * dt, jnp.maximum(room, 0.0))
+        noise = jnp.block([[Qd * by[:, None] * by, still], [still.T, jnp.diag(grown)]])
+        return moved(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
+
+    def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
+        """One hypothesis after C eta was measured as `modal` (rad/s^2) while b (4,) acted.
+
+        Returns: x, P, innovation, its variance, logarithm of the likelihood, which frequencies learn (2,), whether one
+        was held at its bound.
+        """
+        expected, H = bending(self.craft, x)[0], jax.jacfwd(lambda x: bending(self.craft, x)[0])(x)
+        r = modal - expected
+        S = H @ P @ H + self.R
+        noise = r * r <= self.gate * S
+        moves, doubt = vibration(self.craft, x, P, b)
+        learns = noise & (moves > self.excitation**2 * doubt)
+        consider = jnp.concatenate([jnp.ones(4), jnp.where(learns, 1.0, 0.0)])
+        moment = jnp.where(noise, 0.0, r * r)
+        done = kalman.update(x, P, r[None], H[None], (self.R + moment)[None, None], consider=consider)
+        shaken = to_seconds(self.period) * jolt(self.craft, x)
+        most = jnp.log(self.bound)
+        lam = jnp.clip(done.x[4:], -most, most)
+        likely = -(jnp.log(S) + jnp.minimum(r * r / S, self.gate)) / 2
+        new_P = done.P + moment * shaken[:, None] * shaken
+        return jnp.concatenate([done.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != done.x[4:])
+
+    def step(self, t: Any, state: AdaptiveModeState, frame: Frame) -> tuple[AdaptiveModeState, Estimate]:
+        """The estimate at integer time t; between its periods the last one is held."""
+        return stepped(self, t, state, frame, adapted)
+
+    def instant(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
+        """What the filter remembers after an instant of its own."""
+        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
+        b, d, rigid = forcing(self.craft, chi, u)
+        between = (forcing(self.craft, s.chi, u)[0] + b) / 2
+        x, P = jax.lax.map(lambda one: self.predict(one[0], one[1], s.Qd, between), (s.x, s.P))
+        x, P = jnp.where(s.started, x, s.x), jnp.where(s.started, P, s.P)
+        modal = felt.value.pitch_acceleration - rigid - d
+        finite = jnp.isfinite(modal)
+        used = started & known & finite & felt.valid & is_new(felt, s.seen) & self.corrects
+        felt_modal = jnp.where(finite, modal, 0.0)
+        done = jax.lax.map(lambda one: self.update(one[0], one[1], felt_modal, b), (x, P))
+        new_x, new_P, r, S, likely, learns, bounded = done
+        x, P = jnp.where(used, new_x, x), jnp.where(used, new_P, P)
+        innovation = s.p @ r
+        variance = s.p @ (S + (r - innovation) ** 2)
+        innovation = jnp.where(finite, innovation, 0.0)
+        learned = used & (s.p @ jnp.where(jnp.any(learns, axis=1), 1.0, 0.0) > 0.5)
+        p = jnp.where(learned, weighed(s.p, likely), s.p)
+        mean, spread = mixture(x, P, p)
+        return AdaptiveModeState(
+            x=x,
+            P=P,
+            p=p,
+            Qd=s.Qd,
+            mean=mean,
+            spread=spread,
+            w=self._frequencies(mean),
+            bare=s.bare,
+            chi=chi,
+            u=u,
+            t=jnp.where(started, t, s.t),
+            seen=jnp.where(used, felt.t, s.seen),
+            flight_t=flight_t,
+            started=started,
+            innovation=innovation,
+            S=variance,
+            nis=innovation * innovation / variance,
+            updated=used,
+            learned=learned,
+            bounded=used & (s.p @ jnp.where(bounded, 1.0, 0.0) > 0.5),
+        )
+
+    def _frequencies(self, mean: Any) -> Any:
+        return jnp.stack([self.craft.modes.w1, self.craft.modes.w2]) * jnp.exp(mean[4:])
+
+
+def weighed(p: Any, likely: Any) -> Any:
+    """Probabilities (m,) after a measurement of these logarithms of likelihood (m,), none below about LEAST."""
+    p = p * jnp.exp(likely - jnp.max(likely))
+    p = jnp.maximum(p / jnp.sum(p), LEAST)
+    return p / jnp.sum(p)

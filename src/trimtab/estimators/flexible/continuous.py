@@ -1,0 +1,164 @@
+"""The filter of the bending modes in continuous time, as it was published, integrated between samples."""
+
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jax, jnp
+from trimtab.core.integrate import rk4
+from trimtab.core.linalg import symmetric
+from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.discretise import discretise
+from trimtab.estimators.flexible.discrete import PRINTED_ETA0, PRINTED_Q
+from trimtab.estimators.flexible.model import (
+    RigidFlight,
+    Unmeasured,
+    check_variances,
+    dynamics_of,
+    estimated,
+    forcing,
+    hear,
+    stepped,
+    unmeasured,
+)
+from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
+
+STABLE = 2.5
+"""RK4 damps what decays by this much in a step; its limit is 2.78."""
+
+
+@record
+class ContinuousModeState:
+    """What the filter remembers. Source: docs page, Flexible modes in continuous time."""
+
+    eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
+    P: Any = quantity("1", "Their covariance.", shape=(4, 4))
+    modal: Scalar = quantity("rad/s^2", "Last measured C eta: pitch acceleration less what flight and input explain.")
+    used: Scalar = quantity("1", "Whether that is a measurement at all.", kind="flag")
+    bare: Unmeasured = part("The modes by the model alone.")
+    chi: RigidFlight = part("Rigid flight at the last instant.")
+    u: HypersonicInput = part("Input that acted last.")
+    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
+    flight_t: Scalar = quantity("100 ns", "When chi was measured.", kind="time")
+    started: Scalar = quantity("1", "Whether flight and input have been known once.", kind="flag")
+    innovation: Scalar = quantity("rad/s^2", "Of the last instant.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of a sample's innovation, for its noise R/dt.")
+    nis: Scalar = quantity("1", "Innovation squared over S.")
+    updated: Scalar = quantity("1", "Whether a measurement was used then.", kind="flag")
+
+
+@record
+class ContinuousModeFilter:
+    """Kalman-Bucy filter of the modal state (eta1, eta1', eta2, eta2') with exactly known forcing.
+
+        eta' = A eta + b(chi, u) + L (Q'_m - M/Iyy - C eta - d(chi, u))          L = P C'/R
+        P' = A P + P A' + Q - P C' C P/R                                         [1, eq. 9 and below, corrected]
+
+    Over a step the affine parts and the measurement less its own are held; eta and P are integrated by RK4, in
+    `substeps`. R is a density. Default: the printed Q and R, with which the gain is practically zero; large gains make
+    the equations stiff, and `check` refuses a step that is too long for P(0). What flies is `FlexibleModeFilter`.
+
+    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
+             flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed: chosen here.
+    """
+
+    craft: Hypersonic = part("The vehicle that the filter believes in.", default=Hypersonic())
+    Q: Any = quantity("1", "Process noise, diagonal of its density.", default=PRINTED_Q, shape=(4,), source="[1]")
+    R: Scalar = quantity("rad^2/s^3", "Density of the noise of the acceleration.", default=10.0, above=0, source="[1]")
+    P0: Any = quantity("1", "First variances of the modal state.", default=(1.0, 1.0, 1.0, 1.0), shape=(4,))
+    eta0: Any = quantity("1", "First estimate.", default=PRINTED_ETA0, shape=(4,), source="[1]")
+    substeps: int = option("Steps of the integration in a period.", default=1)
+    flight: str = option("Name of the sensor of the rigid flight.", default="flight")
+    accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
+    actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
+    period: int = period("Time between samples.", default=ms(5))
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Rigid flight, pitch acceleration, acting input."""
+        return (self.flight, self.accelerometer, self.actuators)
+
+    def check(self) -> None:
+        """Variances that are variances, and a step that is stable for the gain with which the filter begins."""
+        check_variances("ContinuousModeFilter", Q=self.Q, P0=self.P0)
+        A, C = (np.asarray(m) for m in dynamics_of(self.craft))
+        fastest = float(np.abs(np.linalg.eigvals(A)).max() + 2 * (C * C) @ np.asarray(self.P0, float) / self.R)
+        step = to_seconds(self.period) / self.substeps
+        if not fastest * step < STABLE:
+            problem = f"P(0) and R make rates of {fastest:.3g} 1/s, too fast for steps of {step:.3g} s"
+            least = int(np.ceil(fastest * to_seconds(self.period) / STABLE))
+            raise InputError("ContinuousModeFilter.substeps", problem, fix=f"at least {least}, or FlexibleModeFilter")
+
+    def init(self, key: Key) -> ContinuousModeState:
+        """The first estimate, nothing measured."""
+        no, zero = jnp.asarray(False), jnp.asarray(0.0)
+        A, _ = dynamics_of(self.craft)
+        model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
+        return ContinuousModeState(
+            eta=jnp.asarray(self.eta0),
+            P=jnp.diag(jnp.asarray(self.P0)),
+            modal=zero,
+            used=no,
+            bare=unmeasured(self.eta0, model.Ad, model.Bd),
+            chi=jax.tree.map(jnp.asarray, RigidFlight()),
+            u=HypersonicInput(zero, zero),
+            t=np.int64(0),
+            flight_t=np.int64(0),
+            started=no,
+            innovation=zero,
+            S=zero,
+            nis=zero,
+            updated=no,
+        )
+
+    def integrate(self, eta: Any, P: Any, b: Any, modal: Any, used: Any) -> tuple[Any, Any]:
+        """eta (4,) and P (4, 4) one period on, under held forcing b (4,) and measurement of C eta, if one is used."""
+        A, C = dynamics_of(self.craft)
+        Q, weight = jnp.diag(jnp.asarray(self.Q)), jnp.where(used, 1 / self.R, 0.0)
+
+        def rate(t: Any, both: Any) -> Any:
+            eta, P = both
+            L = P @ C * weight
+            return A @ eta + b + L * (modal - C @ eta), A @ P + P @ A.T + Q - jnp.outer(L, P @ C)
+
+        h = to_seconds(self.period) / self.substeps
+        for _ in range(self.substeps):
+            eta, P = rk4(rate, 0.0, (eta, P), h)
+        return eta, symmetric(P)
+
+    def step(self, t: Any, state: ContinuousModeState, frame: Frame) -> tuple[ContinuousModeState, Estimate]:
+        """The estimate at integer time t; between its periods the last one is held."""
+        return stepped(self, t, state, frame, estimated)
+
+    def instant(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
+        """What the filter remembers after an instant of its own."""
+        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
+        eta, P = self.integrate(s.eta, s.P, forcing(self.craft, s.chi, u)[0], s.modal, s.used)
+        eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
+        _, d, rigid = forcing(self.craft, chi, u)
+        _, C = dynamics_of(self.craft)
+        modal = felt.value.pitch_acceleration - rigid - d
+        used = started & known & felt.valid & jnp.isfinite(modal)
+        modal = jnp.where(used, modal, 0.0)
+        r = jnp.where(used, modal - C @ eta, 0.0)
+        S = C @ P @ C + self.R / to_seconds(self.period)
+        return ContinuousModeState(
+            eta=eta,
+            P=P,
+            modal=modal,
+            used=used,
+            bare=s.bare,
+            chi=chi,
+            u=u,
+            t=jnp.where(started, t, s.t),
+            flight_t=flight_t,
+            started=started,
+            innovation=r,
+            S=S,
+            nis=r * r / S,
+            updated=used,
+        )

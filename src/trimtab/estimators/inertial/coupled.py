@@ -1,0 +1,207 @@
+"""Coupled extended filter: one covariance for all states, so positions alone give a heading.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3;
+[5] Schmidt 1966 for states that are considered but not corrected.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import to_seconds
+from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.dual_filter import InertialNoise, belief_covariance, heading_noise, motion_noise
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
+from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.kalman import Update, predict_covariance
+
+SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
+"""Error states of biases are true minus estimated."""
+
+
+@record
+class CoupledNode:
+    """Corrected INS, biases and the one covariance at one instant. Source: [1] chapter 3."""
+
+    t: Scalar = quantity("100 ns", "The instant.", kind="time")
+    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    x: Any = quantity("1", "As Belief.x.", shape=(8,))
+    P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
+    force: Any = quantity("m/s^2", "Force per mass in the Jacobian, without bias.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "The same, low-passed as tells rest from motion.", frame="B", shape=(2,))
+    heading_fix: HeadingFix = part("How headings fared.")
+    position_fix: PositionFix = part("How positions fared.")
+
+
+@record
+class AidedInertialCoupled:
+    """Eight error states with feedback; heading is observed through the force that it turns.
+
+        dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
+
+    Where the force, low-passed, is not told from zero by `rest_sigmas` of its noise and of the accelerometer biases,
+    positions teach nothing about the heading: heading and gyro bias are then considered, not corrected ([5]).
+
+    Valid:   near the truth: a first heading error of more than about half a radian makes it too sure of itself.
+             At rest heading is not observable, and grows with the gyro's bias.
+    Source:  [1] chapter 3; low-pass and rest: reconstructed, see docs page.
+    """
+
+    intake: Intake = part("Which samples are read; a heading sensor is possible.", default=Intake(heading=""))
+    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
+    start: InertialStart = part("What is believed at first.", default=InertialStart())
+    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+    smoothing: Scalar = quantity("s", "Time constant of the low-pass on the Jacobian's force.", default=0.05, low=0)
+    rest_smoothing: Scalar = quantity("s", "The same on the force that tells rest.", default=0.5, low=0)
+    rest_sigmas: Scalar = quantity(
+        "1", "Force below this many of its sigmas counts as none; 0: always believed.", default=3.0, low=0
+    )
+    rest: str = option(
+        "At rest heading and gyro bias are considered, or corrected all the same.",
+        default="consider",
+        choices=("consider", "correct"),
+    )
+
+    ANY_ORDER: ClassVar[bool] = True
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The IMU and what aids it."""
+        return self.intake.listens()
+
+    def check(self) -> None:
+        """Refuse an intake that can't work."""
+        self.intake.check()
+
+    def init(self, key: Key) -> InertialState:
+        """Nothing measured yet."""
+        return begin(self)
+
+    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+        """The estimate at integer time t; its state is a NavigationState."""
+        return navigate(self, t, state, frame)
+
+    def first(self) -> CoupledNode:
+        """Before the first sample."""
+        s = self.start
+        heading, bias = s.heading_variances()
+        motion = s.motion_variances()
+        mean = jnp.concatenate([jnp.reshape(jnp.asarray(s.heading, np.float64), 1), s.velocity(), s.position()])
+        return CoupledNode(
+            t=np.int64(NEVER),
+            felt=np.zeros(3),
+            doubt=np.zeros(2),
+            x=jnp.concatenate([mean, jnp.zeros(3)]),
+            P=jnp.diag(jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])),
+            force=np.zeros(2),
+            steady=np.zeros(2),
+            heading_fix=no_heading_fix(),
+            position_fix=no_position_fix(),
+        )
+
+    def propagate(self, node: CoupledNode, dt: Any, felt: Any, doubt: Any) -> CoupledNode:
+        """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi."""
+        x = node.x
+        B = planar(x[0])
+        heading = x[0] + dt / 2 * (felt[0] + node.felt[0]) - dt * x[5]
+        bias = B @ x[6:]
+        f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
+        velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
+        mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
+        force = node.force + low_pass_share(dt, self.smoothing) * (mean - node.force)
+        steady = node.steady + low_pass_share(dt, self.rest_smoothing) * (mean - node.steady)
+        growth = self.noise.growth(dt, doubt)
+        F = coupled_transition(dt, x[0], force)
+        P = predict_covariance(node.P, F, coupled_noise(growth, x[0], self.noise.reach(dt)))
+        moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
+        return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
+
+    def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
+        R = self.noise.heading_noise(variance)
+        y = wrap(node.x[0] - z)[None]
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
+        return replace(_reset(node, done), heading_fix=fix)
+
+    def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
+        arm, slope = turned_lever(node.x[0], self.arms.between())
+        none = jnp.zeros((2, 2))
+        H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
+        y = node.x[3:5] + arm - z
+        R = self.noise.position_noise(variance)
+        consider = None
+        if self.rest == "consider":
+            learns = jnp.where(self.moves(node), 1.0, 0.0)
+            one = jnp.ones(4)
+            consider = jnp.concatenate([learns[None], one, learns[None], one[:2]])
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0, **believed)
+        return replace(_reset(node, done), position_fix=fix)
+
+    def moves(self, node: CoupledNode) -> Any:
+        """Whether the low-passed force is told from zero."""
+        return told_from_rest(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
+
+    def belief(self, node: CoupledNode) -> Belief:
+        """Of the IMU's point."""
+        return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
+
+
+def told_from_rest(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
+    """Whether a force (2,), low-passed with this time constant (s), is so many of its sigmas away from zero.
+
+    P: covariance with the accelerometer biases at 6 and 7.
+    """
+    tick = to_seconds(noise.tick)
+    white = (noise.forward + noise.starboard) * tick / (tick + 2 * smoothing)
+    return steady @ steady >= sigmas**2 * (white + P[6, 6] + P[7, 7])
+
+
+def low_pass_share(dt: Any, constant: Any) -> Any:
+    """How much of a step a first-order low-pass follows in dt (s)."""
+    return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
+
+
+def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
+    """Phi (8, 8) of the errors in the order of Belief.x, biases true minus estimated; exact for a constant force.
+
+    Args:
+        dt: step in s.
+        heading: rad.
+        force: per mass, in B (2,).
+
+    Source: [1] chapter 3; the series of exp(A dt) ends with the third power, as A^4 = 0.
+    """
+    B = planar(heading)
+    turned = (B @ jnp.stack([-force[1], force[0]]))[:, None]
+    eye, column, row = jnp.eye(2), jnp.zeros((2, 1)), jnp.zeros((1, 2))
+    one = jnp.ones((1, 1))
+    return jnp.concatenate(
+        [
+            jnp.concatenate([one, row, row, dt * one, row], axis=1),
+            jnp.concatenate([dt * turned, eye, 0 * eye, dt**2 / 2 * turned, dt * B], axis=1),
+            jnp.concatenate([dt**2 / 2 * turned, dt * eye, eye, dt**3 / 6 * turned, dt**2 / 2 * B], axis=1),
+            jnp.concatenate([0 * one, row, row, one, row], axis=1),
+            jnp.concatenate([column, 0 * eye, 0 * eye, column, eye], axis=1),
+        ]
+    )
+
+
+def coupled_noise(growth: Any, heading: Any, reach: Any) -> Any:
+    """Q (8, 8) in the order of Belief.x: those of the dual filter; growth and reach as InertialNoise gives them."""
+    Q1, Q2 = heading_noise(growth, reach), motion_noise(growth, heading, reach)
+    return belief_covariance(Q1, Q2)
+
+
+def _reset(node: CoupledNode, done: Update) -> CoupledNode:
+    return replace(node, x=node.x - SIGNS * done.x, P=done.P)

@@ -1,0 +1,136 @@
+"""Direct form: the filters hold heading, velocity, position and biases themselves, not errors of an INS.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, Frame
+from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.dual_filter import (
+    HEADING_ROW,
+    POSITION_ROWS,
+    InertialNoise,
+    belief_covariance,
+    heading_noise,
+    heading_transition,
+    motion_noise,
+    motion_transition,
+    turned_noise,
+)
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
+from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.kalman import predict
+
+
+@record
+class DirectNode:
+    """Total states and their covariances at one instant. Source: [1] chapter 3."""
+
+    t: Scalar = quantity("100 ns", "The instant.", kind="time")
+    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
+    P1: Any = quantity("1", "Covariance of estimate minus truth.", shape=(2, 2))
+    x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
+    P2: Any = quantity("1", "Covariance of estimate minus truth.", shape=(6, 6))
+    heading_fix: HeadingFix = part("How headings fared.")
+    position_fix: PositionFix = part("How positions fared.")
+
+
+@record
+class AidedInertialDirect:
+    """Total-state filters: the mechanisation is their process model, the IMU its input, linearised at each sample.
+
+        heading' = w - bias        v' = B(heading) (F - bias)        r' = v        biases' = 0 + noise
+
+    Valid:         as the feedback form, to which it is equal to rounding; here the whole state is the filter's, which
+                   is what other process models (a vehicle's dynamics in place of an IMU) need.
+    Not modelled:  what a heading error does to velocity; see AidedInertialCoupled.
+    Source:        [1] chapter 3, as the alternative that was not flown.
+    """
+
+    intake: Intake = part("Which samples are read.", default=Intake())
+    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
+    start: InertialStart = part("What is believed at first.", default=InertialStart())
+    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+
+    ANY_ORDER: ClassVar[bool] = True
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The IMU and what aids it."""
+        return self.intake.listens()
+
+    def check(self) -> None:
+        """Refuse an intake that can't work."""
+        self.intake.check()
+
+    def init(self, key: Key) -> InertialState:
+        """Nothing measured yet."""
+        return begin(self)
+
+    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+        """The estimate at integer time t; its state is a NavigationState."""
+        return navigate(self, t, state, frame)
+
+    def first(self) -> DirectNode:
+        """Before the first sample."""
+        s = self.start
+        return DirectNode(
+            t=np.int64(NEVER),
+            felt=np.zeros(3),
+            doubt=np.zeros(2),
+            x1=jnp.stack([jnp.asarray(s.heading, np.float64), jnp.zeros(())]),
+            P1=jnp.diag(s.heading_variances()),
+            x2=jnp.concatenate([s.velocity(), s.position(), jnp.zeros(2)]),
+            P2=jnp.diag(s.motion_variances()),
+            heading_fix=no_heading_fix(),
+            position_fix=no_position_fix(),
+        )
+
+    def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
+        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
+        F1, F2 = heading_transition(-dt), _total(motion_transition(dt, node.x1[0]))
+        turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
+        x1, P1 = predict(node.x1, node.P1, F1, heading_noise(growth, reach))
+        x1 = x1 + turned
+        f0, f1 = planar(node.x1[0]) @ node.felt[1:], planar(x1[0]) @ felt[1:]
+        gained = jnp.concatenate([*mechanise(dt, f0, f1, jnp.zeros(2), jnp.zeros(2)), jnp.zeros(2)])
+        x2, P2 = predict(node.x2, node.P2, F2, motion_noise(growth, node.x1[0], reach))
+        return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
+
+    def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        R = self.noise.heading_noise(variance)
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed)
+        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
+
+    def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
+        arm, slope = turned_lever(node.x1[0], self.arms.between())
+        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        y = z - node.x2[2:4] - arm
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)
+        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
+
+    def belief(self, node: DirectNode) -> Belief:
+        """Of the IMU's point."""
+        x = jnp.concatenate([node.x1[:1], node.x2[:4], node.x1[1:], node.x2[4:]])
+        return Belief(x, belief_covariance(node.P1, node.P2))
+
+
+def _total(transition: Any) -> Any:
+    """Phi2 for total states: a bias that is estimated too high takes from velocity, where an error adds to it."""
+    signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+    return transition * signs[:, None] * signs[None, :]

@@ -1,0 +1,140 @@
+"""Indirect feed-forward form: an INS that is never reset, and the thesis's two filters that estimate its errors.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, Frame
+from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.dual_filter import (
+    HEADING_ROW,
+    POSITION_ROWS,
+    InertialNoise,
+    belief_covariance,
+    heading_noise,
+    heading_transition,
+    motion_noise,
+    motion_transition,
+    turned_noise,
+)
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
+from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.kalman import predict
+
+
+@record
+class FeedforwardNode:
+    """INS and error filters at one instant. Source: [1] chapter 3."""
+
+    t: Scalar = quantity("100 ns", "The instant.", kind="time")
+    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    heading: Scalar = quantity("rad", "Heading of the INS; unwrapped.", kind="angle")
+    velocity: Any = quantity("m/s", "Velocity of the INS.", frame="W", shape=(2,))
+    position: Any = quantity("m", "Position of the INS.", frame="W", shape=(2,))
+    x1: Any = quantity("1", "Errors: heading (rad), gyro bias (rad/s).", shape=(2,))
+    P1: Any = quantity("1", "Their covariance.", shape=(2, 2))
+    x2: Any = quantity("1", "Errors: velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
+    P2: Any = quantity("1", "Their covariance.", shape=(6, 6))
+    heading_fix: HeadingFix = part("How headings fared.")
+    position_fix: PositionFix = part("How positions fared.")
+
+
+@record
+class AidedInertialFeedforward:
+    """The thesis's INS: open-loop mechanisation, heading filter, velocity and position filter; output INS minus error.
+
+        heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
+
+    Valid:         while the INS's own errors stay small enough for a linear model; they grow for ever, as nothing is
+                   reset: half an hour with biases of 0.1 m/s^2 puts the INS 160 km off, still harmless in double.
+    Not modelled:  what a heading error does to velocity. Positions don't correct the heading here.
+    Source:        [1] chapter 3; differences from the source: docs page and Errata.
+    """
+
+    intake: Intake = part("Which samples are read.", default=Intake())
+    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
+    start: InertialStart = part("What is believed at first.", default=InertialStart())
+    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+
+    ANY_ORDER: ClassVar[bool] = True
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The IMU and what aids it."""
+        return self.intake.listens()
+
+    def check(self) -> None:
+        """Refuse an intake that can't work."""
+        self.intake.check()
+
+    def init(self, key: Key) -> InertialState:
+        """Nothing measured yet."""
+        return begin(self)
+
+    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+        """The estimate at integer time t; its state is a NavigationState."""
+        return navigate(self, t, state, frame)
+
+    def first(self) -> FeedforwardNode:
+        """Before the first sample."""
+        s = self.start
+        return FeedforwardNode(
+            t=np.int64(NEVER),
+            felt=np.zeros(3),
+            doubt=np.zeros(2),
+            heading=jnp.asarray(s.heading, np.float64),
+            velocity=s.velocity(),
+            position=s.position(),
+            x1=np.zeros(2),
+            P1=jnp.diag(s.heading_variances()),
+            x2=np.zeros(6),
+            P2=jnp.diag(s.motion_variances()),
+            heading_fix=no_heading_fix(),
+            position_fix=no_position_fix(),
+        )
+
+    def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
+        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
+        before = node.heading - node.x1[0]
+        heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
+        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), heading_noise(growth, reach))
+        f0, f1 = planar(before) @ node.felt[1:], planar(heading - x1[0]) @ felt[1:]
+        velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
+        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_noise(growth, before, reach))
+        return replace(
+            node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
+        )
+
+    def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
+        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        y = wrap(node.heading - z - node.x1[0])[None]
+        R = self.noise.heading_noise(variance)
+        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
+        done, fix = fuse(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
+
+    def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
+        """With a position z (2,) of the aided point; its variance as for headings."""
+        arm, slope = turned_lever(node.heading - node.x1[0], self.arms.between())
+        y = node.position + arm - z - node.x2[2:4]
+        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
+        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
+        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
+
+    def belief(self, node: FeedforwardNode) -> Belief:
+        """Of the IMU's point."""
+        heading = node.heading - node.x1[0]
+        kinematic = [heading[None], node.velocity - node.x2[:2], node.position - node.x2[2:4]]
+        x = jnp.concatenate([*kinematic, node.x1[1:], node.x2[4:]])
+        return Belief(x, belief_covariance(node.P1, node.P2, -1.0))

@@ -1,0 +1,202 @@
+"""Measurements fused at the time they were taken, however late they come: past states are kept, and replayed.
+
+A ring holds the last events in the order in which they were measured: samples of the IMU, headings, positions, pings,
+each with the filter's state after it. A late measurement is put where it belongs, and everything from there on is
+computed again, so the result is that of a filter which had got all in time. An aiding measurement newer than the newest
+IMU sample waits for the next one; between two samples the IMU is taken as running straight.
+
+Without a late measurement there is one turn of the loop for each event. Nothing is approximated, and the only limit is
+the ring's length.
+
+Source: docs page, Measurement history.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax import lax
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.time import to_seconds
+from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH
+
+EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
+"""Kinds of event."""
+KINDS = ("empty", "imu", "heading", "position", "ranges")
+FELT = 3
+"""Numbers of an IMU's event."""
+Correct = Callable[[Any, Any], Any]
+"""What an aiding measurement does: node and value of the event in, node out."""
+
+
+@record
+class History:
+    """The ring; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page."""
+
+    head: Scalar = quantity("1", "Slot of the oldest event.", kind="count")
+    t: Any = quantity("100 ns", "When each event was measured; never falls from the oldest on.", kind="time")
+    kind: Any = quantity("1", "What it is.", kind="mode", modes=KINDS)
+    value: Any = quantity("1", "What was measured, in the sensor's units.")
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, of this sample can't be trusted; (slots, 2).")
+    nodes: Any = part("State of the filter after each event; its fields t, felt and doubt are used here.")
+
+
+class Event(NamedTuple):
+    """One measurement: integer time, kind, value as wide as the ring's or shorter, doubt (2,)."""
+
+    t: Any
+    kind: int
+    value: Any
+    doubt: Any
+
+
+def empty(node: Any, slots: int, width: int = WIDTH) -> History:
+    """A ring without events; node: state of the filter before any, with t = NEVER; width: of the longest value."""
+    return History(
+        head=np.int32(0),
+        t=np.full(slots, NEVER, np.int64),
+        kind=np.zeros(slots, np.int32),
+        value=np.zeros((slots, width)),
+        doubt=np.zeros((slots, 2)),
+        nodes=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (slots, *np.shape(leaf))), node),
+    )
+
+
+def done(h: History) -> Any:
+    """How far the filter has come: which event, from the oldest, is the newest of the IMU; the last where none is."""
+    last = np.int32(h.t.shape[0] - 1)
+    i = lax.while_loop(lambda i: (i >= 0) & (_take(h.kind, _slot(h, i)) != IMU), lambda i: i - 1, last)
+    return jnp.where(i < 0, last, i)
+
+
+def fits(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
+    """Whether an event can be put into the ring, and whether it is there already; reached: as `done` gives it.
+
+    What was measured before all that is remembered has no state to start from. One slot is kept for the IMU.
+    """
+    before = _last(h, event.t)
+
+    def other(i: Any) -> Any:
+        slot = _slot(h, i)
+        return (i >= 0) & (_take(h.t, slot) == event.t) & (_take(h.kind, slot) != event.kind)
+
+    same = lax.while_loop(other, lambda i: i - 1, before)
+    known = (same >= 0) & (_take(h.t, _slot(h, same)) == event.t)
+    if event.kind == IMU:
+        return reached >= 1, known
+    return (before >= 1) & (_take(h.t, _slot(h, before)) > NEVER) & (reached >= 2), known
+
+
+def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
+    """The ring with one event more and the oldest dropped, and how far the filter's states still hold.
+
+    Events of one instant are ordered as they came, the IMU's first. What is newer moves up one slot, so the newest
+    event moves nothing.
+    """
+    place = _last(h, event.t - 1 if event.kind == IMU else event.t)
+    h = replace(h, head=_wrapped(h.head + 1, h.t.shape[0]))
+
+    def up(carry: Any) -> Any:
+        i, rings = carry
+        return i - 1, _put(rings, _slot(h, i), _take(rings, _slot(h, i - 1)))
+
+    rings = {name: getattr(h, name) for name in ("t", "kind", "value", "doubt")}
+    last = np.int32(h.t.shape[0] - 1)
+    _, rings = lax.while_loop(lambda carry: carry[0] > place, up, (last, rings))
+    new = {name: getattr(event, name) for name in rings}
+    short = h.value.shape[1] - np.shape(event.value)[0]
+    if short:
+        new["value"] = jnp.concatenate([event.value, jnp.zeros(short)])
+    rings = _put(rings, _slot(h, place), new)
+    return replace(h, **rings), jnp.minimum(reached - 1, place - 1)
+
+
+def replay(form: Any, h: History, reached: Any, aids: Mapping[int, Correct] | None = None) -> tuple[History, Any]:
+    """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state.
+
+    form: gives propagate(node, dt, felt, doubt), and where aids is None correct_heading(node, z, variance) and
+    correct_position, for what its intake has.
+    aids: what the events of each kind do.
+    """
+    last = done(h)
+    aids = usual_aids(form) if aids is None else aids
+
+    def body(carry: Any) -> Any:
+        i, nodes, node = carry
+        node = _processed(form, h, node, i, last, aids)
+        return i + 1, _put(nodes, _slot(h, i), node), node
+
+    start = reached + 1, h.nodes, _take(h.nodes, _slot(h, reached))
+    _, nodes, node = lax.while_loop(lambda carry: carry[0] <= last, body, start)
+    return replace(h, nodes=nodes), node
+
+
+def usual_aids(form: Any) -> dict[int, Correct]:
+    """Of a form that corrects with headings, positions or both."""
+    aids: dict[int, Correct] = {}
+    if form.intake.heading:
+        aids[HEADING] = lambda node, value: form.correct_heading(node, value[0], value[1])
+    if form.intake.position:
+        aids[POSITION] = lambda node, value: form.correct_position(node, value[:2], value[2])
+    return aids
+
+
+def newest(h: History) -> Any:
+    """The filter's state after the newest IMU sample."""
+    return _take(h.nodes, _slot(h, done(h)))
+
+
+def state_before(h: History, t: Any) -> Any:
+    """The filter's state after the last event measured at integer time t or before; the oldest where all are later."""
+    return _take(h.nodes, _slot(h, jnp.maximum(jnp.minimum(_last(h, t), done(h)), 0)))
+
+
+def _processed(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mapping[int, Correct]) -> Any:
+    """The state after event i, from that after the event before it; last: the newest of the IMU."""
+    t, kind, value = (_take(x, _slot(h, i)) for x in (h.t, h.kind, h.value))
+    # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
+    j = lax.while_loop(lambda j: (j < last) & (_take(h.kind, _slot(h, j)) != IMU), lambda j: j + 1, i)
+    ahead, felt, doubt = (_take(x, _slot(h, j)) for x in (h.t, h.value, h.doubt))
+    felt = felt[:FELT]
+    span = (ahead - node.t).astype(np.float64)
+    share = jnp.where(ahead > node.t, (t - node.t).astype(np.float64) / jnp.where(span > 0, span, 1.0), 1.0)
+    dt = jnp.where(node.t > NEVER, to_seconds(t - node.t), 0.0)
+    is_imu = kind == IMU
+    now = jnp.where(is_imu, felt, node.felt + share * (felt - node.felt))
+    doubts = jnp.maximum(node.doubt, doubt)
+    # no time passes between events of one instant: most headings and fixes come with a sample
+    moved = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
+    moved = replace(moved, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
+    for aiding, correct in aids.items():
+        moved = lax.cond(kind == aiding, lambda m=moved, c=correct: c(m, value), lambda m=moved: m)
+    return moved
+
+
+def _last(h: History, t: Any) -> Any:
+    """Which event, from the oldest, is the last that was measured at t or before; -1 where none was."""
+    i = np.int32(h.t.shape[0] - 1)
+    return lax.while_loop(lambda i: (i >= 0) & (_take(h.t, _slot(h, i)) > t), lambda i: i - 1, i)
+
+
+def _slot(h: History, i: Any) -> Any:
+    """Where event i, from the oldest, lies."""
+    return _wrapped(h.head + i, h.t.shape[0])
+
+
+def _wrapped(i: Any, n: int) -> Any:
+    """An index in [-n, 2 n) brought into [0, n)."""
+    return jnp.where(i >= n, i - n, jnp.where(i < 0, i + n, i)).astype(np.int32)
+
+
+def _take(ring: Any, slot: Any) -> Any:
+    return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
+
+
+def _put(ring: Any, slot: Any, value: Any) -> Any:
+    def one(leaf: Any, new: Any) -> Any:
+        return lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0)
+
+    return jax.tree.map(one, ring, value)

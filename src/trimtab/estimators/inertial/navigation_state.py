@@ -1,0 +1,179 @@
+"""What an aided inertial navigation system tells: the state at the vehicle's reference point, how sure it is, and how
+its measurements fared.
+
+Source: docs page, Aided inertial navigation.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rotation import planar
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, LeverArms, turned_lever
+from trimtab.estimators.inertial.sensor_watch import SensorWatch, plus
+from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, health, inflated, update
+
+
+@record
+class HeadingFix:
+    """How the heading measurements fared, up to the newest in order of measurement. Source: docs page."""
+
+    innovation: Any = quantity("rad", "Measured minus predicted.", kind="angle", shape=(1,))
+    normalised: Any = quantity("1", "The same in its own sigma.", shape=(1,))
+    nis: Scalar = quantity("1", "Its square; chi-square with one degree of freedom.")
+    used: Scalar = quantity("1", "How many were used.", kind="count")
+    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
+    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+
+
+@record
+class PositionFix:
+    """How the position fixes fared, up to the newest in order of measurement. Source: docs page."""
+
+    innovation: Any = quantity("m", "Measured minus predicted, north and east.", frame="W", shape=(2,))
+    normalised: Any = quantity("1", "The same in their own sigmas.", shape=(2,))
+    nis: Scalar = quantity("1", "y' S^-1 y; chi-square with two degrees of freedom.")
+    used: Scalar = quantity("1", "How many were used.", kind="count")
+    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
+    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+
+
+@record
+class NavigationState:
+    """State of the vehicle in the plane with its uncertainty; what planar laws read comes first.
+
+    Velocity and position are those of the reference point, not of the IMU. Source: docs page.
+    """
+
+    surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B")
+    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B")
+    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
+    north: Scalar = quantity("m", "Position, north.", frame="W")
+    east: Scalar = quantity("m", "Position, east.", frame="W")
+    sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the estimate.")
+    sigma_sway_velocity: Scalar = quantity("m/s", "Standard deviation of the estimate.")
+    sigma_yaw_rate: Scalar = quantity("rad/s", "Standard deviation of the estimate, with the noise of the sample.")
+    sigma_heading: Scalar = quantity("rad", "Standard deviation of the estimate.")
+    sigma_north: Scalar = quantity("m", "Standard deviation of the estimate.")
+    sigma_east: Scalar = quantity("m", "Standard deviation of the estimate.")
+    gyro_bias: Scalar = quantity("rad/s", "What the gyro reads too much.")
+    forward_bias: Scalar = quantity("m/s^2", "What the forward accelerometer reads too much.")
+    starboard_bias: Scalar = quantity("m/s^2", "What the starboard accelerometer reads too much.")
+    sigma_gyro_bias: Scalar = quantity("rad/s", "Standard deviation of the estimate.")
+    sigma_forward_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
+    sigma_starboard_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
+    heading_fix: Any = part("How the heading measurements fared.")
+    position_fix: Any = part("How the position fixes fared.")
+    covariance: CovarianceHealth = part("Whether the covariance is still one.")
+    imu: SensorWatch = part("What the IMU has done.")
+    heading_sensor: Any = part("What the heading sensor has done; None without one.")
+    position_sensor: Any = part("What the position sensor has done; None without one.")
+    coasting: Scalar = quantity("1", "Whether the IMU is silent: constant velocity assumed, sigmas grow.", kind="flag")
+    clock_backwards: Scalar = quantity("1", "How often the autopilot's own time ran backwards.", kind="count")
+
+
+def no_heading_fix() -> HeadingFix:
+    """Before the first."""
+    none = np.int32(0)
+    return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none, none)
+
+
+def no_position_fix() -> PositionFix:
+    """Before the first."""
+    none = np.int32(0)
+    return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
+
+
+def counted(fix: Any, done: Update, sign: float = 1.0) -> Any:
+    """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
+    S = done.S
+    sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
+    refused = done.finite & ~done.accepted
+    in_a_row = jnp.where(done.accepted, 0, plus(fix.rejected_in_a_row, refused)).astype(np.int32)
+    return replace(
+        fix,
+        innovation=sign * done.innovation,
+        normalised=sign * done.innovation / sigma,
+        nis=done.nis,
+        used=plus(fix.used, done.accepted),
+        rejected=plus(fix.rejected, refused),
+        rejected_in_a_row=in_a_row,
+    )
+
+
+def fuse(
+    fix: Any,
+    x: Any,
+    P: Any,
+    y: Any,
+    H: Any,
+    R: Any,
+    *,
+    gate: Any,
+    patience: Any,
+    consider: Any = None,
+    sign: float = 1.0,
+) -> tuple[Update, Any]:
+    """One update with its bookkeeping: what it did, and the HeadingFix or PositionFix after it.
+
+    After `patience` measurements refused in a row the filter gives in to the next one that the gate would refuse: its
+    covariance is inflated until the innovation is a usual one, and the gate is open. 0: it never does. The rest as in
+    `kalman.update` and `counted`.
+    """
+    patience = jnp.asarray(patience)
+    gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
+    wider = jnp.where(gives, inflated(P, y, H, R), P)
+    done = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
+    done = done._replace(P=jnp.where(done.accepted, done.P, P))
+    fix = counted(fix, done, sign)
+    return done, replace(fix, given_in=plus(fix.given_in, gives & done.accepted))
+
+
+def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
+    """The kinematic fields of NavigationState, from a belief about the IMU.
+
+    Args:
+        belief: of the IMU's point.
+        rate: what the gyro read (rad/s).
+        gyro_variance: of its noise.
+        arms: where the IMU sits.
+    """
+    x, P = belief
+    B = planar(x[0])
+    yaw_rate = rate - x[5]
+    v = B.T @ x[1:3]
+    arm, slope = turned_lever(x[0], arms.imu)
+    surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
+    lever = jnp.stack([-arms.imu[1], arms.imu[0]])
+    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # of force biases nothing here depends
+    by_heading = jnp.concatenate([jnp.stack([v[1], -v[0]]), jnp.zeros(1), -slope])[:, None]
+    by_velocity = jnp.concatenate([B.T, none])
+    by_position = jnp.concatenate([none, eye])
+    by_rate_bias = jnp.concatenate([lever, -jnp.ones(1), jnp.zeros(2)])[:, None]
+    J = jnp.concatenate([by_heading, by_velocity, by_position, by_rate_bias], axis=1)
+    noise = gyro_variance * by_rate_bias[:, 0] ** 2
+    outer = jnp.sqrt(jnp.maximum(jnp.sum((J @ P[:6, :6]) * J, axis=1) + noise, 0.0))
+    own = [jnp.sqrt(jnp.maximum(P[j, j], 0.0)) for j in range(DIMENSION)]
+    names = ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east")
+    sigmas = {f"sigma_{name}": outer[j] for j, name in enumerate(names)}
+    return sigmas | {
+        "surge_velocity": surge,
+        "sway_velocity": sway,
+        "yaw_rate": yaw_rate,
+        "heading": x[0],
+        "north": x[3] - arm[0],
+        "east": x[4] - arm[1],
+        "gyro_bias": x[5],
+        "forward_bias": x[6],
+        "starboard_bias": x[7],
+        "sigma_heading": own[0],
+        "sigma_gyro_bias": own[5],
+        "sigma_forward_bias": own[6],
+        "sigma_starboard_bias": own[7],
+        "covariance": health(P),
+    }

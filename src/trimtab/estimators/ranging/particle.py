@@ -1,0 +1,249 @@
+"""A particle filter on raw ultrasonic ranges and an IMU: no first guess, two beacons' ambiguity, wrong ranges.
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key, normals, uniform2
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import to_seconds
+from trimtab.estimators.inertial.aided import Intake, look
+from trimtab.estimators.inertial.aiding import ranges
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms
+from trimtab.estimators.inertial.navigation_state import NavigationState, at_reference
+from trimtab.estimators.inertial.preintegration import ImuHistory, Motion, between, no_samples, noted
+from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, plus, unwatched
+from trimtab.estimators.ranging.particle_cloud import (
+    Cloud,
+    advanced,
+    effective,
+    motion_covariance,
+    moved,
+    redrawn,
+    summary,
+    weighed,
+)
+from trimtab.estimators.ranging.particle_throw import thrown
+from trimtab.estimators.ranging.ping_update import either
+from trimtab.estimators.ranging.position import SQUARE
+from trimtab.estimators.ranging.range_errors import RangeErrorModel
+from trimtab.estimators.ranging.range_update import Geometry
+from trimtab.estimators.ranging.tightly_coupled import PAIR, check_places
+
+COMB = 3
+"""Stream of the draws."""
+
+
+@record
+class ParticleFix:
+    """How the particles fare, at the newest ping. Source: docs page, Particle filter."""
+
+    effective: Scalar = quantity("1", "Effective sample size, from 1 to N.")
+    believed: Any = quantity("1", "Share of the weight that believes the range of each beacon (n,).")
+    used: Scalar = quantity("1", "Pings used so far.", kind="count")
+    unit: Scalar = quantity("1", "Which unit pinged.", kind="count")
+    redrawn: Scalar = quantity("1", "How often the particles were redrawn.", kind="count")
+    doubted: Scalar = quantity("1", "Pings in a row of which most was not believed.", kind="count")
+    tracking: Scalar = quantity("1", "Whether there are particles.", kind="flag")
+    starts: Scalar = quantity("1", "How often they were thrown.", kind="count")
+    scale: Scalar = quantity("1", "By how much all ranges are too long.")
+
+
+@record
+class ParticleState:
+    """All that changes. Source: docs page."""
+
+    key: Key = part("Of the draws.")
+    cloud: Cloud = part("At the time of the last ping used.")
+    at: Scalar = quantity("100 ns", "That time.", kind="time")
+    history: ImuHistory = part("Of the IMU since then, and some.")
+    fix: ParticleFix = part("How they fare.")
+    imu: SensorWatch = part("What the IMU has done.")
+    position: SensorWatch = part("What the ranging has done.")
+    heading: Any = part("None: no heading sensor.", default=None)
+    clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time", default=NEVER)
+    clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count", default=0)
+
+
+@record
+class Particle:
+    """Particle filter whose particles are Gaussians, each updated to second order.
+
+    Thrown at the first ping with two ranges: each particle takes a pair of beacons, one of the two places where their
+    circles meet, and any heading. Runs at the pings; between two of them the IMU is summed up once for all particles.
+    A ping is used at its own time, and the estimate is predicted from there to the newest IMU sample; a ping older
+    than the last one used is not used.
+
+    Frames:  beacons in W, units in B; level vehicle on a flat floor.
+    Not modelled: a heading sensor; moved beacons (they count as wrong ranges).
+    Source:  [1] chapter 7 names it as future work; docs page.
+    """
+
+    intake: Intake = part(
+        "What is read; `position` names the ranging.", default=Intake(heading="", position="ranging", slots=64)
+    )
+    noise: InertialNoise = part("Of the IMU.", default=InertialNoise())
+    errors: RangeErrorModel = part("Of the ranges; beacons' errors are considered.", default=RangeErrorModel())
+    start: InertialStart = part("Velocity at first, and sigmas.", default=InertialStart())
+    arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
+    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
+    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
+    down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
+    wrong: Scalar = quantity("1", "Share of ranges that mean nothing.", default=0.05, above=0, high=0.9)
+    width: Scalar = quantity("m", "Over which these spread.", default=6.0, above=0)
+    share: Scalar = quantity("1", "Of heading variance that is drawn when redrawing.", default=0.5, low=0, high=0.99)
+    start_sigma: Scalar = quantity("m", "Of the two ranges of a first place.", default=0.03, above=0)
+    sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=0.3, above=0)
+    sure_heading: Scalar = quantity("rad", "And heading sigma.", default=0.5, above=0)
+    patience: Scalar = quantity("1", "Pings in a row, mostly not believed, until a new throw.", default=8, kind="count")
+    N: int = option("Number of particles.", default=300)
+    cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The IMU and the ranging."""
+        return self.intake.listens()
+
+    def check(self) -> None:
+        """Refuse what this filter can't read, and beacons or units that are not lists of positions."""
+        self.intake.check()
+        if self.intake.heading or not self.intake.position:
+            raise InputError("Particle.intake", "it reads an IMU and ranges only", fix="leave heading empty")
+        if self.N < 2:
+            raise InputError("Particle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
+        check_places("Particle", self)
+
+    def init(self, key: Key) -> ParticleState:
+        """Nothing measured yet."""
+        n, o, none = np.shape(self.beacons)[0], np.float64(0), np.int32(0)
+        k = 9 + n
+        cloud = Cloud(np.zeros((self.N, k)), np.zeros((self.N, k, k)), np.full(self.N, 1.0 / self.N))
+        return ParticleState(
+            key=key,
+            cloud=cloud,
+            at=np.int64(NEVER),
+            history=no_samples(self.intake.slots),
+            fix=ParticleFix(o, np.zeros(n), none, none, none, none, np.bool_(False), none, o),
+            imu=unwatched(),
+            position=unwatched(max(n + 1, 3)),
+            clock=np.int64(NEVER),
+            clock_backwards=none,
+        )
+
+    def step(self, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
+        """The estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
+        return _stepped(self, t, state, frame)
+
+    def geometry(self, unit: Any) -> Geometry:
+        """Of the ranges of a unit."""
+        lever = jnp.asarray(self.units, np.float64)[unit]
+        beacons = jnp.asarray(self.beacons, np.float64)
+        return Geometry(beacons, lever[:2] - self.arms.imu, self.down + lever[2], self.cone)
+
+
+def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> ParticleState:
+    """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
+    n = np.shape(form.beacons)[0]
+    unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
+    ranges, heard = jnp.maximum(value[:n], 0.0), value[:n] > 0
+    number = s.fix.used + s.position.samples
+    z = normals(s.key.at("redrawn"), number * form.N + jnp.arange(form.N), 1)[0]
+    starts = ~s.fix.tracking & (jnp.sum(heard) >= 2)
+    alive = s.fix.tracking | starts
+    cloud = lax.cond(
+        s.fix.tracking,
+        lambda: advanced(s.cloud, m, form.noise),
+        lambda: thrown(form, s.key, s.fix.starts, ranges, unit),
+    )
+    learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
+    done = weighed(cloud, ranges, form.geometry(unit), form.errors, form.wrong, form.width, learns)
+    few = effective(done.cloud.weight) < form.N / 2
+    comb, _ = uniform2(s.key, number, COMB)
+    cloud = lax.cond(few, lambda: redrawn(done.cloud, comb, z, form.share), lambda: done.cloud)
+    mostly = (
+        jnp.sum(jnp.where(heard, done.believed, 0.0)) > jnp.sum(heard) / 2 - 0.01
+    )  # half of them, to rounding, is no reason yet
+    doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
+    lost = (form.patience > 0) & (doubt >= form.patience)
+    fix = ParticleFix(
+        effective=effective(done.cloud.weight),
+        believed=done.believed,
+        used=plus(s.fix.used, alive),
+        unit=unit,
+        redrawn=plus(s.fix.redrawn, few & alive),
+        doubted=jnp.where(lost, 0, doubt).astype(np.int32),
+        tracking=alive & ~lost,
+        starts=plus(s.fix.starts, starts),
+        scale=cloud.weight @ cloud.x[:, DIMENSION],
+    )
+    used = jnp.any(heard) & alive
+    return either(used, replace(s, cloud=cloud, at=t, fix=fix), s)
+
+
+def _carried(form: Particle, s: ParticleState) -> ParticleState:
+    """Without pings for half of what is remembered of the IMU, the particles follow it all the same."""
+    h = s.history
+    to = h.t[h.t.shape[0] // 2]
+    due = s.fix.tracking & (to > s.at)
+
+    def go() -> ParticleState:
+        return replace(s, cloud=advanced(s.cloud, between(h, s.at, to), form.noise), at=to)
+
+    return lax.cond(due, go, lambda: s)
+
+
+@jax.jit
+def _stepped(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
+    found = look(form.intake, ranges(form), t, state, frame)
+    (felt, seen), (ping, replied) = found["imu"], found["position"]
+    h = state.history
+    history = lax.cond(seen.usable, lambda: noted(h, felt.t, felt.value, felt.doubt), lambda: h)
+    s = replace(state, history=history, imu=seen.watch, position=replied.watch)
+    s = _carried(form, s)
+    begun = history.t[-1] > NEVER
+    in_time = begun & (ping.t > s.at) & (ping.t <= history.t[-1])
+    s = replace(s, position=replace(s.position, late=plus(s.position.late, replied.usable & ~in_time)))
+    m = between(history, s.at, jnp.minimum(ping.t, history.t[-1]))
+    s = lax.cond(replied.usable & in_time, lambda: pinged(form, s, ping.t, ping.value, m), lambda: s)
+    backwards = plus(state.clock_backwards, jnp.asarray(t < state.clock))
+    s = replace(s, clock=jnp.maximum(state.clock, t), clock_backwards=backwards)
+    return s, _told(form, t, s, seen.usable | replied.usable)
+
+
+def _told(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
+    """The cloud's mean and covariance, predicted to the newest IMU sample; while the IMU is silent, to now."""
+    newest = s.history.t[-1]
+    begun = newest > NEVER
+    age = jnp.where(begun, to_seconds(t - newest), 0.0)
+    silent = begun & (t - newest > form.intake.gap)
+    mean, P = summary(s.cloud)
+    m = between(s.history, s.at, newest)
+    mean, P = moved(mean, P, m, motion_covariance(form.noise, mean[0], m))
+    dt = jnp.where(silent, age, 0.0)
+    two, none = jnp.zeros(2), jnp.zeros((2, 2))
+    still = Motion(dt, dt * mean[5], two, two, none, none, jnp.ones(2))  # the bias takes its own turn away
+    mean, P = moved(mean, P, still, motion_covariance(form.noise, mean[0], still))
+    belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
+    rate = jnp.where(silent, mean[5], s.history.felt[-1, 0])
+    variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
+    told = at_reference(belief, rate, variance, form.arms)
+    sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sure) & (jnp.sqrt(P[0, 0]) <= form.sure_heading)
+    state = NavigationState(
+        **told,
+        heading_fix=None,
+        position_fix=s.fix,
+        imu=s.imu,
+        heading_sensor=None,
+        position_sensor=s.position,
+        coasting=silent,
+        clock_backwards=s.clock_backwards,
+    )
+    return Estimate(t=t, age=age, fresh=fresh, valid=begun & s.fix.tracking & sure, state=state)

@@ -1,0 +1,161 @@
+"""Particles that each carry a Gaussian: their weights, and how they are redrawn.
+
+A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Redrawing can turn
+any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
+
+Source: Kotecha, Djuric, "Gaussian sum particle filtering", IEEE Trans. Signal Processing 51 (2003); Arulampalam,
+Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Processing 50 (2002), algorithm 2
+(systematic resampling).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax import lax
+
+from trimtab.core.float64 import jnp
+from trimtab.core.linalg import symmetric
+from trimtab.core.record import quantity, record, replace
+from trimtab.core.rotation import planar, wrap
+from trimtab.estimators.inertial.coupled import SIGNS, coupled_noise
+from trimtab.estimators.inertial.dual_filter import InertialNoise
+from trimtab.estimators.inertial.mechanisation import DIMENSION
+from trimtab.estimators.inertial.preintegration import Motion
+from trimtab.estimators.kalman import update
+from trimtab.estimators.ranging.range_errors import RangeErrorModel
+from trimtab.estimators.ranging.range_update import Geometry, linearised
+
+
+@record
+class Cloud:
+    """N particles in the state of a tightly coupled filter, (9 + n,). Source: docs page, Particle filter."""
+
+    x: Any = quantity("1", "As Belief.x, then the scale and each beacon's error; (N, 9 + n).")
+    P: Any = quantity("1", "Covariances (N, 9 + n, 9 + n).")
+    weight: Any = quantity("1", "Weights (N,), of sum 1.")
+
+
+class Weighed(NamedTuple):
+    """A cloud after a ping, and of each range (n,) the share of the weight that believes it."""
+
+    cloud: Cloud
+    believed: Any
+
+
+def moved(x: Any, P: Any, m: Motion, Q: Any) -> tuple[Any, Any]:
+    """A state (9 + n,) and its covariance over a motion; Q: noise added to Belief.x (8, 8)."""
+    T, B = m.time, planar(x[0])
+    dv, dr = B @ (m.velocity - m.D1 @ x[6:8]), B @ (m.position - m.D2 @ x[6:8])
+    new = jnp.concatenate([(x[0] + m.turn - x[5] * T)[None], x[1:3] + dv, x[3:5] + x[1:3] * T + dr, x[5:]])
+    eye, row, column, one = jnp.eye(2), jnp.zeros((1, 2)), jnp.zeros((2, 1)), jnp.ones((1, 1))
+    v_turn, r_turn = (jnp.stack([-d[1], d[0]])[:, None] for d in (dv, dr))
+    F = jnp.concatenate(
+        [
+            jnp.concatenate([one, row, row, -T * one, row], axis=1),
+            jnp.concatenate([v_turn, eye, 0 * eye, column, -B @ m.D1], axis=1),
+            jnp.concatenate([r_turn, T * eye, eye, column, -B @ m.D2], axis=1),
+            jnp.concatenate([0 * one, row, row, one, row], axis=1),
+            jnp.concatenate([column, 0 * eye, 0 * eye, column, eye], axis=1),
+        ]
+    )
+    cross = F @ P[:DIMENSION, DIMENSION:]
+    own = symmetric(F @ P[:DIMENSION, :DIMENSION] @ F.T + Q)
+    below = jnp.concatenate([cross.T, P[DIMENSION:, DIMENSION:]], axis=1)
+    return new, jnp.concatenate([jnp.concatenate([own, cross], axis=1), below])
+
+
+def motion_covariance(noise: InertialNoise, heading: Any, m: Motion) -> Any:
+    """Q (8, 8) of Belief.x over a motion."""
+    return coupled_noise(noise.growth(m.time, m.doubt), heading, noise.reach(m.time)) * SIGNS[:, None] * SIGNS[None, :]
+
+
+def advanced(cloud: Cloud, m: Motion, noise: InertialNoise) -> Cloud:
+    """All particles over a motion."""
+
+    def one(particle: Any) -> Any:
+        x, P = particle
+        return moved(x, P, m, motion_covariance(noise, x[0], m))
+
+    x, P = lax.map(one, (cloud.x, cloud.P))
+    return replace(cloud, x=x, P=P)
+
+
+def weighed(
+    cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
+) -> Weighed:
+    """Every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
+
+        p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
+
+    A range outside a particle's gate costs it weight and corrects nothing. One particle after the other, so that
+    compiled code needs scratch memory for one only.
+    """
+
+    def one(particle: Any) -> Any:
+        x, P = particle
+
+        def each(carry: Any, row: Any) -> Any:
+            x, P, log = carry
+            i, z = row
+            at = linearised(x, P, i, g)
+            extra, mean = (at.variance, at.mean) if errors.second_order else (0.0, 0.0)
+            R = jnp.reshape(errors.noise**2 + extra, (1, 1))
+            done = update(x, P, (z - at.range - mean)[None], at.H[None], R, gate=errors.gate, consider=learns)
+            use = (z > 0) & done.accepted
+            S = done.S[0, 0]
+            right = (1 - wrong) * jnp.exp(-jnp.minimum(done.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
+            log = log + jnp.where(z > 0, jnp.log(right + wrong / width), 0.0)
+            return (jnp.where(use, done.x, x), jnp.where(use, done.P, P), log), use
+
+        (x, P, log), used = lax.scan(each, (x, P, jnp.zeros(())), (jnp.arange(ranges.shape[0]), ranges))
+        return x, P, log, used
+
+    x, P, log, used = lax.map(one, (cloud.x, cloud.P))
+    weight = cloud.weight * jnp.exp(log - jnp.max(log))
+    total = jnp.sum(weight)
+    fair = jnp.full(weight.shape, 1.0 / weight.shape[0])
+    weight = jnp.where(total > 0, weight / jnp.where(total > 0, total, 1.0), fair)
+    return Weighed(Cloud(x, P, weight), weight @ used.astype(np.float64))
+
+
+def effective(weight: Any) -> Any:
+    """Effective sample size, from 1 to N."""
+    return 1.0 / jnp.sum(weight * weight)
+
+
+def systematic(weight: Any, u: Any) -> Any:
+    """Which particle each of N new ones copies (N,), int32: one comb of N teeth, shifted by u in (0, 1)."""
+    n = weight.shape[0]
+
+    ends = jnp.cumsum(weight)
+    _, index = lax.scan(lambda c, k: (c, jnp.sum(ends < (k + u) / n)), 0, jnp.arange(n, dtype=np.float64))
+    return jnp.minimum(index, n - 1).astype(np.int32)
+
+
+def redrawn(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
+    """Equal weights, by systematic resampling; a share of each particle's heading variance becomes spread.
+
+        d = sqrt(share P00) z,   x + P[:, 0] d / P00,   P - share P[:, 0] P[0, :] / P00
+
+    which leaves mean and covariance of the cloud as they are.
+
+    u: uniform.  z: standard normals (N,).  share: 0, copies stay copies, to 1, heading is drawn wholly.
+    """
+    n = cloud.weight.shape[0]
+    index = systematic(cloud.weight, u)
+    x, P = cloud.x[index], cloud.P[index]
+    column = P[:, :, 0]
+    own = jnp.maximum(column[:, :1], 1e-12)
+    x = x + column / own * (jnp.sqrt(share * own) * z[:, None])
+    P = P - share * column[:, :, None] * column[:, None, :] / own[:, :, None]
+    return Cloud(x, P, jnp.full(n, 1.0 / n))
+
+
+def summary(cloud: Cloud) -> tuple[Any, Any]:
+    """Mean (9 + n,) and covariance of the mixture; heading as the direction of the mean unit vector."""
+    w, x = cloud.weight, cloud.x
+    heading = jnp.arctan2(w @ jnp.sin(x[:, 0]), w @ jnp.cos(x[:, 0]))
+    mean = jnp.concatenate([heading[None], w @ x[:, 1:]])
+    away = jnp.concatenate([wrap(x[:, 0] - heading)[:, None], x[:, 1:] - mean[1:]], axis=1)
+    within = jnp.sum(w[:, None, None] * cloud.P, axis=0)
+    return mean, symmetric(within + (away * w[:, None]).T @ away)

@@ -1,0 +1,292 @@
+"""Position, and with two units heading, from the ranges of an ultrasonic network, one ping at a time.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.rotation import planar
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import FOREVER, ms, to_seconds
+from trimtab.estimators.ranging.cone_compensation import compensate
+from trimtab.estimators.ranging.multilateration import (
+    Solution,
+    bancroft,
+    least_squares,
+    leave_one_out,
+    two_ranges,
+)
+from trimtab.estimators.ranging.two_unit_heading import two_unit_heading
+
+NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
+MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
+SQUARE = np.array([[1.5, 1.5, -2.7048], [1.5, -1.5, -2.7048], [-1.5, -1.5, -2.7048], [-1.5, 1.5, -2.7048]])
+
+
+@record
+class RangingFix:
+    """A fix, and what speaks for it. Source: [1] section 5.5.5."""
+
+    north: Scalar = quantity("m", "Of the vehicle's reference point; of the unit while the heading isn't known.")
+    east: Scalar = quantity("m", "Likewise.")
+    heading: Scalar = quantity("rad", "From two units, in [-pi, pi).", kind="angle")
+    heading_valid: Scalar = quantity("1", "Whether both units have a recent fix.", kind="flag")
+    unit: Scalar = quantity("1", "Which unit was located last.", kind="count")
+    unit_north: Scalar = quantity("m", "Where it was.")
+    unit_east: Scalar = quantity("m", "Where it was.")
+    residual: Scalar = quantity("m", "Root mean square of the used ranges' residuals at the last ping.")
+    bias: Scalar = quantity("m", "Range error common to all beacons, where it is estimated.")
+    dilution: Scalar = quantity("1", "Error of the fix over error of a range; 1000 at most.")
+    used: Scalar = quantity("1", "Ranges used at the last ping.", kind="count")
+    rejected: Scalar = quantity("1", "Beacon whose range was left out at the last ping; -1: none.", kind="count")
+    mode: Scalar = quantity("1", "What the last ping gave.", kind="mode", modes=MODES)
+    frozen: Scalar = quantity("1", "Whether a unit's ranges repeat, which noise does not allow: no fix.", kind="flag")
+    out_of_time: Scalar = quantity(
+        "1", "Pings with a time of the future, or not after the one before: not used.", kind="count"
+    )
+    invalid: Scalar = quantity("1", "Pings with a range that is no number: that range is not used.", kind="count")
+
+
+@record
+class RangingPositionState:
+    """The fix, and where each unit was located last. Source: this module."""
+
+    fix: RangingFix = part("The newest.")
+    places: Any = quantity("m", "Last fix of each unit (m, 2).", frame="W")
+    times: Any = quantity("100 ns", "When each unit was located (m,); long ago where it never was.", kind="time")
+    measured: Scalar = quantity("100 ns", "When the newest accepted ping was sent.", kind="time")
+    seen: Scalar = quantity("100 ns", "When the newest ping of all was sent.", kind="time")
+    ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
+    repeats: Any = quantity("1", "How often in a row each unit had the same ranges (m,).", kind="count")
+    any: Scalar = quantity("1", "Whether there has been a fix.", kind="flag")
+
+
+class _Result(NamedTuple):
+    place: Any
+    bias: Any
+    residual: Any
+    used: Any
+    rejected: Any
+    mode: Any
+
+
+@record
+class RangingPosition:
+    """Locates a unit from each ping: cone compensation, closed form, least squares, and a look for a wrong range.
+
+    Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
+    one redundant range remains without it, one range is left out: that without which the residual is below its limit
+    and the fix within the cones of the beacons that were heard. Where that is true of several, residual and distance
+    from the fix before decide, and without one there is no fix. Two ranges: of the two intersections the one nearer the
+    fix before.
+
+    Frames:  beacons in W, units in B; level vehicle on a flat floor.
+    Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
+    Source:  [1] sections 5.4 and 5.5.4 to 5.5.6; leaving out ranges is added, see docs page.
+    """
+
+    beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
+    units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
+    down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
+    residual_limit: Scalar = quantity("m", "Largest residual believed.", default=0.02, above=0)
+    cone_limit: Scalar = quantity(
+        "rad", "Largest angle off a beacon's axis believed.", default=0.9, kind="angle", above=0, high=1.5
+    )
+    usual_jump: Scalar = quantity("m", "How far a fix usually is from the one before.", default=0.2, above=0)
+    dilution_limit: Scalar = quantity("1", "Largest dilution believed.", default=10.0, above=0)
+    frozen_after: Scalar = quantity(
+        "1", "Pings of a unit with exactly the same ranges that mean frozen; 0: never.", default=3, kind="count"
+    )
+    pair_time: int = period("Longest time between the fixes of two units that make a heading.", default=ms(200))
+    cone: bool = option("Whether to undo the cone error.", default=True, choices=(True, False))
+    solver: str = option(
+        '"least squares", without common range error, or "closed form", with it.',
+        default="least squares",
+        choices=("least squares", "closed form"),
+    )
+    sensor: str = option("Name of the sensor.", default="ranging")
+
+    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("cone-error", "range-noise")
+
+    def without(self, name: str) -> "RangingPosition":
+        """A copy for a sensor without one: no cone error to undo, or ranges that may repeat without being frozen."""
+        if name not in self.IMPERFECTIONS:
+            raise InputError("RangingPosition", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
+        return replace(self, cone=False) if name == "cone-error" else replace(self, frozen_after=0)
+
+    def check(self) -> None:
+        """Refuse beacons and units without positions, and units that lie above each other."""
+        for name in ("beacons", "units"):
+            shape = np.shape(getattr(self, name))
+            if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
+                raise InputError(f"RangingPosition.{name}", f"has shape {shape}", fix="give one row of three for each")
+        plan = np.asarray(self.units)[:2, :2]
+        if len(plan) == 2 and np.allclose(plan[0], plan[1]):
+            raise InputError("RangingPosition.units", "the first two lie above each other", fix="move one of them")
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The one sensor."""
+        return (self.sensor,)
+
+    def init(self, key: Key) -> RangingPositionState:
+        """No fix."""
+        m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
+        no, none = np.bool_(False), np.int32(0)
+        fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none, none)
+        return RangingPositionState(
+            fix=fix,
+            places=jnp.zeros((m, 2)),
+            times=jnp.full(m, never),
+            measured=np.int64(0),
+            seen=never,
+            ranges=jnp.zeros((m, np.shape(self.beacons)[0])),
+            repeats=jnp.zeros(m, np.int32),
+            any=no,
+        )
+
+    def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _Result:
+        """A unit's place (2,) from measured ranges (n,), with what speaks for it.
+
+        Args:
+            ranges: as measured (m), shape (n,).
+            arrived: which there are, shape (n,).
+            unit: which unit they belong to.
+            near: place of the fix before (m), shape (2,).
+            known: whether there was one.
+        """
+        beacons = jnp.asarray(self.beacons)
+        plan, height = beacons[:, :2], self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
+        usable = arrived & jnp.isfinite(ranges) & (ranges > 0)
+        ranges = jnp.where(usable, ranges, 1.0)
+        if self.cone:
+            ranges, _, _ = compensate(ranges, height)
+        count = jnp.sum(usable)
+        pair = two_ranges(plan, height, ranges, usable, near)
+        every, rejected = self._checked(plan, height, ranges, usable, near, known)
+        agrees = every.residual <= self.residual_limit
+        mode = jnp.where(agrees, jnp.where(rejected >= 0, ONE_REJECTED, ALL), INCONSISTENT)
+        two = count == 2
+        mode = jnp.where(two, jnp.where(known & (pair.residual <= self.residual_limit), TWO, INCONSISTENT), mode)
+        mode = jnp.where(count < 2, NONE, jnp.where(two & ~known, NONE, mode))
+        best = jax.tree.map(lambda a, b: jnp.where(two, a, b), pair, every)
+        used = count - ((mode == ONE_REJECTED) & ~two)
+        rejected = jnp.where(mode == ONE_REJECTED, rejected, -1)
+        return _Result(best.place, best.bias, best.residual, used, rejected, mode)
+
+    def _solve(self, plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+        first = bancroft(plan, height, ranges, used)
+        if self.solver == "closed form":
+            return first
+        return least_squares(plan, height, ranges, used, first.place)
+
+    def _checked(self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any) -> tuple[Solution, Any]:
+        """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
+        fewest = 5 if self.solver == "closed form" else 4
+        if np.shape(self.beacons)[0] < fewest:
+            return self._solve(plan, height, ranges, usable), jnp.asarray(-1)
+        enough = jnp.sum(usable) >= fewest
+
+        def suffices(one: Solution) -> Any:
+            return (one.residual <= self.residual_limit) | ~enough
+
+        solved = leave_one_out(self._solve, plan, height, ranges, usable, suffices)
+        every, without = jax.tree.map(lambda a: a[0], solved), jax.tree.map(lambda a: a[1:], solved)
+        rest = usable[None, :] & ~jnp.eye(usable.shape[0], dtype=np.bool_)
+        away = without.place[:, None, :] - plan
+        wide = away[:, :, 0] ** 2 + away[:, :, 1] ** 2 > (height * jnp.tan(self.cone_limit)) ** 2
+        fits = usable & (without.residual <= self.residual_limit) & ~jnp.any(rest & wide, axis=1)
+        jump = ((without.place[:, 0] - near[0]) ** 2 + (without.place[:, 1] - near[1]) ** 2) / self.usual_jump**2
+        cost = (4.0 * without.residual / self.residual_limit) ** 2 + jnp.where(known, jump, 0.0)
+        wrong = jnp.argmin(jnp.where(fits, cost, jnp.inf))
+        agrees = every.residual <= self.residual_limit
+        drop = enough & ~agrees & jnp.any(fits) & (known | (jnp.sum(fits) == 1))
+        chosen = jax.tree.map(lambda a, b: jnp.where(drop, a[wrong], b), without, every)
+        return chosen, jnp.where(drop, wrong, -1)
+
+    def _dilution(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> Any:
+        """Error of the fix over error of a range, from the directions to the beacons; 1000 at most."""
+        beacons = jnp.asarray(self.beacons)
+        height = self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
+        away = beacons[:, :2] - place
+        used = arrived & (jnp.arange(away.shape[0]) != rejected)
+        square = away[:, 0] ** 2 + away[:, 1] ** 2 + height**2
+        w = jnp.where(used & (square > 0), 1.0 / jnp.where(square > 0, square, 1.0), 0.0)
+        xx, xy, yy = (jnp.sum(w * away[:, i] * away[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+        determinant = jnp.maximum(xx * yy - xy * xy, 1e-12)
+        return jnp.minimum(jnp.sqrt((xx + yy) / determinant), 1000.0)
+
+    def _update(self, s: RangingPositionState, t: Any, value: Any) -> RangingPositionState:
+        """The state after a ping of integer time t."""
+        unit = jnp.clip(value.unit, 0, np.shape(self.units)[0] - 1)
+        own = jnp.arange(s.times.shape[0]) == unit
+        ranges, repeats = self._watched(s, own, value)
+        frozen = (repeats[unit] >= self.frozen_after) & (jnp.asarray(self.frozen_after) > 0)
+        near = s.places[unit]
+        known = s.times[unit] > -FOREVER
+        r = self.locate(value.range, value.arrived, unit, near, known)
+        place = jnp.where(jnp.isfinite(r.place), r.place, near)
+        dilution = self._dilution(place, unit, value.arrived, r.rejected)
+        good = (r.mode != NONE) & (r.mode != INCONSISTENT) & jnp.all(jnp.isfinite(r.place))
+        good = good & (dilution <= self.dilution_limit)
+        mode = jnp.where(good | (r.mode == NONE), r.mode, INCONSISTENT)
+        good = good & ~frozen
+        place = jnp.where(good, place, near)
+        places, times = jnp.where(own[:, None], place, s.places), jnp.where(own & good, t, s.times)
+        residual, bias = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (r.residual, r.bias))
+        fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
+        fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
+        moved = self._vehicle(fix, place, unit, places, times)
+        fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), moved, fix)
+        measured = jnp.where(good, t, s.measured)
+        return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
+
+    def _watched(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
+        """Last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
+        now = jnp.where(value.arrived & jnp.isfinite(value.range), value.range, 0.0)
+        same = jnp.all(now == s.ranges, axis=1) & jnp.any(now > 0)
+        repeats = jnp.where(own, jnp.where(same, s.repeats + 1, 0), s.repeats).astype(np.int32)
+        return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
+
+    def _vehicle(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
+        """The fix of the vehicle from that of a unit, and the heading where two units have one."""
+        heading, paired, at = fix.heading, fix.heading_valid, place
+        if np.shape(self.units)[0] >= 2:
+            levers = jnp.asarray(self.units)[:, :2]
+            paired = jnp.abs(times[0] - times[1]) <= self.pair_time
+            line = places[0] - places[1]
+            paired = paired & (jnp.sum(line * line) > 0)
+            heading = jnp.where(paired, two_unit_heading(places[0], places[1], levers[0], levers[1]), heading)
+            at = jnp.where(paired, place - planar(heading) @ levers[unit], place)
+        unit = unit.astype(np.int32)
+        return replace(
+            fix,
+            north=at[0],
+            east=at[1],
+            heading=heading,
+            heading_valid=paired,
+            unit=unit,
+            unit_north=place[0],
+            unit_east=place[1],
+        )
+
+    def step(self, t: Any, state: RangingPositionState, frame: Frame) -> tuple[RangingPositionState, Estimate]:
+        """The newest fix at integer time t; a ping already seen, or from before it, changes nothing."""
+        sample = frame.samples[self.sensor]
+        arrived = sample.fresh & sample.valid
+        new = arrived & (sample.t > state.seen) & (sample.t <= t)
+        refused = jnp.where(arrived & ~new, state.fix.out_of_time + 1, state.fix.out_of_time).astype(np.int32)
+        after = jax.lax.cond(new, lambda: self._update(state, sample.t, sample.value), lambda: state)
+        wrong = arrived & jnp.any(sample.value.arrived & ~jnp.isfinite(sample.value.range))
+        invalid = jnp.where(wrong, state.fix.invalid + 1, state.fix.invalid).astype(np.int32)
+        after = replace(after, fix=replace(after.fix, out_of_time=refused, invalid=invalid))
+        age = to_seconds(t - after.measured)
+        fresh = new & (after.measured == sample.t)
+        return after, Estimate(t=t, age=age, fresh=fresh, valid=after.any, state=after.fix)

@@ -1,0 +1,133 @@
+"""Position, velocity and heading out of a few located pings and what the IMU felt between them, in closed form.
+
+With the motion since the first ping integrated in the body's axes of that moment (turn a, velocity dv, displacement
+dr), the place of a unit with lever l, seen from the IMU, is linear in what is unknown:
+
+    place = p0 + v0 t + [w, J w] (c, s),    w = dr + R(a) l,   J w = (-w2, w1),   c = cos phi0, s = sin phi0
+
+so pings add up as normal equations of (p0, v0, c, s), and no first guess is needed. Four pings of two units are
+enough; one unit with a lever or a force that changes will do; a heading sensor adds c and s themselves.
+
+Source: this module; integration in the body's axes: Lupton, Sukkarieh, IEEE Trans. Robotics 28 (2012).
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.core.float64 import jnp
+from trimtab.core.linalg import solve_spd
+from trimtab.core.record import Scalar, quantity, record, replace
+from trimtab.core.rotation import planar
+from trimtab.estimators.inertial.mechanisation import mechanise, turned_lever
+
+UNKNOWNS = 6
+
+
+@record
+class RangingStart:
+    """Normal equations so far, and the motion since the first located ping. Source: this module."""
+
+    N: Any = quantity("1", "Information of (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
+    g: Any = quantity("1", "Right-hand side.", shape=(UNKNOWNS,))
+    square: Scalar = quantity("1", "Weighted square of what was measured, less that of `centre`.")
+    centre: Any = quantity("m", "First place; unknowns count from it.", frame="W", shape=(2,))
+    pings: Scalar = quantity("1", "Located pings in it.", kind="count")
+    elapsed: Scalar = quantity("s", "Time since the first.")
+    turn: Scalar = quantity("rad", "Turned since the first.", kind="angle")
+    velocity: Any = quantity("m/s", "Integral of the force, in the first body axes.", shape=(2,))
+    position: Any = quantity("m", "Integral of that.", shape=(2,))
+
+
+class Found(NamedTuple):
+    """Heading, velocity and position now (5,), their covariance (5, 5), whether it can be believed, whether it can't.
+
+    refuted: enough pings are in it, and they don't agree with each other.
+    """
+
+    x: Any
+    P: Any
+    believed: Any
+    refuted: Any
+
+
+def nothing() -> RangingStart:
+    """Before the first ping."""
+    o, two = np.float64(0), np.zeros(2)
+    return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
+
+
+def carried(start: RangingStart, dt: Any, before: Any, felt: Any, bias: Any) -> RangingStart:
+    """A time dt (s) on. before, felt: what the IMU read at both ends (3,); bias: of these (3,)."""
+    turn = start.turn + dt * ((before[0] + felt[0]) / 2 - bias[0])
+    f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (felt[1:] - bias[1:])
+    velocity, position = mechanise(dt, f0, f1, start.velocity, start.position)
+    moved = replace(start, elapsed=start.elapsed + dt, turn=turn, velocity=velocity, position=position)
+    return _chosen(start.pings > 0, moved, start)
+
+
+def located(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
+    """With a unit's place (2,) of information W (2, 2); lever: from the IMU to the unit, in B (2,)."""
+    centre = jnp.where(start.pings > 0, start.centre, place)
+    w = start.position + turned_lever(start.turn, lever)[0]
+    eye = jnp.eye(2)
+    A = jnp.concatenate([eye, start.elapsed * eye, w[:, None], jnp.stack([-w[1], w[0]])[:, None]], axis=1)
+    z = place - centre
+    moved = replace(start, centre=centre, pings=(start.pings + 1).astype(np.int32))
+    return _added(moved, A, z, W)
+
+
+def pointed(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
+    """With a heading (rad) of a sensor; nothing before the first ping."""
+    a = heading - start.turn
+    A = jnp.concatenate([jnp.zeros((2, 4)), jnp.eye(2)], axis=1)
+    told = _added(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)
+    return _chosen(start.pings > 0, told, start)
+
+
+def found(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, heading_limit: Any) -> Found:
+    """What follows from all so far.
+
+    Args:
+        start: the equations.
+        sigmas: of the biases of gyro and accelerometers (2,): what they do in the elapsed time is added.
+        enough: least number of pings; twice as many without an answer refute the start.
+        longest: time (s) after which the IMU's errors have made the first ping useless.
+        heading_limit: largest sigma of a heading that is believed (rad).
+    """
+    count = start.pings
+    both = solve_spd(start.N, jnp.concatenate([jnp.eye(UNKNOWNS), start.g[:, None]], axis=1))
+    C, u = both[:, :-1], both[:, -1]
+    c, s = u[4], u[5]
+    m = c * c + s * s
+    phi = jnp.arctan2(s, c)
+    T, one = start.elapsed, jnp.eye(2)
+    (v, v_slope), (p, p_slope) = (turned_lever(phi, x) for x in (start.velocity, start.position))
+    turned = jnp.stack([-s, c]) / m
+    J = jnp.concatenate(
+        [
+            jnp.concatenate([jnp.zeros(4), turned])[None],
+            jnp.concatenate([0 * one, one, v_slope[:, None] * turned[None]], axis=1),
+            jnp.concatenate([one, T * one, p_slope[:, None] * turned[None]], axis=1),
+        ]
+    )
+    drift = jnp.concatenate([(sigmas[0] * T)[None], jnp.ones(2) * sigmas[1] * T, jnp.ones(2) * sigmas[1] * T * T / 2])
+    P = J @ C @ J.T + jnp.diag(drift**2)
+    x = jnp.concatenate([(phi + start.turn)[None], u[2:4] + v, start.centre + u[:2] + T * u[2:4] + p])
+    dof = jnp.maximum(2.0 * count - UNKNOWNS, 1.0)
+    residual = start.square - start.g @ u
+    length = jnp.abs(m - 1) <= 8 * jnp.sqrt(jnp.maximum(u[4:] @ C[4:, 4:] @ u[4:], 0.0))
+    good = (residual <= dof + 4 * jnp.sqrt(2 * dof)) & length & (P[0, 0] <= heading_limit**2)
+    good = good & jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(P)) & (count >= enough)
+    refuted = ~good & ((count >= 2 * enough) | (longest < T))
+    return Found(x, P, good, refuted)
+
+
+def _added(start: RangingStart, A: Any, z: Any, W: Any) -> RangingStart:
+    WA = W @ A
+    return replace(start, N=start.N + A.T @ WA, g=start.g + WA.T @ z, square=start.square + z @ W @ z)
+
+
+def _chosen(condition: Any, a: RangingStart, b: RangingStart) -> RangingStart:
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

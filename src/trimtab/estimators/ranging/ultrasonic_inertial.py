@@ -1,0 +1,197 @@
+"""Aided inertial navigation on an ultrasonic network: each ping is located, and the fix goes to one of the INS's forms.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.rotation import planar
+from trimtab.core.signals import Estimate, Frame, Sample
+from trimtab.core.time import to_seconds
+from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.environment.magnetic_heading import magnetic_heading
+from trimtab.estimators.inertial.aided import InertialState
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.measurement_history import state_before
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.ranging.position import RangingPosition, RangingPositionState
+from trimtab.estimators.ranging.two_unit_heading import two_unit_heading
+
+PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
+"""Two units on the body's axis, fore and aft (m)."""
+KNOWN = 0.3
+"""A heading (rad) with a smaller sigma than this is used to bring fixes to the reference point."""
+
+
+@record
+class HeadingFound:
+    """A heading and how sure it is. Source: [1] section 5.4."""
+
+    heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle")
+    variance: Scalar = quantity("rad^2", "Its variance; 0: what the filter takes for headings.")
+
+
+@record
+class PositionFound:
+    """A position of the vehicle's reference point and how sure it is. Source: [1] section 5.5."""
+
+    north: Scalar = quantity("m", "Position, north.", frame="W")
+    east: Scalar = quantity("m", "Position, east.", frame="W")
+    variance: Scalar = quantity("m^2", "Variance of each coordinate.")
+
+
+@record
+class UltrasonicInertialState:
+    """Both stages. Source: docs page."""
+
+    positioning: RangingPositionState = part("Of the positioning.")
+    inertial: InertialState = part("Of the INS.")
+
+
+class _Pose(NamedTuple):
+    """Heading (rad), reference point (2,), rate of turn (rad/s), variance of the heading, and whether it is known."""
+
+    heading: Any
+    place: Any
+    rate: Any
+    variance: Any
+    known: Any
+
+
+@record
+class UltrasonicInertial:
+    """Ranges to positions (RangingPosition), positions and headings to an INS: loosely coupled.
+
+        position   r = place of the unit - B(phi) lever,  phi the INS's heading when the unit pinged
+        heading    from the places of two units, the older one moved by what the INS says it has moved since, or from a
+                   magnetometer
+
+    A fix's variance is that of a range times its dilution. Until the INS knows its heading, what a unit may have moved
+    between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
+    alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
+
+    `state.position_sensor` also tells of the pings: frozen ranges, ranges that are no numbers, pings out of time.
+
+    Frames:  beacons in W, levers in B.
+    Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.
+    Source:  [1] sections 5.4 and 5.5.
+    """
+
+    positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
+    inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
+    range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
+    survey_change: Scalar = quantity(
+        "m", "How far survey errors move a place when other beacons reply; counts in headings.", default=0.0035, low=0
+    )
+    unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)
+    field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
+    magnetometer: str = option("Name of the magnetometer; empty: heading from two units, if there are two.", default="")
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The IMU, the ranging, and the magnetometer if there is one."""
+        extra = (self.magnetometer,) if self.magnetometer else ()
+        return (self.inertial.intake.imu, self.positioning.sensor, *extra)
+
+    def check(self) -> None:
+        """Refuse an INS that reads headings where there are none, and more units than two."""
+        self.positioning.check()
+        self.inertial.check()
+        units = np.shape(self.positioning.units)[0]
+        if self.inertial.intake.heading and not self.magnetometer and units < 2:
+            problem = "the INS reads headings, but there is one ultrasonic unit and no magnetometer"
+            fix = "add a unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
+            raise InputError("UltrasonicInertial", problem, fix=fix)
+        lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
+        if not np.allclose(self.inertial.arms.aiding, lever):
+            problem = (
+                f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}, with {units} units it is {lever}"
+            )
+            fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
+            raise InputError("UltrasonicInertial", problem, fix=fix)
+        if not self.inertial.intake.position:
+            raise InputError("UltrasonicInertial", "the INS reads no positions", fix="set inertial.intake.position")
+
+    def init(self, key: Key) -> UltrasonicInertialState:
+        """Nothing measured yet."""
+        return UltrasonicInertialState(self.positioning.init(key), self.inertial.init(key))
+
+    def step(self, t: Any, state: UltrasonicInertialState, frame: Frame) -> tuple[UltrasonicInertialState, Estimate]:
+        """The estimate at integer time t; its state is a NavigationState."""
+        ranging, fix = self.positioning.step(t, state.positioning, frame)
+        position, heading = lax.cond(fix.fresh, lambda: self._located(ranging, fix, state.inertial), _nothing)
+        intake = self.inertial.intake
+
+        def located(value: Any, fresh: Any) -> Sample:
+            return Sample(value=value, t=ranging.measured, age=fix.age, fresh=fresh, valid=fix.valid)
+
+        samples = {intake.imu: frame.samples[intake.imu], intake.position: located(position, fix.fresh)}
+        if intake.heading and self.magnetometer:
+            samples[intake.heading] = self._compass(frame.samples[self.magnetometer])
+        elif intake.heading:
+            samples[intake.heading] = located(heading, fix.fresh & fix.state.heading_valid)
+        inertial, estimate = self.inertial.step(t, state.inertial, Frame(t, samples))
+        watch, found = estimate.state.position_sensor, fix.state
+        watch = replace(
+            watch,
+            frozen=watch.frozen | found.frozen,
+            invalid=watch.invalid + found.invalid,
+            disordered=watch.disordered + found.out_of_time,
+        )
+        told = replace(estimate, state=replace(estimate.state, position_sensor=watch))
+        return UltrasonicInertialState(ranging, inertial), told
+
+    def _pose(self, inertial: InertialState, t: Any) -> _Pose:
+        """Where the INS believes to have been at integer time t: from the event before, with constant velocity."""
+        node = state_before(inertial.history, t)
+        belief = self.inertial.belief(node)
+        x, rate = belief.x, node.felt[0] - belief.x[5]
+        dt = jnp.clip(to_seconds(t - node.t), 0.0, 0.1)
+        heading = x[0] + dt * rate
+        place = x[3:5] + dt * x[1:3] - planar(heading) @ self.inertial.arms.imu
+        variance = jnp.where(node.t > NEVER, belief.P[0, 0], np.inf)
+        return _Pose(heading, place, rate, variance, variance < KNOWN**2)
+
+    def _located(
+        self, s: RangingPositionState, fix: Estimate, inertial: InertialState
+    ) -> tuple[PositionFound, HeadingFound]:
+        """The vehicle's place out of that of the unit which pinged, and its heading out of those of two."""
+        levers = jnp.asarray(self.positioning.units)[:, :2]
+        new = fix.state.unit
+        now, lever = self._pose(inertial, s.measured), levers[new]
+        variance = (self.range_noise * fix.state.dilution) ** 2 / 2
+        unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
+        if levers.shape[0] < 2:  # the form itself takes the lever arm off, and may learn from it
+            return PositionFound(unit[0], unit[1], variance), HeadingFound(jnp.zeros(()), jnp.zeros(()))
+        place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
+        spread = jnp.sum(lever * lever) * jnp.minimum(now.variance, 0.5)
+        position = PositionFound(place[0], place[1], variance + spread)
+        old = 1 - new
+        then, lever = self._pose(inertial, s.times[old]), levers[old]
+        known = now.known & then.known
+        moved = now.place - then.place + (planar(now.heading) - planar(then.heading)) @ lever
+        places = s.places + jnp.where((jnp.arange(2) == old)[:, None] & known, moved, 0.0)
+        heading = two_unit_heading(places[0], places[1], levers[0], levers[1])
+        base = levers[0] - levers[1]
+        swing = jnp.sqrt(jnp.sum(lever * lever)) * jnp.abs(now.rate)
+        gap = to_seconds(s.times[new] - s.times[old])
+        wandered = jnp.where(known, 0.0, (gap * (self.unknown_speed + swing)) ** 2)
+        places_variance = 2 * (variance + self.survey_change**2)
+        return position, HeadingFound(heading, (places_variance + wandered) / jnp.sum(base * base))
+
+    def _compass(self, seen: Sample) -> Sample:
+        """The magnetometer's sample as a heading."""
+        heading = magnetic_heading(seen.value.field, jnp.asarray(self.field))
+        return replace(seen, value=HeadingFound(heading, jnp.zeros(())))
+
+
+def _nothing() -> tuple[PositionFound, HeadingFound]:
+    o = jnp.zeros(())
+    return PositionFound(o, o, o), HeadingFound(o, o)

@@ -1,0 +1,228 @@
+"""firmware: the vehicle's end of the distributed autopilot as C for a microcontroller, with a world to drive in it.
+
+The portable C is in the folder `firmware` of this package; what is written beside it belongs to the scenario: the
+exported world, failsafe, regulator and motor, the messages of its dialect, and the key.
+"""
+
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.failsafe import Failsafe
+from trimtab.actuators.motor import Motor, MotorInput
+from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
+from trimtab.compiler.block import Exported, export_step
+from trimtab.compiler.preamble import FREE
+from trimtab.compiler.structs import identifier
+from trimtab.core.errors import InputError
+from trimtab.core.record import numeric, part, quantity, record, replace
+from trimtab.core.signals import Command
+from trimtab.core.time import to_seconds
+from trimtab.export.boards import FIRMWARE as START
+from trimtab.export.boards import TARGETS
+from trimtab.live.failsafe_step import failsafe_step
+from trimtab.live.vehicle import on_real_link
+from trimtab.live.world_step import Built, world_step
+from trimtab.loop.scenario import Scenario
+from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.wire.generated import c_headers
+from trimtab.wire.keys import Key
+from trimtab.wire.stamps import EPOCH, PER_SECOND
+
+HERE = Path(__file__).resolve().parents[1] / "firmware"
+BESIDE = Path(__file__).resolve().parents[3] / "firmware"
+"""Where the portable C lies: in an installed package, or beside `src`."""
+STARTING = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
+REALS = {"single": "f32", "double": "f64"}
+
+
+@record
+class Now:
+    """What a block of the firmware is given. Source: docs page, Firmware."""
+
+    t: Any = quantity("100 ns", "Now.", kind="time")
+    given: Any = part("Its input.")
+
+
+class Written(NamedTuple):
+    """What was written: the folder, all files, and the dialect in which the firmware speaks."""
+
+    folder: Path
+    files: list[Path]
+    dialect: Dialect
+
+
+def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "cortex-m7", seed: int = 0) -> Written:
+    """Write the firmware of a scenario's vehicle into a folder; `make` there builds firmware.elf.
+
+    Args:
+        scenario: checked whole before anything is written. Its links are left out: the real ones take their place.
+        folder: made where it is missing.
+        key: with which both ends sign; it ends up in the firmware, so the file key.h is owner-only.
+        board: a key of `trimtab.export.boards.TARGETS`.
+        seed: of the random numbers in the emulated world.
+
+    Raises:
+        InputError: another board, a vehicle without a fan drive, a folder that can't be written.
+    """
+    if board not in TARGETS:
+        raise InputError("firmware", f"board {board!r} is not one", choices=TARGETS, fix="--board cortex-m7")
+    real = REALS[TARGETS[board].real]
+    scenario = emulated(scenario)
+    built = world_step(scenario, real=real, seed=seed)
+    dialect = dialect_of(built.frame, built.command)
+    texts = {
+        f"exported/{name}": text
+        for made in (built.text, *duties(scenario, built.command, real))
+        for name, text in _files(made)
+    }
+    texts["emulated/samples.h"] = SAMPLES_HEADER
+    texts["emulated/samples.c"] = samples_source(built, dialect)
+    texts["emulated/instants.h"] = _instants(scenario)
+    try:
+        files = _copy(folder, board) + _write(folder, texts)
+        files.append(_write_key(folder / "key.h", key))
+        c_headers(dialect, folder / "mavlink")
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out firmware") from None
+    return Written(folder, files, dialect)
+
+
+def emulated(scenario: Scenario) -> Scenario:
+    """The scenario whose world stands in for the hardware: wires for links, servo frames left to the firmware."""
+    actuators = scenario.world.actuators
+    if not isinstance(actuators, FanDrive):
+        problem = (
+            f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
+        )
+        raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
+    scenario.check()
+    drive = replace(actuators, frame=actuators.period)
+    scenario = on_real_link(scenario)
+    return replace(scenario, world=replace(scenario.world, actuators=drive))
+
+
+def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
+    """The blocks of the firmware, and the motor, as C."""
+    failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else Failsafe()
+    zero = np.float64(0.0)
+    wanted = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
+    blocks = {
+        "speed_regulator": (SpeedRegulator(), wanted, "Speed of the thrust fan: counts in, duty out; every 10 ms."),
+        "motor": (Motor(), MotorInput(duty=zero, voltage=zero), "Motor, propeller and encoder of the thrust fan."),
+    }
+
+    def init(p: Any) -> Any:
+        return p.init()
+
+    def step(p: Any, s: Any, now: Now) -> Any:
+        return p.step(now.t, s, now.given)
+
+    return [
+        failsafe_step(failsafe, command, real=real),
+        *(
+            export_step(name, doc, numeric(block), init, step, Now(t=np.int64(0), given=given), real)
+            for name, (block, given, doc) in blocks.items()
+        ),
+    ]
+
+
+def _files(made: Exported) -> list[tuple[str, str]]:
+    return [(f"{made.name}.h", made.header), (f"{made.name}.c", made.source)]
+
+
+SAMPLES_HEADER = f"""{FREE}
+#ifndef SAMPLES_H
+#define SAMPLES_H
+#include "link.h"
+#include "world.h"
+
+/* Send what the sensors measured at this instant. */
+void samples_send(link *l, const world_out *out);
+#endif
+"""
+
+
+def samples_source(built: Built, dialect: Dialect) -> str:
+    """C that sends each fresh sample of the world as the messages of the dialect."""
+    lines = [
+        FREE,
+        '#include "samples.h"\n',
+        "#include <string.h>\n",
+        "void samples_send(link *l, const world_out *out)",
+    ]
+    lines += ["{", "    mavlink_message_t message;"]
+    for sensor in built.frame.samples:
+        here = f"out->sensors.{identifier(sensor)}"
+        lines.append(f"    if ({here}.fresh) {{")
+        for name in dialect.groups[f"samples.{sensor}"]:
+            lines += _sending(name, dialect)
+        lines.append("    }")
+    return "\n".join([*lines, "    (void)l; (void)out; (void)message;", "}\n"])
+
+
+def _sending(name: str, dialect: Dialect) -> list[str]:
+    """Lines that fill in one message and send it."""
+    low, pad = name.lower(), " " * 8
+    lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
+    for f in dialect.definitions[name].fields:
+        for k in range(f.slots):
+            place = dialect.places[name][f.at + k]
+            _, sensor, *rest = place.path.split(".")
+            source = ".".join(["out->sensors", identifier(sensor), *map(identifier, rest)])
+            source += f"[{place.slot}]" if f.length else ""
+            target = f"{low}.{f.name}" + (f"[{k}]" if f.length else "")
+            lines.append(f"{pad}{target} = ({f.type}){source};")
+    lines.append(f"{pad}mavlink_msg_{low}_encode_status(SYSTEM, COMPONENT, &l->status, &message, &{low});")
+    return [*lines, f"{pad}link_send(l, &message);"]
+
+
+def _instants(scenario: Scenario) -> str:
+    periods = ", ".join(map(str, sorted(set(scenario.world.periods()))))
+    longest = scenario.world.max_step
+    return f"""{FREE}
+/* When something is due in the world, in units of 100 ns; its longest step is {to_seconds(longest) * 1e3:g} ms. */
+#ifndef INSTANTS_H
+#define INSTANTS_H
+#include <stdint.h>
+
+static const int64_t PERIODS[] = {{{periods}}};
+enum {{ MAX_STEP = {longest}, MOTOR_PERIOD = {Motor().period} }};
+#endif
+"""
+
+
+def _copy(folder: Path, board: str) -> list[Path]:
+    """The portable C and the start-up code, with the board as the Makefile's default."""
+    source = HERE if HERE.is_dir() else BESIDE
+    shutil.copytree(source, folder, dirs_exist_ok=True)
+    for name, to in STARTING.items():
+        shutil.copyfile(START / name, folder / to)
+    make = folder / "Makefile"
+    make.write_text(make.read_text("utf-8").replace("BOARD ?= cortex-m7", f"BOARD ?= {board}"), "utf-8")
+    return [folder / p.relative_to(source) for p in sorted(source.rglob("*")) if p.is_file()] + [
+        folder / to for to in STARTING.values()
+    ]
+
+
+def _write(folder: Path, texts: dict[str, str]) -> list[Path]:
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, "utf-8")
+    return [folder / name for name in texts]
+
+
+def _write_key(path: Path, key: Key) -> Path:
+    """The key, and when it was written: nothing signed earlier is believed, for this board knows no calendar."""
+    stamp = int((time.time() - EPOCH) * PER_SECOND)
+    numbers = ", ".join(map(str, key.secret))
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+        file.write(f"/* Secret. */\n#define KEY {numbers}\n#define BUILD_STAMP {stamp}u\n")
+    return path

@@ -1,0 +1,289 @@
+"""fly: an autopilot in real time against a vehicle at the far end of a line.
+
+One thread: it waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
+a row to the log's process. Nothing in it waits for a disk, a console or a network.
+Source: docs page, Fly.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from time import monotonic_ns
+from typing import NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import Link
+from trimtab.core.record import Quantity
+from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
+from trimtab.live.autopilot_end import Pilot, dialect_for, frame_name
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, Source
+from trimtab.live.real_time import NS, Deadlines, Granted, real_time
+from trimtab.live.remote import Remote
+from trimtab.live.supervised import Supervised
+from trimtab.live.wall_clock import discard
+from trimtab.logs.stream import Written
+from trimtab.loop.pilot_script import listening
+from trimtab.loop.scenario import Scenario
+from trimtab.run.fast_step import FastStep, fast_step
+from trimtab.run.program import described
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.mavlink import Endpoint
+
+AHEAD = seconds("0.5")
+"""How far behind the loop may be before it gives up catching up and goes on from now."""
+MOST = 64
+"""Packets taken in one period, so that a flood can't stop the loop."""
+SERVO_FRAME = ms(20)
+"""Commands are sent no more often than a servo takes them."""
+HEARD_LONGER = 3
+"""So many times as long it waits for a vehicle's clock where frames come at all."""
+SILENCE = ms(250)
+"""After which it is said that nothing comes."""
+FAREWELL = seconds("0.5")
+"""How long it waits for an answer when it disarms."""
+OWN: Mapping[str, tuple[str, Quantity]] = {
+    "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
+    "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
+    "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
+    "loop.skipped": ("i8", Quantity("1", "Periods so far that were passed over.", kind="count")),
+    "link.samples": ("i8", Quantity("1", "Samples heard so far.", kind="count")),
+    "link.overtaken": ("i8", Quantity("1", "Samples so far that came after a later one.", kind="count")),
+    "link.silence": ("f8", Quantity("s", "Time since the vehicle was last heard.")),
+    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
+    "link.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+    "link.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
+    "link.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
+    "link.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+    "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
+    "vehicle.armed": ("?", Quantity("1", "The vehicle says that it is armed.", kind="flag")),
+}
+"""What a row of a flight's log has besides frame and outputs."""
+
+
+class Flight(NamedTuple):
+    """What became of a flight. armed: when the vehicle first said so (100 ns), None if never."""
+
+    t: int
+    armed: int | None
+    granted: Granted
+    deadlines: Deadlines
+    pilot: Pilot
+    remote: Remote
+    log: Written | None
+
+
+class Flyer:
+    """The autopilot's end of a line; `fly` runs it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        link: Link,
+        endpoint: Callable[[Dialect], Endpoint],
+        *,
+        seed: int = 0,
+        step: FastStep | None = None,
+    ) -> None:
+        """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
+        scenario.check()
+        dialect = dialect_for(scenario)
+        self.scenario, self.link, self.seed = listening(scenario), link, seed
+        self.endpoint = endpoint(dialect)
+        self.pilot = Pilot(scenario, dialect, step or fast_step(self.scenario, seed=seed))
+        self.supervised = Supervised(self.scenario, self.pilot.step)
+        self.remote = Remote(self.endpoint, link)
+        self.deadlines = Deadlines(scenario.autopilot.period)
+        self.skipped = 0
+        self.armed_at: int | None = None
+        self._sent = self._jumps = self._accepted = self._heard = 0
+        self._silent = False
+
+    def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
+        """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds.
+
+        A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
+        """
+        began = monotonic_ns()
+        while not self.remote.ready and not stop():
+            now = monotonic_ns()
+            waits = patience * (HEARD_LONGER if self.endpoint.counts.accepted else 1)
+            if now - began > waits * 1e9 or self.remote.misfit:
+                fix = f"trimtab vehicle {self.scenario.name} --listen …, with the same --set on both ends"
+                raise InputError("--link", self.remote.why_not(), fix=fix)
+            self.remote.due(now // NS)
+            data = self.link.receive(0.02)
+            if data is not None:
+                self._hear(data)
+
+    def _hear(self, data: bytes) -> None:
+        now = monotonic_ns() // NS
+        for message in self.endpoint.feed(data):
+            if not self.pilot.take(message):
+                self.remote.take(message, now)
+
+    def fly(
+        self,
+        *,
+        duration: int | None = None,
+        log: Path | None = None,
+        wanted_real_time: bool = True,
+        stop: Callable[[], bool] = lambda: False,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> Flight:
+        """Arm as soon as there is an estimate, fly for `duration` (100 ns) from then on, disarm.
+
+        Args:
+            duration: the scenario's when None.
+            log: file of the flight's log.
+            wanted_real_time: ask the system for real-time scheduling and locked memory.
+            stop: asked every period.
+            tell: is given lines for people.
+        """
+        length = self.scenario.duration if duration is None else duration
+        book = self._open(log) if log else None
+        self.remote.tell = lambda text: self._say(text, book, tell)
+        discard(self.link)
+        self.pilot.forget()
+        try:
+            with real_time(wanted_real_time) as granted:
+                try:
+                    t = self._loop(length, book, stop, tell)
+                finally:
+                    if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
+                        self._disarm()
+        finally:
+            written = book.close() if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
+        return Flight(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
+
+    def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]) -> int:
+        period = self.scenario.autopilot.period
+        every = -(-max(period, SERVO_FRAME) // period)
+        kept = self.deadlines = Deadlines(period)
+        self._heard = kept.start // NS
+        k = t = 0
+        while not stop() and (self.armed_at is None or t - self.armed_at < length):
+            t = k * period
+            woke = self._wait(k)
+            now = kept.start // NS + t
+            ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            self.pilot.give(t, self._to_local)
+            self.supervised.give(t)
+            began = monotonic_ns()
+            self.pilot.step.step()
+            stepped = monotonic_ns()
+            if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
+                self._send(t, ahead)
+            self._look(t, now)
+            self._listen(now, book, tell)
+            if book is not None:
+                book.put(t, self._own(now, woke - kept.start - t * NS, stepped - began))
+            kept.done(k, woke, began, stepped)
+            k = self._next(k)
+        return t
+
+    def _send(self, t: int, ahead: int) -> None:
+        """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
+        if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
+            ahead = self._sent + 1 - t
+        self._sent, self._jumps = t + ahead, self.remote.sync.jumps
+        for packet in self.pilot.commands(self.endpoint, ahead):
+            self.link.send(packet)
+
+    def _disarm(self) -> None:
+        """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
+        self.remote.disarm()
+        given_up = monotonic_ns() + FAREWELL * NS
+        while self.remote.asking and monotonic_ns() < given_up:
+            data = self.link.receive(0.02)
+            if data is not None:
+                self._hear(data)
+            self.remote.due(monotonic_ns() // NS)
+
+    def _to_local(self, t: int) -> int:
+        """The vehicle's time as the loop's."""
+        return self.remote.sync.to_local(t) - self.deadlines.start // NS
+
+    def _wait(self, k: int) -> int:
+        """Take what comes until deadline k; returns when that was (ns)."""
+        taken = 0
+        while True:
+            left = self.deadlines.remaining(k)
+            data = self.link.receive(max(left, 0.0))
+            if data is not None:
+                self._hear(data)
+            taken += 1
+            if left <= 0 and (data is None or taken > MOST):
+                return monotonic_ns()
+
+    def _next(self, k: int) -> int:
+        """The period after k: the next one, or, far behind, the one that is due now."""
+        behind = -round(self.deadlines.remaining(k + 1) * UNITS_PER_SECOND)
+        if behind < AHEAD:
+            return k + 1
+        passed = behind // self.deadlines.period
+        self.skipped += passed
+        return k + 1 + passed
+
+    def _look(self, t: int, now: int) -> None:
+        """Arm when there is something to fly with; keep the line."""
+        if self.armed_at is None and self.remote.armed:
+            self.armed_at = t
+        elif self.armed_at is None and self.pilot.ready:
+            self.remote.arm()
+        self._watch()
+        self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
+
+    def _watch(self) -> None:
+        """Say what the supervisor has decided, and pass it what it is asked."""
+        self.remote.mode = self.supervised.mode
+        if self.remote.requests:
+            self.supervised.ask(self.remote.requests.popleft())
+        news = self.supervised.news()
+        if news:
+            self.remote.tell(news)
+
+    def _listen(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+        """Say when nothing comes any more, and when it does again."""
+        accepted, silence = self.endpoint.counts.accepted, now - self._heard
+        if accepted != self._accepted:
+            if self._silent:
+                self._say(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
+            self._accepted, self._heard, self._silent = accepted, now, False
+        elif silence >= SILENCE and not self._silent:
+            self._silent = True
+            self._say(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
+
+    def _own(self, now: int, late: int, step: int) -> tuple[float, ...]:
+        remote, kept, counts = self.remote, self.deadlines, self.endpoint.counts
+        return (
+            late * 1e-9,
+            step * 1e-9,
+            kept.own + kept.scheduler,
+            self.skipped,
+            self.pilot.heard,
+            self.pilot.overtaken,
+            (now - self._heard) / UNITS_PER_SECOND,
+            remote.offset(now) / UNITS_PER_SECOND,
+            counts.refused,
+            counts.lost,
+            counts.checksum,
+            counts.garbage,
+            self.link.fileno() >= 0,
+            remote.armed,
+        )
+
+    def _say(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+        tell(text)
+        if book:
+            book.event(text)
+
+    def _open(self, path: Path) -> FlightLog:
+        step = self.pilot.step
+        sources = [
+            Source(step.inputs, step.exported.inputs, frame_name),
+            Source(step.outputs, step.exported.outputs, lambda p: p),
+        ]
+        about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
+        period = to_seconds(self.scenario.autopilot.period)
+        return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})

@@ -1,0 +1,143 @@
+"""One-way delays of a link, measured as the source did.
+
+A request carries the sender's time; the far end appends its timer and echoes it. With one clock on both ends
+
+    uplink = timer - t0,    downlink = now - t0 - uplink
+
+and with two the offset between them is taken from the quickest round trips, as if those took as long up as down.
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
+"""
+
+import random
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from trimtab.core.interfaces import Link
+from trimtab.core.time import to_seconds
+from trimtab.live.clock_time import Reply
+from trimtab.live.link_delays import Delays, Plan, offset
+from trimtab.live.link_echo import Pace, now
+
+HELLO_EVERY = 0.5
+BITS_PER_BYTE = 10
+"""On a serial line, with start and stop bit; the source's rates count them."""
+
+
+class Exchange(Protocol):
+    """The bytes of the experiment, at the measuring end."""
+
+    shared: bool | None
+    """Whether both ends have one clock; None while the far end has not been heard."""
+    heard: int
+    """How many requests have arrived up there, as far as it has said."""
+
+    def request(self, t: int) -> tuple[int, bytes]:
+        """Key and bytes of a request that leaves at t (100 ns)."""
+        ...
+
+    def hello(self, rate: int) -> bytes:
+        """Asks the far end to speak, and for a load (byte/s); may be empty once it has."""
+        ...
+
+    def load(self) -> bytes:
+        """A message of load on the uplink."""
+        ...
+
+    def take(self, data: bytes) -> list[Reply]:
+        """The replies in what came."""
+        ...
+
+
+def measure(link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int] = now) -> Delays | None:
+    """Send requests under load and gather the replies; None where nobody answers.
+
+    Args:
+        link: to an end that echoes.
+        exchange: makes and reads the bytes.
+        plan: load and number of requests.
+        clock: in 100 ns.
+    """
+    session = _Session(link, exchange, plan, clock)
+    if not session.meet():
+        return None
+    before, start = link.statistics, time.monotonic()
+    session.ask()
+    after, took = link.statistics, time.monotonic() - start
+    session.finish()
+    carried = (after.bytes_out - before.bytes_out, after.bytes_in - before.bytes_in)
+    up, down = (1e-3 * BITS_PER_BYTE * n / took for n in carried)
+    return session.delays((up, down))
+
+
+class _Session:
+    """One measurement: when each request left and, by its key, what the reply to it said and when it came."""
+
+    def __init__(self, link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int]) -> None:
+        self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
+        self._sent: dict[int, int] = {}
+        self._back: dict[int, tuple[int, int]] = {}
+        self._hello = exchange.hello(round(plan.down * 1e3 / BITS_PER_BYTE))
+
+    def meet(self) -> bool:
+        """Speak until the far end answers."""
+        end = time.monotonic() + 10 * self._plan.patience
+        while self._exchange.shared is None and time.monotonic() < end:
+            self._link.send(self._hello)
+            self._gather(0.2)
+        return self._exchange.shared is not None
+
+    def ask(self) -> None:
+        """Send the requests, out of step with whatever else is periodic, and the load between them."""
+        draw, pace = random.Random(self._plan.seed), Pace(len(self._exchange.load()))
+        pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
+        at = hello_at = time.monotonic()
+        while len(self._sent) < self._plan.requests:
+            t = time.monotonic()
+            if t >= at:
+                departed = self._clock()
+                key, packet = self._exchange.request(departed)
+                self._link.send(packet)
+                self._sent[key] = departed
+                pace.spent(len(packet), t)
+                at += draw.uniform(0.5, 1.5) / self._plan.rate
+            if t >= hello_at:
+                self._link.send(self._hello)
+                pace.spent(len(self._hello), t)
+                hello_at += HELLO_EVERY
+            if pace.due(t):
+                self._link.send(self._exchange.load())
+            self._gather(min(at - t, hello_at - t, pace.wait(t)))
+
+    def finish(self) -> None:
+        """Wait for the last replies, with the load going on, and hear how many requests arrived."""
+        end = time.monotonic() + self._plan.patience
+        while time.monotonic() < end and len(self._back) < len(self._sent):
+            self._link.send(self._hello)
+            until = time.monotonic() + 0.1
+            while (left := until - time.monotonic()) > 0:
+                self._gather(left)
+
+    def _gather(self, wait: float) -> None:
+        """Take what comes within `wait` seconds; of two replies to one request the first counts."""
+        data = self._link.receive(max(wait, 0.0))
+        arrived = self._clock()
+        for key, uplink in self._exchange.take(data) if data else ():
+            if key in self._sent:
+                self._back.setdefault(key, (uplink, arrived))
+
+    def delays(self, carried: tuple[float, float]) -> Delays:
+        """What came of it."""
+        left = np.array(list(self._sent.values()), np.int64)
+        came = np.array([key in self._back for key in self._sent], bool)
+        answered = [(self._back[key], t0) for key, t0 in self._sent.items() if key in self._back]
+        up, trip = np.full((2, len(left)), np.nan)
+        up[came] = to_seconds(np.array([uplink for (uplink, _), _ in answered], np.float64))
+        trip[came] = to_seconds(np.array([arrived - t0 for (_, arrived), t0 in answered], np.float64))
+        shared = bool(self._exchange.shared)
+        if not shared and came.any():
+            up = up - offset(up[came], trip[came])
+        lost_up = max(len(left) - max(self._exchange.heard, len(answered)), 0)
+        return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, carried)

@@ -1,0 +1,246 @@
+"""A virtual vehicle in wall-clock time, behind a real transport, with its firmware's duties.
+
+Source: docs page, Vehicle.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.interfaces import Link
+from trimtab.core.record import Quantity, replace
+from trimtab.core.time import ms
+from trimtab.links.wire import Wire
+from trimtab.live.duties import STATION_MODES, Duties
+from trimtab.live.exchange import Taken
+from trimtab.live.failsafe_step import failsafe_of
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, Source
+from trimtab.live.flight_requests import FlightRequests
+from trimtab.live.histogram import Histogram
+from trimtab.live.instruments import Instruments
+from trimtab.live.real_time import real_time
+from trimtab.live.uplink_step import uplink_step
+from trimtab.live.virtual_vehicle import VirtualVehicle
+from trimtab.live.wall_clock import NS, WallClock, discard
+from trimtab.live.world_step import compiled_world
+from trimtab.logs.stream import Written
+from trimtab.loop.fault import DELAYED, slots_for
+from trimtab.loop.faulty_channel import FaultyChannel
+from trimtab.loop.scenario import Scenario
+from trimtab.run.fast_step import FastStep
+from trimtab.run.program import described
+from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.wire.events import ArmAsked, ParameterSet
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.parameters import Parameters
+from trimtab.wire.protocol import Severity
+from trimtab.wire.station import Station
+from trimtab.wire.vehicle_type import type_of
+
+OWN: Mapping[str, tuple[str, Quantity]] = {
+    "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
+    "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
+    "wire.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+    "wire.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
+    "wire.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
+    "wire.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+}
+"""What a row of the vehicle's log has besides the world's and the failsafe's."""
+LAST = ms(50)
+"""How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
+
+
+class Served(NamedTuple):
+    """What became of a virtual vehicle. released: when it was first armed (100 ns), None if never."""
+
+    t: int
+    released: int | None
+    mode: str
+    cause: str
+    late: Histogram
+    log: Written | None
+
+
+def on_real_link(scenario: Scenario) -> Scenario:
+    """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
+
+    Their faults stay.
+    """
+    world = scenario.world
+    return replace(scenario, world=replace(world, downlink=_wired(world.downlink), uplink=_wired(world.uplink)))
+
+
+def _wired(channel: Any) -> Any:
+    if not isinstance(channel, FaultyChannel):
+        return Wire()
+    inner = _wired(channel.inner)
+    needed = slots_for(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    return replace(channel, inner=inner, capacity=max(channel.capacity, needed))
+
+
+class Vehicle:
+    """A world, its duties and its end of a line; `serve` runs it."""
+
+    def __init__(
+        self, scenario: Scenario, link: Link, endpoint: Callable[[Dialect], Endpoint], *, seed: int = 0
+    ) -> None:
+        """Compile it. endpoint: makes the vehicle's end for a dialect."""
+        self.scenario, self.link = scenario, link
+        uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
+        world, frame, command = compiled_world(bare, seed=seed)
+        dialect = dialect_of(frame, command)
+        self.endpoint = endpoint(dialect)
+        self.body = VirtualVehicle(bare, dialect, world)
+        failsafe = failsafe_of(scenario, command)
+        received = None if isinstance(uplink, Wire) else FastStep(uplink_step(uplink, command, seed=seed))
+        self.duties = Duties(failsafe, command, world, received)
+        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.flying)
+        self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
+        parameters = Parameters(scenario.world, "world")
+        self._declared = {p.path: p.declared for p in parameters.listed}
+        kind, streams = type_of(scenario.world.vehicle), self.instruments.streams()
+        self.station = Station(self.endpoint, parameters, STATION_MODES, vehicle=kind, streams=streams)
+        self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
+        self.clock = WallClock()
+        self.late = Histogram()
+        self.released: int | None = None
+        self._newest: Taken | None = None
+        self._book: FlightLog | None = None
+        self._people: Callable[[str], None] = lambda _: None
+
+    def _hear(self, data: bytes) -> None:
+        now, messages = self.clock.now(), self.endpoint.feed(data)
+        if messages:
+            self.link.vouch()
+        for message in messages:
+            if message.name in self._command.names:
+                taken = self._command.take(message)
+                if taken is not None and (self._newest is None or taken.t >= self._newest.t):
+                    self._newest = taken
+                continue
+            self.requests.hear(message, now)
+            handled = self.station.handle(message, now)
+            for packet in handled.replies:
+                self.link.send(packet)
+            for event in handled.events:
+                if isinstance(event, ParameterSet):
+                    self._set(event)
+                else:
+                    self.duties.ask(event, now)
+                    self.requests.ask(event, now)
+                    self.instruments.note(event, now)
+
+    def _set(self, event: ParameterSet) -> None:
+        uplink, path = self.duties.uplink, event.path.removeprefix("world.")
+        step = self.body.world if uplink is None or path not in uplink.parameters else uplink
+        step.parameters[event.path if step is self.body.world else path].flat[event.slot] = event.value
+        self._say(f"{event.path} = {shown(self._declared[event.path], event.value)}")
+
+    def _say(self, text: str) -> None:
+        """A line into the log and to people."""
+        now = self.clock.now()
+        self._people(f"{now * 1e-7:9.3f} s  {text}")
+        if self._book is not None:
+            self._book.event(text)
+
+    def serve(
+        self,
+        *,
+        duration: int | None = None,
+        log: Path | None = None,
+        log_period: int = 10_000,
+        wanted_real_time: bool = False,
+        stop: Callable[[], bool] = lambda: False,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> Served:
+        """Run until `duration` (100 ns) after its release, or until stop() says so; it disarms first.
+
+        Args:
+            duration: None runs on without end.
+            log: file of the vehicle's own log, with the truth.
+            log_period: how often a row is written.
+            wanted_real_time: ask the system for real-time scheduling and locked memory.
+            stop: asked at every instant.
+            tell: is given lines for people.
+        """
+        self._people = tell
+        book = self._book = self._open(log) if log else None
+        discard(self.link)
+        try:
+            with real_time(wanted_real_time):
+                self._run(duration, log_period, stop)
+        finally:
+            self._book = None
+            written = book.close(self._final()) if book else None
+        if book is not None and written is None:
+            tell(WRITER_DIED)
+        return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
+
+    def _run(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
+        self.clock, last = WallClock(), None
+        for t in self.body.instants():
+            why = self._over(t, duration, stop) if last is None else ""
+            if why:
+                self._say(why)
+                last = t + (LAST if self.duties.flying else 0)
+                self.duties.ask(ArmAsked(False, (self.endpoint.system, self.endpoint.component)), t)
+            if last is not None and t >= last:
+                break
+            self._instant(t, log_period)
+
+    def _over(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
+        """Why it is to end now; empty: it isn't."""
+        if stop():
+            return "ended by request"
+        over = duration is not None and self.released is not None and t - self.released >= duration
+        return "ended, its time is over" if over else ""
+
+    def _instant(self, t: int, log_period: int) -> None:
+        book = self._book
+        woke = self.clock.wait(t, self.link, self._hear)
+        late = woke - self.clock.start - t * NS
+        self.late.add(late)
+        self.body.turn(t, fresh=True, held=self.released is None)
+        for packet in self.body.packets(self.endpoint, self.body.changed()):
+            self.link.send(packet)
+        if book is not None and t and self.body.row_t % log_period == 0:
+            counts = self.endpoint.counts
+            own = (self.released is None, late * 1e-9, counts.refused, counts.lost, counts.checksum, counts.garbage)
+            book.put(self.body.row_t, own)
+        taken, self._newest = self._newest, None
+        if self.duties.act(t, taken):
+            self._tell(t)
+        self.station.status = self.requests.status(self.duties.status, t)
+        for packet in self.station.due(t) + self.requests.due(t):
+            self.link.send(packet)
+
+    def _tell(self, t: int) -> None:
+        if self.released is None and self.duties.flying:
+            self.released = t
+        text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
+        severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
+        self._announce(severity, text)
+
+    def _announce(self, severity: Severity, text: str) -> None:
+        """A line to ground stations, into the log and to people."""
+        self.station.say(severity, text)
+        self._say(text)
+
+    def _open(self, path: Path) -> FlightLog:
+        world, failsafe = self.body.world, self.duties.step
+        sources = [
+            Source(self.body.row, world.exported.outputs, lambda p: p),
+            Source(failsafe.outputs, failsafe.exported.outputs, lambda p: f"firmware.{p}"),
+        ]
+        return FlightLog(path, sources, OWN, described(self.scenario) | {"side": "vehicle", "backend": "c"})
+
+    def _final(self) -> dict[str, Any]:
+        world = self.body.world
+        return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}
+
+
+def shown(declared: Quantity, value: float) -> str:
+    """A number as people read it: a mode by its name."""
+    return declared.modes[int(value)] if declared.modes else f"{value:g}"

@@ -1,0 +1,189 @@
+"""C or C++ text to a shared library, built once per text, compiler and CPU, and kept."""
+
+import functools
+import os
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.native.cache import MAKE_ROOM, alone, anywhere, find, lookup, store, work_folder
+from trimtab.native.compiler import NEEDED, REQUIRED, SUFFIX, Compiler, NoCompiler, cpu, search
+from trimtab.native.run_compiler import Outcome, run_compiler
+
+if TYPE_CHECKING:
+    import ctypes
+
+GENERATION = "1"
+"""Part of every key: raise it when libraries built so far must not be used again."""
+COMMON = ("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
+FLAGS = {
+    "c": (
+        "-std=c99",
+        *COMMON,
+        "-ftree-loop-vectorize",
+        "-fvect-cost-model=dynamic",
+        "-fpeel-loops",
+        "-fno-tree-slp-vectorize",
+    ),
+    "c++": ("-std=c++17", *COMMON, "-Wno-psabi"),
+}
+"""Per language. Of the scalar text only loops over arrays are vectorised, which changes no bit: nothing is summed in
+another order. The text over lanes is the compiler's to improve."""
+LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
+OLDER = {"-std=c++17": "-std=c++1z"}
+"""What compilers of the time before a name was settled call it."""
+TIME_LIMIT = 300.0
+"""Seconds that a compiler may take."""
+LINES, WIDTH = 20, 160
+"""Lines, and characters of each, that an error gives of what the compiler said."""
+
+
+class BuildFailed(InputError):
+    """A compiler is there, but no library could be had; the problem has the first lines of what it said."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Rebuild from the parts, so that it passes from a worker process whole."""
+        return functools.partial(BuildFailed, choices=self.choices, fix=self.fix), (self.part, self.problem)
+
+
+class _Job(NamedTuple):
+    """What is to be built, with what."""
+
+    compiler: Compiler
+    language: str
+    source: str
+    extra: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """What decides on the library: text, flags, compiler, CPU and this file's generation."""
+        given = (GENERATION, self.language, *FLAGS[self.language], *LIBRARIES[self.language], *self.extra)
+        return sha256("\0".join((*given, self.compiler.identity, cpu(), self.source)).encode()).hexdigest()
+
+    @property
+    def part(self) -> str:
+        """Who speaks in an error."""
+        return f"compiler {self.compiler.path} ({self.compiler.identity})"
+
+
+def build(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
+    """The shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, where it has been built before.
+
+    Args:
+        source: the whole text. What it includes, beyond the system's headers, isn't part of what is remembered.
+        language: ``c`` or ``c++``.
+        extra: further flags and libraries, which come last.
+
+    Raises NoCompiler where there is none that works, BuildFailed where it makes no library or no folder takes it.
+    """
+    found = search(language)
+    if found.compiler is None:
+        raise NoCompiler("compiled flight", found.problem, fix=found.fix)
+    job = _Job(found.compiler, language, source, extra)
+    if library := find(job.key):
+        return library
+    try:
+        return anywhere(functools.partial(_built, job))
+    except OSError as reason:
+        raise BuildFailed(
+            "cache of compiled programs",
+            f"no folder took the library: {reason}",
+            fix=MAKE_ROOM,
+        ) from reason
+
+
+def load(path: Path) -> "ctypes.CDLL":
+    """Load a library that build gave."""
+    import ctypes
+
+    try:
+        return ctypes.CDLL(os.fspath(path))
+    except OSError as reason:
+        raise BuildFailed(
+            f"library {path}", f"it cannot be loaded: {reason}", fix="remove it, then it is built anew."
+        ) from reason
+
+
+def _built(job: _Job, folder: Path) -> Path:
+    with alone(folder, job.key):
+        if library := lookup(folder, job.key):  # another process built it meanwhile
+            return library
+        with work_folder(folder) as work:
+            flags = _compiled(job, work)
+            about = {"compiler": job.compiler.identity, "flags": " ".join((*flags, *job.extra))}
+            return store(folder, job.key, work / "program.so", about)
+
+
+def _compiled(job: _Job, work: Path) -> tuple[str, ...]:
+    """Compile to program.so in the work folder; gives the flags that did it."""
+    (work / f"program.{SUFFIX[job.language]}").write_text(job.source, encoding="utf-8")
+    first = _attempt(job, FLAGS[job.language], work)
+    if first.status == 0:
+        return FLAGS[job.language]
+    accepted = _accepted(job, work)
+    # An assembler older than the CPU knows the flag, but not the instructions.
+    tries = [accepted, tuple(flag for flag in accepted if flag != "-march=native")]
+    for flags in dict.fromkeys(tries):
+        if flags != FLAGS[job.language] and _attempt(job, flags, work).status == 0:
+            return flags
+    said = "\n".join(f"    {line[:WIDTH]}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
+    raise BuildFailed(
+        job.part,
+        f"it refused the {job.language.upper()} text with status {first.status} and said\n{said}",
+        fix=f"try {NEEDED}, named in CC or CXX; if that refuses it too, the text is at fault.",
+    )
+
+
+def _attempt(job: _Job, flags: tuple[str, ...], work: Path, name: str = "program") -> Outcome:
+    """Run the compiler to an end, with a library if the status is 0."""
+    library = work / f"{name}.so"
+    library.unlink(missing_ok=True)
+    arguments = (*flags, "-shared", "-fPIC", "-o", library.name, f"{name}.{SUFFIX[job.language]}")
+    command = (job.compiler.path, *job.compiler.options, *arguments, *job.extra, *LIBRARIES[job.language])
+    outcome = run_compiler(command, work, TIME_LIMIT)
+    if outcome.interrupted:
+        fix = "run it again; if that happens again, memory may be short, or another compiler be named in CC or CXX."
+        raise BuildFailed(job.part, f"{outcome.interrupted} before the library was made", fix=fix)
+    if outcome.status == 0 and not _is_library(library):
+        said = " ".join(outcome.text.split())[:300]
+        problem = f"it reported success, but made no library{f', and said {said!r}' if said else ''}"
+        raise BuildFailed(job.part, problem, fix="name another compiler in CC or CXX.")
+    return outcome
+
+
+def _is_library(path: Path) -> bool:
+    """Whether a file begins as libraries of ELF or Mach-O do and, ELF of 64 bits, is as long as it says."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return False
+    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections comes last
+        start, size, count = (int.from_bytes(content[i:j], "little") for i, j in ((40, 48), (58, 60), (60, 62)))
+        return len(content) >= max(64, start + size * count)
+    return content[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
+
+
+def _accepted(job: _Job, work: Path) -> tuple[str, ...]:
+    """The flags that the compiler takes, found with one line of text; those that decide on numbers must be."""
+    (work / f"flags.{SUFFIX[job.language]}").write_text("int nothing;\n")
+
+    def takes(*flags: str) -> bool:
+        return _attempt(job._replace(extra=()), flags, work, "flags").status == 0
+
+    wanted = FLAGS[job.language]
+    if takes(*wanted) or not takes():
+        return wanted
+    taken = []
+    for flag in wanted:
+        if takes(flag):
+            taken.append(flag)
+        elif flag in OLDER and takes(OLDER[flag]):
+            taken.append(OLDER[flag])
+        elif flag in REQUIRED[job.language] or flag in OLDER:
+            raise BuildFailed(
+                job.part,
+                f"it is too old: it refuses {flag}",
+                fix=f"install {NEEDED}, and name it in CC or CXX if another comes first.",
+            )
+    return tuple(taken)

@@ -1,0 +1,224 @@
+"""The machine's own C and C++ compilers: which there is, what it calls itself, what it knows of the CPU."""
+
+import contextlib
+import functools
+import os
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.native.cache import MAKE_ROOM, anywhere, kept, read_own, work_folder, write_whole
+from trimtab.native.run_compiler import run_compiler
+
+NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c++")}
+"""Per language the environment's variable that names a compiler, then the names that are tried."""
+SUFFIX = {"c": "c", "c++": "cpp"}
+REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-contract=off", "-fwrapv")}
+"""Flags without which the numbers could differ: a compiler that refuses one is of no use."""
+NEEDED = "gcc 8, clang 10 or newer"
+INSTALL = {
+    "c": "install gcc (Debian: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
+    "c++": "install g++ (Debian: apt install g++; Fedora: dnf install gcc-c++; macOS: xcode-select --install)",
+}
+PROBE = {
+    "c": "#include <math.h>\ndouble probe(double x) { return floor(x) + 1.0; }\n",
+    "c++": '#include <cmath>\nextern "C" double probe(double x) { return std::floor(x) + 1.0; }\n',
+}
+PROBE_LIMIT = 30.0
+"""Seconds that a compiler may take for next to nothing."""
+
+
+class NoCompiler(InputError):
+    """There is no compiler that works; the problem says what was tried, the fix what to install."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Rebuild from the parts, so that it passes from a worker process whole."""
+        return functools.partial(NoCompiler, choices=self.choices, fix=self.fix), (self.part, self.problem)
+
+
+class Compiler(NamedTuple):
+    """A compiler that was tried and works.
+
+    Attributes:
+        path: the executable.
+        kind: ``gcc`` or ``clang``.
+        version: as it numbers itself, (12, 2, 0).
+        identity: first line of ``--version``, target and options: what decides, with flags and CPU, what it makes.
+        options: words that come first, from a CC of several words such as ``ccache gcc``.
+        width: doubles in a vector of this CPU, as far as this compiler knows it.
+    """
+
+    path: str
+    kind: str
+    version: tuple[int, ...]
+    identity: str
+    options: tuple[str, ...] = ()
+    width: int = 1
+
+
+class Search(NamedTuple):
+    """What looking for a compiler gave: a compiler, or why there is none and what to do."""
+
+    compiler: Compiler | None
+    problem: str = ""
+    fix: str = ""
+
+
+def find_compiler(language: str = "c") -> Compiler | None:
+    """The compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None where none works.
+
+    One works if it makes a shared library that loads and gives the right number. That is found out once per process,
+    and remembered in the cache: the next process only looks whether the executable is still the same.
+    """
+    return search(language).compiler
+
+
+def search(language: str) -> Search:
+    """As find_compiler, with the reasons."""
+    if language not in NAMES:
+        raise InputError("build", f"there is no language {language!r}", choices=NAMES)
+    try:
+        return _search(language, os.environ.get(NAMES[language][0], ""), os.environ.get("PATH", os.defpath))
+    except OSError as reason:
+        return Search(None, f"compilers could not be tried in any folder: {reason}", MAKE_ROOM)
+
+
+def lanes(compiler: Compiler) -> int:
+    """Doubles that one instruction takes under -march=native: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
+    return compiler.width
+
+
+@functools.cache
+def cpu() -> str:
+    """Identity of the CPU's model and features: code made for one isn't run on another."""
+    for source in ("/sys/devices/system/cpu/modalias", "/proc/cpuinfo"):
+        try:
+            content = Path(source).read_bytes()
+        except OSError:
+            continue
+        changing = (b"processor", b"cpu MHz", b"bogomips", b"BogoMIPS")
+        lines = content.split(b"\n\n")[0].splitlines()
+        if features := b"\n".join(line for line in lines if not line.startswith(changing)):
+            return f"{os.uname().machine} {sha256(features).hexdigest()[:32]}"
+    import platform
+
+    return f"{platform.machine()} {platform.processor()}"
+
+
+@functools.cache
+def _search(language: str, wished: str, path: str) -> Search:
+    variable, *usual = NAMES[language]
+    candidates = [_words(wished)] if wished.strip() else []
+    reasons: list[str] = []
+    for words in dict.fromkeys([*candidates, *((name,) for name in usual)]):
+        executable, name = _which(words[0], path), " ".join(words)
+        if executable is None:
+            reasons.append(f"{name}: not found")
+            continue
+        note = f"compiler-{_stamp(executable, words, language, path)}.note"
+        found = _remembered(note, executable, words)
+        if found is None:
+            found = anywhere(functools.partial(_tried, executable, words[1:], language))
+            _remember(note, found)
+        if isinstance(found, Compiler):
+            return Search(found)
+        reasons.append(f"{name}: {found}")
+    problem = f"no {language.upper()} compiler works here ({'; '.join(reasons)})"
+    return Search(None, problem, f"{INSTALL[language]}, or name one in {variable}.")
+
+
+def _words(wished: str) -> tuple[str, ...]:
+    """CC may hold options, as in 'ccache gcc'."""
+    import shlex
+
+    try:
+        return tuple(shlex.split(wished))
+    except ValueError:  # a quote that doesn't end
+        return (wished,)
+
+
+def _which(name: str, path: str) -> str | None:
+    folders = [""] if os.sep in name else filter(None, path.split(os.pathsep))
+    for candidate in (os.path.abspath(os.path.join(folder, name)) for folder in folders):
+        if os.path.isfile(candidate) and os.access(candidate, os.X_OK):
+            return candidate
+    return None
+
+
+def _stamp(executable: str, words: tuple[str, ...], language: str, path: str) -> str:
+    """Changes when an executable that is named does, or the CPU."""
+    parts = [language, cpu(), *words]
+    for file in filter(None, [executable, *(_which(word, path) for word in words[1:])]):
+        about = os.stat(file)
+        parts += [file, str(about.st_mtime_ns), str(about.st_size)]
+    return sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+def _remembered(note: str, executable: str, words: tuple[str, ...]) -> Compiler | None:
+    try:
+        content = read_own(kept() / note) or b""
+        kind, version, width, identity, end = content.decode().splitlines()
+        numbers = tuple(int(number) for number in version.split("."))
+        return Compiler(executable, kind, numbers, identity, words[1:], int(width)) if end == "end" else None
+    except (OSError, ValueError):
+        return None
+
+
+def _remember(note: str, found: Compiler | str) -> None:
+    if isinstance(found, Compiler):
+        lines = (found.kind, ".".join(map(str, found.version)), str(found.width), found.identity, "end")
+        with contextlib.suppress(OSError):  # then the next process tries again
+            write_whole(kept() / note, "\n".join(lines))
+
+
+def _tried(executable: str, options: tuple[str, ...], language: str, folder: Path) -> Compiler | str:
+    """The compiler, or why it can't be used."""
+    with work_folder(folder) as work:
+        said = run_compiler((executable, *options, "--version"), work, PROBE_LIMIT)
+        first = said.text.strip().splitlines()[:1]
+        kind = "clang" if "clang version" in said.text else "gcc" if "Free Software Foundation" in said.text else ""
+        if said.status or said.interrupted or not first:
+            return said.interrupted or f"--version gives status {said.status}, '{said.text.strip()[:200]}'"
+        if not kind:
+            return f"neither gcc nor clang, but '{first[0]}'"
+        if unfit := _unfit((executable, *options), language, work):
+            return f"{first[0]}: {unfit}"
+        target = run_compiler((executable, *options, "-dumpmachine"), work, PROBE_LIMIT).text.strip().splitlines()[:1]
+        identity = " ".join([*first, *target, *options])
+        width = _width((executable, *options), language, work)
+        return Compiler(executable, kind, _numbers(first[0]), identity, options, width)
+
+
+def _unfit(command: tuple[str, ...], language: str, work: Path) -> str:
+    """Why a compiler makes no library that gives the right number; nothing, if it does."""
+    import ctypes
+
+    source, library = f"probe.{SUFFIX[language]}", work / "probe.so"
+    (work / source).write_text(PROBE[language])
+    arguments = (*REQUIRED[language], "-shared", "-fPIC", "-o", library.name, source, "-lm")
+    said = run_compiler((*command, *arguments), work, PROBE_LIMIT)
+    if said.status or said.interrupted:
+        why = said.interrupted or " ".join(said.text.split())[:300]
+        return f"it makes no library with {' '.join(REQUIRED[language])} ({why}); needed is {NEEDED}"
+    try:
+        probe = ctypes.CDLL(str(library)).probe
+    except (OSError, AttributeError) as reason:
+        return f"what it makes cannot be loaded ({reason})"
+    probe.restype, probe.argtypes = ctypes.c_double, [ctypes.c_double]
+    return "" if probe(41.5) == 42.0 else "what it makes gives wrong numbers"
+
+
+def _width(command: tuple[str, ...], language: str, work: Path) -> int:
+    arguments = ("-march=native", "-dM", "-E", "-x", language, os.devnull)
+    said = run_compiler((*command, *arguments), work, PROBE_LIMIT)
+    has = set(said.text.split()) if said.status == 0 else set()
+    return 8 if {"__AVX512F__", "__AVX512DQ__", "__AVX512VL__"} <= has else 4 if "__AVX2__" in has else 1
+
+
+def _numbers(line: str) -> tuple[int, ...]:
+    """The version in a first line such as 'gcc (Debian 12.2.0-14) 12.2.0': not the packager's, in brackets."""
+    import re
+
+    found = re.search(r"\s(\d+(?:\.\d+)+)", re.sub(r"\([^)]*\)", "", line))
+    return tuple(int(number) for number in found[1].split(".")) if found else (0,)

@@ -1,0 +1,135 @@
+"""The flights of the rotating platform that several groups look at, each flown once.
+
+An estimate is of the time of its newest inertial sample, so it is compared with the truth of that time.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.float64 import jax
+from trimtab.core.record import replace
+from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.estimators.ranging.two_unit_heading import assisted_heading, two_unit_heading
+from trimtab.loop.settings import with_settings
+from trimtab.run.batch import Batch, simulate_batch
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.navigation.platform_cricket import BASE
+from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
+
+SEEDS = range(20)
+SETTLED = 10.0
+"""From when on errors count (s)."""
+STATES = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
+SIGNALS = ("truth", "estimate.age", *(f"estimate.state.{name}" for name in STATES))
+UNITS = ("sensors.unit_a", "sensors.unit_b")
+LITERAL = (("covariance", "literal"),)
+"""The settings that are the source's own."""
+
+
+class Errors(NamedTuple):
+    """Root mean squares over the settled part of a run, medians over runs.
+
+    heading: deg.  yaw_rate: deg/s.  position: cm, both coordinates together.  velocity: cm/s, likewise.
+    """
+
+    heading: float
+    yaw_rate: float
+    position: float
+    velocity: float
+
+
+@cache
+def flown(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
+    """SEEDS of a scenario of the rig, every millisecond."""
+    scenario, rest = catalogue.load(f"navigation/{name}", dict(settings))
+    signals = SIGNALS + (UNITS if name == "platform-cricket" else ())
+    scenario = with_settings(scenario, rest)
+    return simulate_batch(scenario, seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
+
+
+@cache
+def errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
+    """Of a scenario of the rig."""
+    batch = flown(name, settings)
+    t, found = to_seconds(batch.ticks), []
+    late = t > SETTLED
+    for run in range(len(batch.seeds)):
+        told = {n: batch.log[f"estimate.state.{n}"][run][late] for n in STATES}
+        at = (t - batch.log["estimate.age"][run])[late]
+        true = {n: np.interp(at, t, batch.log[f"truth.{n}"][run]) for n in STATES}
+        place = (told["north"] - true["north"]) + 1j * (told["east"] - true["east"])
+        found.append(
+            (
+                np.degrees(_rms(_wrapped(told["heading"] - true["heading"]))),
+                np.degrees(_rms(told["yaw_rate"] - true["yaw_rate"])),
+                100 * _rms(place),
+                100 * _rms(_velocity(told) - _velocity(true)),
+            )
+        )
+    return Errors(*(float(x) for x in np.median(found, axis=0)))
+
+
+@cache
+def two_units(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
+    """Error (deg, rms) of the heading of two ultrasonic units, as it is and with inertial assistance.
+
+    Taken where unit B's fix arrives, 100 ms after that of unit A. What the vehicle moved in between is what its
+    navigation says of these two times of arrival.
+    """
+    batch = flown("platform-cricket", settings)
+    t, (a, b), found = to_seconds(batch.ticks), UNITS, []
+    levers = np.zeros(2), np.array([0.0, BASE])
+    direct = jax.vmap(lambda p, q: two_unit_heading(p, q, *levers))
+    assisted: Any = jax.vmap(lambda p, q, m: assisted_heading(p, q, m, *levers))
+    for run in range(len(batch.seeds)):
+        log = {path: values[run] for path, values in batch.log.items()}
+        came = np.flatnonzero(log[f"{b}.fresh"] & (t > SETTLED))
+        before = np.flatnonzero(log[f"{a}.fresh"])
+        before = before[np.searchsorted(before, came) - 1]
+        places = [np.stack([log[f"{u}.value.north"], log[f"{u}.value.east"]], 1)[came] for u in UNITS]
+        r = np.stack([log["estimate.state.north"], log["estimate.state.east"]], 1)
+        both = direct(*places), assisted(*places, r[came] - r[before])
+        found.append([np.degrees(_rms(_wrapped(np.asarray(h) - log["truth.heading"][came]))) for h in both])
+    raw, helped = np.median(found, axis=0)
+    return float(raw), float(helped)
+
+
+@cache
+def network(rate: str) -> tuple[float, float]:
+    """What the simulated ultrasonic network gives on the rig at a rate (deg/s), with nothing fitted, over eight runs.
+
+    Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
+    the error (deg, rms) of the heading of both units when the replies to unit B are in.
+    """
+    scenario, _ = catalogue.load("navigation/platform-cricket", {"rate": rate})
+    units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])
+    ranging = UltrasonicRanging(units=units, clients=2)
+    locate = RangingPosition(units=units, beacons=np.asarray(ranging.beacons.map))
+    scenario = replace(
+        scenario,
+        world=replace(scenario.world, sensors={"ranging": ranging}),
+        autopilot=replace(scenario.autopilot, estimator=locate),
+    )
+    path = "estimate.state"
+    signals = ("truth.heading", "estimate.age", "estimate.fresh", f"{path}.heading", f"{path}.unit")
+    batch = simulate_batch(scenario, seeds=range(8), signals=signals, log_period=ms(1), log=True)
+    came = batch.log["estimate.fresh"].astype(bool) & (to_seconds(batch.ticks) > SETTLED)
+    error = np.degrees(_wrapped(batch.log[f"{path}.heading"] - batch.log["truth.heading"]))
+    late = float(batch.log["estimate.age"][came].mean())
+    return late, float(_rms(error[came & (batch.log[f"{path}.unit"] == 1)]))
+
+
+def _velocity(state: dict[str, Any]) -> Any:
+    """Velocity in W as a complex number."""
+    return (state["surge_velocity"] + 1j * state["sway_velocity"]) * np.exp(1j * state["heading"])
+
+
+def _wrapped(angle: Any) -> Any:
+    return np.angle(np.exp(1j * angle))
+
+
+def _rms(x: Any) -> Any:
+    return np.sqrt(np.mean(np.abs(x) ** 2))

@@ -1,0 +1,103 @@
+"""Gyro compensation, table 6.5: measured with the inverse over measured without it is the inverse.
+
+[1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from studies.row import Row, within
+from trimtab.core.time import to_seconds
+from trimtab.estimators.inertial.gyro_compensator import GyroCompensator
+from trimtab.sensors.gyro_dynamics import TICK, DelayedGyro, frequency_response
+
+SECTION = "6.2.1.0"
+PLACE = "[1] table 6.5"
+
+
+class Measured(NamedTuple):
+    """A row of [1] table 6.5.
+
+    frequency: Hz.  gain, phase: without compensation, rad.  gain_after, phase_after: with it.  delay: difference of the
+    two delays, ms.
+    """
+
+    frequency: float
+    gain: float
+    phase: float
+    gain_after: float
+    phase_after: float
+    delay: float
+
+
+TABLE_6_5 = (
+    Measured(5, 1.05, -0.65, 1.03, -0.38, -8.59),
+    Measured(10, 0.98, -1.05, 1.06, -0.51, -8.59),
+    Measured(15, 0.93, -1.95, 1.20, -1.17, -8.28),
+    Measured(20, 0.90, -2.39, 1.48, -1.45, -7.48),
+    Measured(30, 0.67, -3.55, 1.80, -2.52, -5.46),
+    Measured(40, 0.47, -4.61, 1.87, -3.70, -3.62),
+    Measured(50, 0.33, -5.29, 1.74, -4.58, -2.26),
+)
+
+
+def rows() -> Iterator[Row]:
+    """Gain, phase and delay of the inverse at each frequency; the gyro that is flown on the rig."""
+    for m in TABLE_6_5:
+        H = compensation(m.frequency)
+        turn, at = float(np.angle(H)), f"{m.frequency:g} Hz"
+        name = f"table-6.5/{m.frequency:g}"
+        gain = m.gain_after / m.gain
+        yield within(f"{name}/gain", f"gain with over without, {at}", gain, abs(H), PLACE, relative=0.01)
+        lead = m.phase_after - m.phase
+        yield within(f"{name}/phase", f"phase with less without, {at}", lead, turn, PLACE, tolerance=0.006, unit="rad")
+        w = 2 * np.pi * m.frequency
+        tolerance = 0.01 / w * 1e3
+        what = f"difference of the delays, {at}"
+        yield within(f"{name}/delay", what, m.delay, -turn / w * 1e3, PLACE, tolerance=tolerance, unit="ms")
+    for m in TABLE_6_5:
+        G = abs(_gyro(m.frequency))
+        yield within(
+            f"table-6.5/{m.frequency:g}/gyro",
+            f"gain of the gyro flown on the rig, {m.frequency:g} Hz",
+            m.gain,
+            G,
+            PLACE,
+            tolerance=0.055,
+            note="A delay of two samples and 30 Hz, fitted to these seven; its phase is right to 20 Hz only.",
+        )
+
+
+def compensation(frequency: Any) -> Any:
+    """Complex gain of the inverse of [1, eq. 6.2], as identified, at frequencies (Hz)."""
+    s = GyroCompensator(normalised=False).section()
+    return frequency_response((s.b0, s.b1, s.b2), (), frequency, to_seconds(TICK))
+
+
+def _gyro(frequency: Any) -> Any:
+    return frequency_response(*DelayedGyro().coefficients(), frequency, to_seconds(TICK))
+
+
+def figures(folder: Path) -> Iterator[Path]:
+    """Gain and phase of table 6.5, and what the inverse and the modelled gyro say."""
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    f, printed = np.linspace(1, 55, 200), np.array(TABLE_6_5)
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    gain, phase = figure.subplots(1, 2)
+    gyro, both = _gyro(f), _gyro(f) * compensation(f)
+    for H, columns, words in ((gyro, (1, 2), "without"), (both, (3, 4), "with")):
+        (line,) = gain.plot(f, np.abs(H), label=f"{words} compensation, model")
+        gain.plot(printed[:, 0], printed[:, columns[0]], "o", color=line.get_color(), label=f"{words}, table 6.5")
+        phase.plot(f, np.unwrap(np.angle(H)), color=line.get_color())
+        phase.plot(printed[:, 0], printed[:, columns[1]], "o", color=line.get_color())
+    gain.set(xlabel="Hz", ylabel="gain", title="[1] table 6.5")
+    phase.set(xlabel="Hz", ylabel="phase (rad)")
+    gain.legend(frameon=False)
+    path = folder / "table-6.5.png"
+    figure.savefig(path, dpi=100)
+    yield path

@@ -1,0 +1,166 @@
+"""A plant that is not the model: every coefficient drawn, a disturbance on top, noise; does the flight succeed?
+
+The command is +3000 ft and +500 ft/s from the trim of the model, 100 s. Law and filter believe in the nominal vehicle.
+A plant begins at the model's trim, bent as its own modes are there: not in a trim of its own, which nobody knows.
+
+[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206: names impulses, steps and parameter variation as further work.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import replace
+from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.flexible.discrete import TUNED_Q
+from trimtab.laws.path_command import FilteredClimb
+from trimtab.laws.path_inversion import InputLimits
+from trimtab.laws.stable_inversion import FitRange
+from trimtab.loop.scenario import Scenario
+from trimtab.run.batch import simulate_batch
+from trimtab.scenarios.hypersonic._flight import flight
+from trimtab.scenarios.hypersonic._level import level, static
+from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
+
+NOMINAL = Hypersonic()
+CLIMB, LENGTH = FilteredClimb(dh=3000.0, dV=500.0), 100.0
+LATE = 20.0
+"""Errors and saturation are judged over so many seconds at the end."""
+OFF = 30.0, 5.0
+"""Errors of h (ft) and V (ft/s) that are allowed there: 1 % of what is commanded."""
+PARTS = {
+    "": ("m", "Iyy"),
+    "forces.atmosphere.": ("rho0",),
+    "forces.aerodynamics.": (
+        *("CL_a", "CL_d", "CL_0", "CD_a2", "CD_a", "CD_d2", "CD_d", "CD_0"),
+        *("CM_a2", "CM_a", "CM_0", "ce"),
+    ),
+    "forces.propulsion.": ("zT", *(f"b{i}" for i in range(1, 9))),
+    "modes.": (
+        *("w1", "w2", "zeta1", "zeta2", "psi1", "psi2"),
+        *("N1_a2", "N1_a", "N1_0", "N2_a2", "N2_a", "N2_d", "N2_0"),
+    ),
+}
+COEFFICIENTS = tuple(part + name for part, names in PARTS.items() for name in names)
+"""What differs from the model: paths below the vehicle."""
+KEPT = ("g", "forces.atmosphere.h0", "forces.atmosphere.hs", "forces.aerodynamics.S", "forces.aerodynamics.c")
+"""What does not: gravity, the atmosphere's shape, and two lengths that only multiply what is varied."""
+NAMES = tuple(path.rpartition(".")[2] for path in COEFFICIENTS)
+WEIGHT = NOMINAL.m * NOMINAL.g
+ONSET, SHORT = 20.0, 0.05
+"""Disturbances begin then; an impulse lasts so long (s)."""
+DISTURBANCES = {
+    "none": Disturbance(),
+    "moment impulse": Disturbance(moment=0.4 * NOMINAL.Iyy, start=ONSET, duration=SHORT),
+    "normal-force impulse": Disturbance(normal=20.0 / SHORT * NOMINAL.m, start=ONSET, duration=SHORT),
+    "moment step": Disturbance(moment=5000.0, start=ONSET),
+    "drag step": Disturbance(along=-88.0, start=ONSET),
+    "lift step": Disturbance(normal=-0.02 * WEIGHT, start=ONSET),
+}
+"""Sizes of the scenarios `hypersonic/impulse` and `hypersonic/step-gust`."""
+KINDS = tuple(DISTURBANCES)
+SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "law.outside")
+CHUNK = 2048
+
+
+class Outcome(NamedTuple):
+    """Of each run (n,). untrimmed: no level trim within limits and fit at one end: no law could fly that plant.
+
+    lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  saturated: an input at its limit in the last 20 s.
+    h, V: largest errors then (ft, ft/s), infinite where they are no numbers.
+    """
+
+    untrimmed: Any
+    lost: Any
+    saturated: Any
+    h: Any
+    V: Any
+
+    @property
+    def off(self) -> Any:
+        """Whether it ended further away than OFF."""
+        return (self.h > OFF[0]) | (OFF[1] < self.V)
+
+    @property
+    def success(self) -> Any:
+        """Whether a run is none of these."""
+        return ~(self.untrimmed | self.lost | self.saturated | self.off)
+
+
+@cache
+def scenario(integral: bool, Q: tuple[float, ...] = TUNED_Q) -> Scenario:
+    """What flies, before anything is spread; Q: of the filter."""
+    plant = replace(NOMINAL, disturbance=Disturbance())
+    made = flight("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
+    return replace(made, autopilot=replace(made.autopilot, estimator=replace(made.autopilot.estimator, Q=Q)))
+
+
+def drawn(size: float, runs: int, seed: int) -> Any:
+    """Factors of the coefficients (runs, 37), independent and uniform in 1 +- size."""
+    return 1 + size * np.random.default_rng(seed).uniform(-1, 1, (runs, len(COEFFICIENTS)))
+
+
+def crafts(factors: Any) -> Hypersonic:
+    """The plants as one record of arrays (n,), nominal values times factors (n, 37)."""
+    values = dict(zip(COEFFICIENTS, np.asarray(factors).T, strict=True))
+    parts: dict[str, Any] = {}
+    for part, names in PARTS.items():
+        found = NOMINAL
+        for step in part.split(".")[:-1]:
+            found = getattr(found, step)
+        parts[part] = replace(found, **{n: getattr(found, n) * values[part + n] for n in names})
+    below = {name: parts[f"forces.{name}."] for name in ("atmosphere", "aerodynamics", "propulsion")}
+    return replace(parts[""], forces=replace(NOMINAL.forces, **below), modes=parts["modes."])
+
+
+def fly(factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple[float, ...] = TUNED_Q) -> Outcome:
+    """Fly each plant.
+
+    Args:
+        factors: of the coefficients (n, 37).
+        kinds: which of KINDS disturbs (n,).
+        integral: with integral action.
+        seeds: of the noise (n,); one for each run when None.
+        Q: of the filter, diagonal (4,).
+    """
+    factors, kinds = np.asarray(factors), np.asarray(kinds)
+    seeds = np.arange(len(factors)) if seeds is None else np.asarray(seeds)
+    parts = [slice(a, a + CHUNK) for a in range(0, len(factors), CHUNK)]
+    found = [_flown(scenario(integral, Q), crafts(factors[p]), kinds[p], seeds[p]) for p in parts]
+    return Outcome(untrimmed(crafts(factors)), *(np.concatenate(values) for values in zip(*found, strict=True)))
+
+
+def untrimmed(craft: Hypersonic) -> Any:
+    """Whether plants (n,) lack a level trim within inputs' limits and fit where the command begins or ends."""
+    limits, fit, n = InputLimits(), FitRange(), len(np.asarray(craft.m))
+    end = CLIMB.at(LENGTH)
+    without = np.zeros(n, bool)
+    for h, V in ((CLIMB.h0, CLIMB.V0), (float(end.h), float(end.V))):
+        zeta, u, found = static(craft, level(np.full(n, h), np.full(n, V)))
+        Phi = (limits.Phi_low <= u[0]) & (u[0] <= limits.Phi_high)
+        delta = (limits.delta_low <= u[1]) & (u[1] <= limits.delta_high)
+        alpha = (fit.alpha[0] <= zeta[0]) & (zeta[0] <= fit.alpha[1])
+        without |= ~(found & Phi & delta & alpha)
+    return without
+
+
+def _flown(flown: Scenario, craft: Hypersonic, kinds: Any, seeds: Any) -> tuple[Any, Any, Any, Any]:
+    spread: dict[str, Any] = {}
+    for path in COEFFICIENTS:
+        value: Any = craft
+        for step in path.split("."):
+            value = getattr(value, step)
+        spread[f"world.vehicle.{path}"] = value
+    for name in ("moment", "along", "normal", "start", "duration"):
+        sizes = np.array([float(getattr(d, name)) for d in DISTURBANCES.values()])
+        spread[f"world.vehicle.disturbance.{name}"] = sizes[kinds]
+    eta1, eta2 = craft.modes.static(flown.initial.alpha, flown.world.actuators.neutral_input.delta_e)
+    spread |= {"initial.eta1": eta1, "initial.eta2": eta2}
+    batch = simulate_batch(flown, seeds=seeds, spread=spread, signals=SIGNALS, log_period=ms(100), log=True)
+    late = to_seconds(batch.ticks) >= LENGTH - LATE
+    h, V, saturated, outside = (batch.log[path] for path in SIGNALS)
+    worst = (np.abs(values[:, late]).max(axis=1) for values in (h, V))
+    ended = [np.where(np.isfinite(values), values, np.inf) for values in worst]
+    return (outside != 0).any(axis=1), (saturated[:, late] != 0).any(axis=1), ended[0], ended[1]

@@ -1,0 +1,91 @@
+"""Pictures of the campaign: success by size of the errors, and which coefficient matters most.
+
+Colours: Okabe and Ito, "Color universal design", 2008.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.hypersonic2022._campaign import KINDS, NAMES
+from studies.hypersonic2022._campaign_ranking import indices, thresholds
+from studies.hypersonic2022._trade import BETTER
+from studies.hypersonic2022.further_work import EACH, RANKED, SIZES, flown, succeeded
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION
+
+SHOWN = 12
+FARTHEST = 0.9
+
+
+def draw_success(folder: Path) -> Path:
+    """Share of success with its interval, by size: law with and without integral action, and the other filter."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), dpi=DPI, facecolor="white", layout="constrained")
+    axes: Any = figure.add_subplot()
+    cases = (
+        (BLUE, "with integral action", 0.0, [flown(x, True) for x in SIZES], SIZES),
+        (VERMILION, "without integral action, as shipped", 0.0, [flown(x, False) for x in SIZES], SIZES),
+        (GREEN, f"with integral action, Qacc {BETTER.name}", 0.3, *_other()),
+    )
+    for colour, words, aside, every, sizes in cases:
+        shares = [succeeded(found) for found in every]
+        y = 100 * np.array([s.share for s in shares])
+        error = 100 * np.array([(s.share - s.low, s.high - s.share) for s in shares]).T
+        x = 100 * np.array(sizes) + aside
+        axes.errorbar(x, y, yerr=error, color=colour, marker="o", markersize=4, lw=1.2, capsize=3, label=words)
+    axes.set(xlabel="each coefficient uniform within ± (%)", ylabel="flights that succeed (%), 95 % interval")
+    axes.set(ylim=(0, 103), xlim=(0, 32))
+    axes.legend(loc="center left", bbox_to_anchor=(0.38, 0.5), fontsize=9, frameon=False)
+    _dress(
+        axes, f"37 coefficients of the plant off, {len(KINDS)} disturbances, noise; {len(KINDS) * EACH} flights a point"
+    )
+    return _saved(figure, folder, "further-work-success.png")
+
+
+def draw_ranking(folder: Path) -> Path:
+    """Total index with its interval, and how far each can be off alone; a row of panels for each law."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 8.0), dpi=DPI, facecolor="white", layout="constrained")
+    every: Any = figure.subplots(2, 2)
+    for (left, right), integral in zip(every, (True, False), strict=True):
+        size, law = RANKED[integral], "with" if integral else "without"
+        found, alone = indices(size, integral), thresholds(integral)
+        first = np.argsort(-found.total[:-1], kind="stable")[:SHOWN]
+        y = np.arange(SHOWN)
+        total = found.total[first]
+        error = np.array([np.maximum(total - found.low[first], 0), np.maximum(found.high[first] - total, 0)])
+        left.barh(y, total, color=BLUE, height=0.7, xerr=error, error_kw={"lw": 0.9, "capsize": 2, "ecolor": GREY})
+        left.barh(y, np.maximum(found.first[first], 0), color="#56B4E9", height=0.28)
+        _dress(left, f"Total index of success, ±{100 * size:.0f} %, {law} integral action (pale: first order)")
+        for sign, values, colour in ((-1, alone.down[first], VERMILION), (1, alone.up[first], BLUE)):
+            ends = np.isfinite(values)
+            right.barh(y[ends], sign * 100 * values[ends], color=colour, height=0.7)
+            right.barh(y[~ends], np.full((~ends).sum(), sign * 100 * FARTHEST), color="#E8E8E8", height=0.7)
+        right.axvline(0, color="black", lw=0.8)
+        right.set_xlim(-95, 95)
+        _dress(right, "Alone: the flight fails beyond (%); pale: no failure")
+        for axes in (left, right):
+            axes.set_yticks(y, [NAMES[i] for i in first])
+            axes.invert_yaxis()
+    return _saved(figure, folder, "further-work-ranking.png")
+
+
+def _other() -> tuple[Any, Any]:
+    sizes = (0.15, 0.20, 0.30)
+    return [flown(x, True, EACH, BETTER.Q) for x in sizes], sizes
+
+
+def _saved(figure: Any, folder: Path, name: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / name)
+    return folder / name
+
+
+def _dress(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=10, weight="bold")
+    axes.grid(color="#d8d8d8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)

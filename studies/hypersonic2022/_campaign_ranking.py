@@ -1,0 +1,112 @@
+"""Which coefficient matters most: by Sobol's indices of success, and by how far each can be off alone.
+
+Source: [5] Saltelli et al., "Variance based sensitivity analysis of model output", Computer Physics Communications 181
+(2010): total index, the share of the variance of success that would be left if all but this one were known.
+"""
+
+import warnings
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, fly
+
+FACTORS = (*NAMES, "disturbance")
+COARSE = np.geomspace(0.01, 0.9, 16)
+FINE = 9
+
+
+class Indices(NamedTuple):
+    """Of each of FACTORS (38,). first, total: indices.  low, high: interval (95 %, bootstrap) of the total ones.
+
+    share: of the runs that succeeded.
+    """
+
+    first: Any
+    total: Any
+    low: Any
+    high: Any
+    share: float
+
+
+class Threshold(NamedTuple):
+    """Of each of NAMES, (37,). down, up: by which part it can fall or rise alone; infinite where 0.9 is no failure."""
+
+    down: Any
+    up: Any
+
+    @property
+    def least(self) -> Any:
+        """The smaller of both."""
+        return np.minimum(self.down, self.up)
+
+
+@cache
+def indices(size: float, integral: bool, n: int = 256) -> Indices:
+    """Sobol's indices of success, coefficients uniform in 1 +- size, any of KINDS, one noise for all.
+
+    Args:
+        size: of the dispersion.
+        integral: with integral action.
+        n: a power of 2; 40 n runs.
+    """
+    calls: list[Any] = []
+
+    def succeeded(x: Any) -> Any:
+        kinds = np.minimum(x[-1].astype(int), len(KINDS) - 1)
+        found = fly(x[:-1].T, kinds, integral=integral, seeds=np.zeros(x.shape[1], int)).success
+        calls.append(found)
+        return found.astype(float)
+
+    ends = stats.uniform(1 - size, 2 * size), stats.uniform(0, len(KINDS))
+    dists = [ends[0]] * len(COEFFICIENTS) + [ends[1]]
+    sobol: Any = stats.sobol_indices
+    found = sobol(func=succeeded, n=n, dists=dists, random_state=np.random.default_rng(1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what never changes the outcome has no spread to resample
+        bounds = found.bootstrap(confidence_level=0.95, n_resamples=500).total_order.confidence_interval
+    low, high = (np.where(np.isfinite(b), b, found.total_order) for b in (bounds.low, bounds.high))
+    return Indices(found.first_order, found.total_order, low, high, float(np.concatenate(calls).mean()))
+
+
+@cache
+def thresholds(integral: bool) -> Threshold:
+    """Scale each coefficient alone, down and up, on a grid outwards until the first failure, and again between."""
+    signs = np.array([-1.0, 1.0])
+    count = len(COEFFICIENTS), 2
+    below, above = _bracket(np.broadcast_to(COARSE, (*count, len(COARSE))), signs, integral)
+    finite = np.where(np.isfinite(above), above, 0.9)
+    inner = below[..., None] + (finite - below)[..., None] * np.arange(1, FINE + 1) / (FINE + 1)
+    low, high = _bracket(inner, signs, integral, below)
+    high = np.where(np.isfinite(high), high, above)
+    low = np.where(np.isfinite(above), (low + high) / 2, np.inf)
+    return Threshold(low[:, 0], low[:, 1])
+
+
+def _bracket(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
+    """Largest size before the first failure, and the size of that one (infinite if none): (37, 2); grid (37, 2, n)."""
+    d, two, n = grid.shape
+    factors = np.ones((d, two, n, d))
+    for i in range(d):
+        factors[i, :, :, i] += signs[:, None] * grid[i]
+    found = fly(factors.reshape(-1, d), np.zeros(d * two * n, int), integral=integral, seeds=np.zeros(d * two * n, int))
+    failed = ~found.success.reshape(d, two, n)
+    none = ~failed.any(axis=2)
+    first = np.where(none, n, failed.argmax(axis=2))
+    before = np.take_along_axis(grid, np.maximum(first - 1, 0)[..., None], axis=2)[..., 0]
+    at = np.take_along_axis(grid, np.minimum(first, n - 1)[..., None], axis=2)[..., 0]
+    return np.where(first > 0, before, start), np.where(none, np.inf, at)
+
+
+def order(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
+    """Names by value, the most or the least first."""
+    return [names[i] for i in np.argsort(-np.asarray(values) if most else np.asarray(values), kind="stable")]
+
+
+def agreement(total: Any, least: Any) -> float:
+    """Rank correlation of total indices and thresholds: 1 when both put the coefficients in the same order."""
+    capped = np.minimum(least, 1.0)
+    found: Any = stats.spearmanr(total, -capped)
+    return float(found.statistic)

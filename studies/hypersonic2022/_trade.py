@@ -1,0 +1,152 @@
+"""Flights for the trade of the elevator's activity against tracking and robustness: settings of filter and gain.
+
+The elevator's activity is what noise adds: a run less the same run without noise, so that what the climb itself asks of
+the elevator is not in it. After SETTLED, which leaves the first estimate's error out.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from studies.hypersonic2022._linear_loop import DETUNED, NOISE
+from trimtab.core.time import ms, to_seconds
+from trimtab.design.lqr import lqr
+from trimtab.estimators.flexible.discrete import PRINTED_Q, TUNED_Q
+from trimtab.laws.stable_inversion import K_FLOWN
+from trimtab.loop.scenario import Scenario
+from trimtab.run.batch import Batch, simulate_batch
+from trimtab.scenarios.hypersonic import noise, step_gust
+from trimtab.scenarios.hypersonic._design import ALLOWED, ALLOWED_INPUT, SCALE, error_model
+
+SEEDS = 20
+SETTLED, LAST = 20.0, 10.0
+"""Statistics begin so late (s), and last errors are the largest over so many seconds at the end."""
+SIGNALS = ("actuators.u.delta_e", "law.h_error", "law.V_error", "law.outside", "truth.eta1", "estimate.state.eta1")
+QUIET = "world.sensors.angular-accelerometer.noise"
+
+
+class Setting(NamedTuple):
+    """Q: of the filter, diagonal (4,).  R: its variance of a sample.  P0: first variances (4,).  K: gain (2, 9)."""
+
+    name: str
+    Q: tuple[float, ...]
+    R: float = 1e-4
+    P0: tuple[float, ...] = (1.0, 100.0, 1.0, 100.0)
+    K: Any = K_FLOWN
+
+
+class Activity(NamedTuple):
+    """Of one setting, over seeds.
+
+    elevator, h_noise: rms of what noise adds (rad, ft).  offset: its mean in h (ft).
+    h, V: rms of the errors (ft, ft/s).
+    """
+
+    elevator: Any
+    h_noise: Any
+    offset: Any
+    h: Any
+    V: Any
+
+
+class Detuned(NamedTuple):
+    """Of one setting, over DETUNED and seeds, (8, seeds).
+
+    lost: whether flight left the envelope.  h: rms of the error (ft), infinite where it is no number.
+    eta1: largest error of mode 1 at the end.
+    """
+
+    lost: Any
+    h: Any
+    eta1: Any
+
+
+SHIPPED = Setting("shipped: 100 on both modes", TUNED_Q)
+BETTER = Setting("500 on mode 1, 6 on mode 2", (1e-5, 500.0, 1e-5, 6.0))
+ACCURATE = Setting("for an exact model", PRINTED_Q, 1e-4, (1.0,) * 4)
+PRINTED = Setting("printed", PRINTED_Q, 10.0, (1.0,) * 4)
+TOGETHER = tuple(Setting(f"{q:g} on both modes", (1e-5, q, 1e-5, q)) for q in (1.0, 3.0, 10.0, 30.0, 300.0, 1000.0))
+APART = tuple(
+    Setting(f"{a:g} on mode 1, {b:g} on mode 2", (1e-5, a, 1e-5, b))
+    for a, b in ((10.0, 2.0), (30.0, 3.0), (100.0, 4.0), (200.0, 5.0), (300.0, 5.0), (800.0, 8.0))
+)
+SCALED = Setting(
+    "shipped, Q, R and P(0) ten times", tuple(10 * q for q in TUNED_Q), 1e-3, tuple(10 * p for p in SHIPPED.P0)
+)
+
+
+def weighted(h: float = 1.0, V: float = 1.0, modes: float = 1e3) -> Any:
+    """Gain (2, 9) of a regulator with other weights.
+
+    Args:
+        h: times the acceleration h'' (10 ft/s^2) that weighs 1: the more, the cheaper it is.
+        V: the same of V' (5 ft/s^2).
+        modes: displacement that weighs 1; rates 17 times that.
+    """
+    allowed = np.append(ALLOWED[:5], [modes, 17 * modes] * 2 if modes < 1e3 else ALLOWED[5:])
+    linear, _ = error_model()
+    R = np.diag((ALLOWED_INPUT * np.array([h, V])) ** -2.0)
+    return lqr(linear.A, linear.B, np.diag(allowed**-2.0), R, scale=SCALE).K
+
+
+def activity(settings: Sequence[Setting], seeds: int = SEEDS, size: float = NOISE) -> list[Activity]:
+    """Fly the large climb with noise of this size (rad/s^2), and once without, for each setting."""
+    runs = [(s, seed, size) for s in settings for seed in range(seeds)] + [(s, 0, 0.0) for s in settings]
+    more = {QUIET: np.array([sigma for _, _, sigma in runs])}
+    batch = _fly(noise.scenario(), [r[0] for r in runs], [r[1] for r in runs], more)
+    late = to_seconds(batch.ticks) > SETTLED
+    noisy, n = len(settings) * seeds, len(settings)
+    elevator, h, V = (batch.log[path][:noisy, late].reshape(n, seeds, -1) for path in SIGNALS[:3])
+    quiet = [batch.log[path][noisy:, None, late] for path in SIGNALS[:2]]
+    added = h - quiet[1]
+    found = (_rms(elevator - quiet[0]), _rms(added), added.mean(-1), _rms(h), _rms(V))
+    return [Activity(*(v[i] for v in found)) for i in range(n)]
+
+
+def detuned(settings: Sequence[Setting], seeds: int = SEEDS) -> list[Detuned]:
+    """Fly the large climb with noise and the plant's modal frequencies 10 % off in each way, for each setting."""
+    flown = noise.scenario()
+    modes, x = flown.world.vehicle.modes, flown.initial
+    runs = [(s, seed, at) for s in settings for at in DETUNED for seed in range(seeds)]
+    a, b = np.array([at for _, _, at in runs]).T
+    more = {"world.vehicle.modes.w1": modes.w1 * a, "world.vehicle.modes.w2": modes.w2 * b}
+    more |= {"initial.eta1": float(x.eta1) / a**2, "initial.eta2": float(x.eta2) / b**2}
+    batch = _fly(flown, [r[0] for r in runs], [r[1] for r in runs], more)
+    t = to_seconds(batch.ticks)
+    shape = (len(settings), len(DETUNED), seeds)
+    lost = ~(batch.most["law.outside"] == 0).reshape(shape)
+    h = _rms(batch.log["law.h_error"][:, t > SETTLED]).reshape(shape)
+    off = np.abs(batch.log["estimate.state.eta1"] - batch.log["truth.eta1"])[:, t > t[-1] - LAST].max(axis=1)
+    h, off = np.where(np.isfinite(h), h, np.inf), np.where(np.isfinite(off), off, np.inf).reshape(shape)
+    return [Detuned(lost[i], h[i], off[i]) for i in range(len(settings))]
+
+
+def offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
+    """Last errors of h (ft) and V (ft/s) under a moment of 5000 lbf that stays, without noise, for each setting."""
+    flown = step_gust.scenario(kind="large-moment", noise="off")
+    batch = _fly(flown, settings, [0] * len(settings), {})
+    return [(float(h[-1]), float(V[-1])) for h, V in zip(*(batch.log[p] for p in SIGNALS[1:3]), strict=True)]
+
+
+@cache
+def curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
+    """All settings of the filter, flown once: those on both modes, then those apart."""
+    settings = (*TOGETHER, SHIPPED, *APART, BETTER)
+    return list(zip(settings, activity(settings, seeds), strict=True))
+
+
+def _fly(flown: Scenario, settings: Sequence[Setting], seeds: Sequence[int], more: dict[str, Any]) -> Batch:
+    each = {
+        "autopilot.estimator.Q": np.array([s.Q for s in settings]),
+        "autopilot.estimator.R": np.array([s.R for s in settings]),
+        "autopilot.estimator.P0": np.array([s.P0 for s in settings]),
+        "autopilot.law.K": np.array([np.asarray(s.K) for s in settings]),
+    }
+    return simulate_batch(flown, seeds=seeds, spread=each | more, signals=SIGNALS, log_period=ms(50), log=True)
+
+
+def _rms(values: Any) -> Any:
+    with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away
+        return np.sqrt(np.mean(values**2, axis=-1))

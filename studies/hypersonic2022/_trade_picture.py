@@ -1,0 +1,96 @@
+"""The picture of the trade: elevator activity against tracking, and against errors of the modal frequencies.
+
+Colours: Okabe and Ito, "Color universal design", 2008.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.hypersonic2022._linear_loop import quality
+from studies.hypersonic2022._trade import APART, BETTER, SHIPPED, TOGETHER, Activity, Setting, curve
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION
+
+HIGHEST = 0.3
+TRACKING = (0.008, 0.027)
+
+
+def draw(folder: Path) -> Path:
+    """Draw both panels into elevator-trade.png."""
+    from matplotlib.figure import Figure
+
+    found = {setting.name: (setting, a) for setting, a in curve()}
+    figure = Figure(figsize=(12.5, 5.2), dpi=DPI, facecolor="white", layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _tracking(left, found)
+    _growth(right)
+    figure.suptitle("What the elevator pays: noise of 0.01 rad/s² a sample, large climb, 20 seeds", fontsize=12)
+    path = folder / "elevator-trade.png"
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    return path
+
+
+def _tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
+    axes.axhspan(*TRACKING, color="#EEEEEE", zorder=0)
+    axes.text(0.53, 0.0084, "prototype, shipped filter", fontsize=8, color=GREY, ha="right", va="bottom")
+    for settings, colour, words in (
+        ((*TOGETHER[:4], SHIPPED, *TOGETHER[4:]), BLUE, "the same on both modes"),
+        ((*APART[:5], BETTER, APART[5]), VERMILION, "each mode its own"),
+    ):
+        flown = [found[s.name][1] for s in settings]
+        x = np.array([np.rad2deg(np.sqrt(np.mean(a.elevator**2))) for a in flown])
+        h = np.array([np.sqrt(np.mean(a.h**2)) for a in flown])
+        spans = np.array([(y - a.h.min(), a.h.max() - y) for y, a in zip(h, flown, strict=True)]).T
+        axes.errorbar(x, h, yerr=spans, color=colour, marker="o", markersize=4, lw=1.0, capsize=2, label=words)
+        for s, at, a in zip(settings, x, flown, strict=True):
+            y, near = (a.h.max(), (0, 3)) if colour == BLUE else (a.h.min(), (0, -10))
+            style: dict[str, Any] = {"fontsize": 7, "color": colour, "ha": "center"}
+            axes.annotate(_label(s), (at, y), near, textcoords="offset points", **style)
+    _mark(axes, found)
+    axes.set(ylabel="h error rms (ft), with the least and the most seed", ylim=(0, 0.07), xlim=(0, 0.54))
+    _dress(axes, "Tracking")
+
+
+def _growth(axes: Any) -> None:
+    both = [quality((1e-5, q, 1e-5, q)) for q in np.geomspace(0.5, 1000, 24)]
+    first, second = np.array([s.Q[1] for s in (*APART, BETTER)]), np.array([s.Q[3] for s in (*APART, BETTER)])
+    order = np.argsort(first)
+    grid = np.geomspace(first.min(), first.max(), 24)
+    twos = np.exp(np.interp(np.log(grid), np.log(first[order]), np.log(second[order])))
+    apart = [quality((1e-5, a, 1e-5, b)) for a, b in zip(grid, twos, strict=True)]
+    for many, colour, words in ((both, BLUE, "the same on both modes"), (apart, VERMILION, "each mode its own")):
+        axes.plot(np.rad2deg([q.elevator for q in many]), [q.worst for q in many], color=colour, lw=1.2, label=words)
+    for setting, colour, marker in ((SHIPPED, "black", "*"), (BETTER, GREEN, "D")):
+        q = quality(setting.Q)
+        axes.plot(np.rad2deg(q.elevator), q.worst, marker=marker, color=colour, markersize=11 if marker == "*" else 6)
+    axes.axhspan(0, 0.15, color="#F6DDD0", zorder=0)
+    axes.text(0.53, 0.135, "vehicle lost", fontsize=9, color=VERMILION, ha="right", va="top")
+    axes.set(ylabel="slowest motion (1/s), modal frequencies 10 % off, worst of 8", ylim=(-0.25, 0.15), xlim=(0, 0.54))
+    axes.axvline(HIGHEST, color=GREY, lw=0.9, ls="--")
+    _dress(axes, "Robustness")
+
+
+def _mark(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
+    for setting, colour, marker, words in ((SHIPPED, "black", "*", "shipped"), (BETTER, GREEN, "D", "better on both")):
+        a = found[setting.name][1]
+        x, h = np.rad2deg(np.sqrt(np.mean(a.elevator**2))), np.sqrt(np.mean(a.h**2))
+        size = 11 if marker == "*" else 6
+        axes.plot(x, h, marker=marker, color=colour, markersize=size, ls="none", label=words, zorder=5)
+    axes.axvline(HIGHEST, color=GREY, lw=0.9, ls="--")
+    axes.text(HIGHEST + 0.004, 0.002, "allowed", fontsize=8, color=GREY)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.17, 1.0), fontsize=8, frameon=False)
+
+
+def _label(setting: Setting) -> str:
+    one, two = setting.Q[1], setting.Q[3]
+    return f"{one:g}" if one == two else f"{one:g}, {two:g}"
+
+
+def _dress(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=11, weight="bold")
+    axes.set_xlabel("elevator activity from noise (deg rms)")
+    axes.grid(color="#d8d8d8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,200 @@
+"""Impulses, steps and every coefficient off: with which probability the flight succeeds, and what matters most.
+
+[1] names these as further work and has no figure of them. What is held against are the statements of this package's
+docs page, in `printed`; each interval is that of Clopper and Pearson, 95 %.
+
+[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, Outcome, drawn, fly
+from studies.hypersonic2022._campaign_ranking import FACTORS, agreement, indices, order, thresholds
+from studies.hypersonic2022._linear_loop import growth
+from studies.hypersonic2022._trade import BETTER
+from studies.row import Row, at_most, band, direction, overlaps, same
+from trimtab.estimators.flexible.discrete import TUNED_Q
+from trimtab.logs.proportion import Proportion, proportion
+
+SECTION = "further work"
+PLACE = "[1] further work: impulse, step, parameters"
+SIZES = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
+EACH = 250
+"""Runs for each size and disturbance."""
+STATED = {
+    False: ((64, 72), (34, 43), (19, 27), (11, 18), (6, 12), (4, 9)),
+    True: ((99, 100), (99, 100), (96, 99), (87, 92), (72, 80), (60, 68)),
+}
+"""Per cent that succeed at each of SIZES, without and with integral action."""
+RANKED = {True: 0.30, False: 0.10}
+"""Integral action -> size at which coefficients are ranked: where success is least certain."""
+LEADING = {True: "w2", False: "ce"}
+"""Integral action -> the coefficient that matters most."""
+WORST = "normal-force impulse"
+"""The only disturbance that costs success of its own."""
+ABOUT: Any = {"basis": "reference"}
+SEED = 1000
+
+
+def rows() -> Iterator[Row]:
+    """Success by size, by disturbance, with another filter; then both rankings."""
+    yield from _nominal()
+    for integral in (False, True):
+        yield from _success(integral)
+    yield from _disturbances()
+    yield from _filters()
+    for integral in (True, False):
+        yield from _ranking(integral)
+    yield _linear()
+
+
+def figures(folder: Path) -> Iterator[Path]:
+    """Success by size, and the ranking."""
+    from studies.hypersonic2022._campaign_picture import draw_ranking, draw_success
+
+    yield draw_success(folder)
+    yield draw_ranking(folder)
+
+
+@cache
+def flown(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = TUNED_Q) -> Outcome:
+    """Runs of a size, `each` of every disturbance; the same plants and noise whatever law and filter are."""
+    first = SEED + round(1000 * size)
+    factors = np.concatenate([drawn(size, each, first + 10_000 * k) for k in range(len(KINDS))])
+    return fly(factors, np.repeat(np.arange(len(KINDS)), each), integral=integral, Q=Q)
+
+
+def succeeded(found: Outcome) -> Proportion:
+    """The share of success among the plants that any law could fly."""
+    fair = ~found.untrimmed
+    return proportion(int((found.success & fair).sum()), int(fair.sum()))
+
+
+def _nominal() -> Iterator[Row]:
+    for integral in (False, True):
+        found = fly(np.ones((len(KINDS), len(COEFFICIENTS))), np.arange(len(KINDS)), integral=integral)
+        words = f"nominal plant, {_law(integral)}: disturbances that it survives"
+        yield same(f"nominal/{_law(integral)}", words, len(KINDS), int(found.success.sum()), PLACE, **ABOUT)
+
+
+def _success(integral: bool) -> Iterator[Row]:
+    for size, stated in zip(SIZES, STATED[integral], strict=True):
+        found = flown(size, integral)
+        share = succeeded(found)
+        interval = 100 * share.low, 100 * share.high
+        words = f"each coefficient ±{100 * size:.0f} %, {_law(integral)}: success"
+        about: Any = {"unit": "%", "note": f"{share} of {share.trials}: {_reasons(found)}", **ABOUT}
+        yield overlaps(f"success/{_law(integral)}-{size}", words, stated, interval, PLACE, **about)
+
+
+def _disturbances() -> Iterator[Row]:
+    """The same plants and the same noise under each disturbance and under none."""
+    size, kinds = 0.20, np.arange(len(KINDS))
+    factors = np.tile(drawn(size, EACH, SEED), (len(KINDS), 1))
+    seeds = np.tile(np.arange(EACH), len(KINDS))
+    found = fly(factors, np.repeat(kinds, EACH), integral=True, seeds=seeds).success.reshape(len(KINDS), EACH)
+    fails = {kind: int((found[0] & ~mine).sum()) for kind, mine in zip(KINDS[1:], found[1:], strict=True)}
+    others = max(n for kind, n in fails.items() if kind != WORST)
+    for kind, n in fails.items():
+        words = f"each coefficient ±{100 * size:.0f} %, with integral action: lost to a {kind} alone, of {EACH}"
+        id, note = f"disturbance/{kind}", f"{found[0].sum()} succeed undisturbed."
+        if kind == WORST:
+            yield direction(id, words, "most of all", n, PLACE, above=others, note=note, **ABOUT)
+        else:
+            yield at_most(id, words, "hardly any", n, PLACE, high=0.02 * EACH, note=note, **ABOUT)
+
+
+def _filters() -> Iterator[Row]:
+    """The same plants and the same noise with the filter of the elevator trade."""
+    for size in (0.15, 0.20, 0.30):
+        shipped = flown(size, True)
+        other = flown(size, True, EACH, BETTER.Q)
+        words = f"each coefficient ±{100 * size:.0f} %, Qacc {BETTER.name}: failures"
+        fails = [int((~o.success & ~o.untrimmed).sum()) for o in (other, shipped)]
+        apart = int((other.success & ~shipped.success).sum()), int((shipped.success & ~other.success).sum())
+        note = f"Shipped: {fails[1]}, same plants and noise. It saves {apart[0]} and loses {apart[1]}."
+        yield direction(
+            f"filter/{size}", words, "fewer than shipped", fails[0], PLACE, below=fails[1], note=note, **ABOUT
+        )
+
+
+def _ranking(integral: bool) -> Iterator[Row]:
+    size = RANKED[integral]
+    found, alone = indices(size, integral), thresholds(integral)
+    law, lead = _law(integral), LEADING[integral]
+    by_index = order(found.total[:-1], NAMES, most=True)
+    by_threshold = order(alone.least, NAMES, most=False)
+    words = f"±{100 * size:.0f} %, {law}: most of the variance of success is due to"
+    share = f"First-order index {found.first[NAMES.index(by_index[0])]:.2f}; {100 * found.share:.0f} % succeeded."
+    yield same(f"ranking/{law}-index", words, lead, by_index[0], PLACE, note=share, **ABOUT)
+    words = f"{law}: fails first when off alone"
+    each = [i for i in np.argsort(alone.least, kind="stable") if np.isfinite(alone.least[i])]
+    limits = "Limits: " + "; ".join(
+        f"{NAMES[i]} {_limit('-', alone.down[i])}, {_limit('+', alone.up[i])}" for i in each
+    )
+    note = f"{limits}. The other {len(NAMES) - len(each)}: none within ±90 %."
+    yield same(f"ranking/{law}-alone", words, lead, by_threshold[0], PLACE, note=note, **ABOUT)
+    for name in by_index[:8]:
+        yield _share(name, integral)
+    rest = [i for i, name in enumerate(NAMES) if name not in by_index[:12]]
+    worst = FACTORS[rest[int(np.argmax(found.total[rest]))]]
+    note = f"The 25 below the twelfth, of which {worst} has most."
+    words = f"±{100 * size:.0f} %, {law}: total index, the 25 that matter least"
+    yield at_most(f"ranking/{law}-rest", words, "little", found.total[rest].max(), PLACE, high=0.1, note=note, **ABOUT)
+    words = f"±{100 * size:.0f} %, {law}: total index of the kind of disturbance"
+    most, kind = found.total[:-1].max(), found.total[-1]
+    yield direction(f"ranking/{law}-kind", words, f"less than {lead}'s", kind, PLACE, below=most / 3, **ABOUT)
+    common = sorted(set(by_index[:8]) & set(by_threshold[:8]))
+    note = f"Among the first eight of both: {', '.join(common)}."
+    words = f"{law}: rank correlation of both rankings"
+    together = agreement(found.total[:-1], alone.least)
+    yield direction(f"ranking/{law}-agree", words, "they agree", together, PLACE, above=0.5, note=note, **ABOUT)
+
+
+def _share(name: str, integral: bool) -> Row:
+    """One coefficient's total index, with its interval, and how far it can be off alone."""
+    size, law, i = RANKED[integral], _law(integral), NAMES.index(name)
+    found, alone = indices(size, integral), thresholds(integral)
+    note = f"{found.low[i]:.2f} to {found.high[i]:.2f}; first-order {found.first[i]:.2f}; alone: "
+    note += f"{_limit('-', alone.down[i])}, {_limit('+', alone.up[i])}"
+    words = f"±{100 * size:.0f} %, {law}: total index of {name}"
+    above = float(np.median(found.total))
+    return direction(
+        f"index/{law}-{name}", words, "more than half of them", found.total[i], PLACE, above=above, note=note, **ABOUT
+    )
+
+
+def _linear() -> Row:
+    """Where the slowest motion of the linear loop begins to grow, beside where the flight fails."""
+    low, high = 0.0, 0.4
+    while high - low > 1e-4:
+        middle = (low + high) / 2
+        low, high = (middle, high) if growth(TUNED_Q, 1e-4, detuned=(1.0, 1 - middle)) < 0 else (low, middle)
+    fails = 100 * float(thresholds(False).down[NAMES.index("w2")])
+    note = "By bisection of the loop's eigenvalues; a flight of 100 s needs some growth before it fails."
+    words = "w2 too low alone: where flight fails"
+    about: Any = {"unit": "%", "note": note, **ABOUT}
+    return band("linear/w2", words, 100 * low, fails, PLACE, low=100 * low, high=100 * low + 2.0, **about)
+
+
+def _reasons(found: Outcome) -> str:
+    fair = ~found.untrimmed
+    lost, rest = fair & found.lost, fair & ~found.lost
+    saturated = rest & found.saturated
+    off = rest & ~found.saturated & found.off
+    said = f"{lost.sum()} left the envelope, {saturated.sum()} ended saturated, {off.sum()} ended too far off"
+    return f"{said}; {found.untrimmed.sum()} of {fair.size} plants cannot fly level" if found.untrimmed.any() else said
+
+
+def _limit(sign: str, value: Any) -> str:
+    return f"{sign}{100 * value:.1f} %" if np.isfinite(value) else f"{sign}90 % is no failure"
+
+
+def _law(integral: bool) -> str:
+    return "with integral action" if integral else "without integral action"

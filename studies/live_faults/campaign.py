@@ -1,0 +1,61 @@
+"""The campaign: every case once, some side by side, each in a process that has nothing else to do.
+
+The ends of a flight, and the line between them, are scheduled before ordinary processes where that is allowed, and all
+is judged by logged times; so cases that start and end beside a flight do not disturb it.
+"""
+
+import functools
+import multiprocessing
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+from studies.live_faults.case import Outcome, fly_case
+from studies.live_faults.cases import cases
+from studies.live_faults.flight import NAME, Ground, ground
+from trimtab.core.errors import InputError, closest
+from trimtab.scenarios import catalogue
+
+
+def chosen(names: Sequence[str]) -> list[str]:
+    """The names of these cases, or of all; refused where there is no such case."""
+    known = [case.name for case in cases()]
+    for name in names:
+        if name not in known:
+            near = closest(name, known, 6) or known[:6]
+            raise InputError("--only", f"there is no case {name!r}", choices=near, fix=f"--only {near[0]}")
+    return list(names) or known
+
+
+def fly_cases(
+    names: Sequence[str], *, out: Path | None = None, jobs: int = 2, tell: Callable[[Outcome], None] = lambda _: None
+) -> list[Outcome]:
+    """Fly cases of the campaign.
+
+    Args:
+        names: which.
+        out: a folder that gets one of each case, with both logs and all that was said; kept nowhere when None.
+        jobs: how many at a time.
+        tell: is given each outcome as it comes.
+    """
+    apart = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
+        where = out or Path(scratch)
+        flown = {pool.submit(_fly, name, where / name): name for name in names}
+        for one in as_completed(flown):
+            tell(one.result())
+        found = {name: one.result() for one, name in flown.items()}
+    return [found[name] for name in names]
+
+
+def _fly(name: str, folder: Path) -> Outcome:
+    """In a process of the pool."""
+    case = next(case for case in cases() if case.name == name)
+    return fly_case(case, _ground(), folder)
+
+
+@functools.cache
+def _ground() -> Ground:
+    scenario, _ = catalogue.load(NAME)
+    return ground(scenario)

@@ -1,0 +1,116 @@
+"""Cases of the campaign: processes that die or stop, clocks, disks, and the writers of logs."""
+
+import signal
+
+from studies.live_faults import acts, machine
+from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, KILLED, STOPS, VEHICLE, Case
+from studies.live_faults.words import counted, noted, reached, told
+
+DEAD = told(AUTOPILOT, "the flying process is gone")
+SILENT = told(AUTOPILOT, "nothing from the vehicle")
+PROCESSES: list[Case] = [
+    Case("none", "nothing", acts.nothing, FLIES, (told(VEHICLE, "disarmed: disarm request"),)),
+    Case(
+        "vehicle-killed",
+        "vehicle's process killed",
+        acts.signalled("vehicle", signal.SIGKILL),
+        words=(told(VEHICLE, "the flying process is gone"), SILENT),
+        statuses={VEHICLE: (KILLED,)},
+    ),
+    Case(
+        "vehicle-restarted",
+        "vehicle's process killed and started again; nobody arms it",
+        acts.vehicle_again,
+        words=(told(VEHICLE, "the flying process is gone"), SILENT, told(AUTOPILOT, "heard again")),
+        statuses={VEHICLE: (KILLED,)},
+        fly=120.0,
+    ),
+    Case(
+        "autopilot-killed",
+        "autopilot's process killed",
+        acts.signalled("autopilot", signal.SIGKILL),
+        STOPS,
+        (FAILSAFE, DEAD),
+        statuses={AUTOPILOT: (KILLED,)},
+    ),
+    Case(
+        "autopilot-restarted",
+        "autopilot's process killed; in failsafe, a person starts another, which asks to arm",
+        acts.autopilot_again,
+        STOPS,
+        (FAILSAFE, DEAD, told("autopilot-2", "vehicle: computer: arm request")),
+        statuses={AUTOPILOT: (KILLED,)},
+        fly=20.0,
+    ),
+    Case(
+        "autopilot-interrupted",
+        "Ctrl-C on the autopilot",
+        acts.signalled("autopilot", signal.SIGINT),
+        FLIES,
+        (told(VEHICLE, "disarmed: disarm request"),),
+    ),
+    Case(
+        "vehicle-interrupted",
+        "Ctrl-C on the vehicle",
+        acts.signalled("vehicle", signal.SIGINT),
+        words=(told(VEHICLE, "ended by request"), SILENT),
+    ),
+    Case(
+        "autopilot-frozen",
+        "autopilot's process stopped for 1 s (SIGSTOP, SIGCONT)",
+        acts.signalled("autopilot", signal.SIGSTOP, signal.SIGCONT),
+        STOPS,
+        (FAILSAFE, counted(AUTOPILOT, "loop.skipped", 400)),
+    ),
+    Case(
+        "vehicle-frozen",
+        "vehicle's process stopped for 1 s (SIGSTOP, SIGCONT)",
+        acts.signalled("vehicle", signal.SIGSTOP, signal.SIGCONT),
+        EITHER,
+        (reached(VEHICLE, "firmware.late", 0.9), SILENT),
+    ),
+]
+"""Ends that die, stop, or are told to end."""
+CLOCKS: list[Case] = [
+    Case(
+        f"{who}-clock-{'on' if seconds > 0 else 'back'}",
+        f"{who}'s wall clock stepped {'on' if seconds > 0 else 'back'} by an hour",
+        machine.step_clock,
+        FLIES,
+        (told(VEHICLE, "disarmed: disarm request"),),
+        prepare=machine.stepping(who, seconds),
+        needs=machine.no_compiler,
+    )
+    for who in ("vehicle", "autopilot")
+    for seconds in (3600, -3600)
+]
+"""Wall clocks that jump."""
+DISKS: list[Case] = [
+    Case(
+        f"{name.partition('-')[0]}-disk-full{'-again' if after else ''}",
+        f"disk full below the {name.partition('-')[0]}'s log" + (f", {after:g} s later free again" if after else ""),
+        machine.fill(name, after),
+        FLIES,
+        (noted(name, "can't be written"), *([told(name, "the log has a gap")] if after else [])),
+        prepare=machine.small_disk(name),
+        needs=machine.no_mount,
+        partial=(name,),
+        statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
+    )
+    for name in (VEHICLE, AUTOPILOT)
+    for after in (None, 1.0)
+]
+"""No room for a log."""
+WRITERS: list[Case] = [
+    Case(
+        f"{name.partition('-')[0]}-writer-killed",
+        f"the process that writes the {name.partition('-')[0]}'s log killed",
+        acts.writer_killed(name.partition("-")[0]),
+        FLIES,
+        (noted(name, "log's writer died"),),
+        partial=(name,),
+        statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
+    )
+    for name in (VEHICLE, AUTOPILOT)
+]
+"""Logs that nobody writes any more."""

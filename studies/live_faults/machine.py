@@ -1,0 +1,128 @@
+"""What is done to the machine below a process: its disk, its wall clock."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from time import sleep
+
+from studies.live_faults.acts import FLOWN_S
+from studies.live_faults.flight import Flight, pause
+
+DISK = 8_000_000
+"""Bytes of the small disk."""
+CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+static long stepped(void)
+{
+    const char *step = getenv("STEP_S"), *when = getenv("STEP_WHEN");
+    return step && when && access(when, F_OK) == 0 ? atol(step) : 0;
+}
+
+int clock_gettime(clockid_t which, struct timespec *now)
+{
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int status = real(which, now);
+    if (which == CLOCK_REALTIME || which == CLOCK_REALTIME_COARSE) now->tv_sec += stepped();
+    return status;
+}
+
+int gettimeofday(struct timeval *now, void *zone)
+{
+    struct timespec t;
+    (void)zone;
+    clock_gettime(CLOCK_REALTIME, &t);
+    now->tv_sec = t.tv_sec;
+    now->tv_usec = t.tv_nsec / 1000;
+    return 0;
+}
+
+time_t time(time_t *where)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    if (where) *where = t.tv_sec;
+    return t.tv_sec;
+}
+"""
+Prepare = Callable[[Flight], dict[str, dict[str, str]]]
+
+
+def no_compiler() -> str:
+    """Why a process's wall clock can't be stepped here."""
+    return "" if shutil.which("cc") else "there is no C compiler to build a wall clock with"
+
+
+def stepping(who: str, seconds: int) -> Prepare:
+    """A process whose wall clock jumps when `step_clock` says so: a library put in front of the C library's."""
+
+    def prepare(flight: Flight) -> dict[str, dict[str, str]]:
+        source, library = flight.folder / "clock.c", flight.folder / "clock.so"
+        source.write_text(CLOCK, "ascii")
+        subprocess.run(["cc", "-O1", "-fPIC", "-shared", "-o", library, source, "-ldl"], check=True)
+        when = flight.folder / "stepped"
+        return {who: {"LD_PRELOAD": str(library), "STEP_S": str(seconds), "STEP_WHEN": str(when)}}
+
+    return prepare
+
+
+def step_clock(flight: Flight) -> None:
+    """The wall clock jumps, and stays there."""
+    pause(FLOWN_S)
+    (flight.folder / "stepped").touch()
+
+
+def no_mount() -> str:
+    """Why there can be no small disk here."""
+    if not hasattr(os, "geteuid") or os.geteuid() != 0:
+        return "only root may mount a small disk"
+    return "" if shutil.which("mount") else "there is no mount"
+
+
+def small_disk(name: str) -> Prepare:
+    """A disk of eight megabytes, where a process writes its log."""
+
+    def prepare(flight: Flight) -> dict[str, dict[str, str]]:
+        where = flight.out(name)
+        where.mkdir()
+        try:
+            subprocess.run(
+                ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "trimtab", where], check=True, capture_output=True
+            )
+        except subprocess.CalledProcessError as error:
+            raise OSError(f"mount: {error.stderr.decode().strip()}") from None
+        flight.cleaning.append(lambda: _give_back(where))
+        return {}
+
+    return prepare
+
+
+def _give_back(where: Path) -> None:
+    subprocess.run(["umount", "-l", where], check=False, capture_output=True)
+
+
+def fill(name: str, free_after: float | None) -> Callable[[Flight], None]:
+    """All that is left of the small disk is taken, and perhaps given back."""
+
+    def act(flight: Flight) -> None:
+        pause(FLOWN_S)
+        ballast = flight.out(name) / "ballast"
+        with ballast.open("wb", 0) as file:
+            try:
+                while True:
+                    file.write(bytes(4096))
+            except OSError:
+                pass
+        if free_after is not None:
+            sleep(free_after)
+            ballast.unlink()
+
+    return act

@@ -1,0 +1,119 @@
+"""The docs page of the campaign, written from its outcomes."""
+
+import re
+from collections.abc import Sequence
+
+from studies.live_faults.case import Outcome
+from studies.live_faults.verdict import BOUNDS, LIFT_S, SERVO_S, SILENCE_S
+from trimtab import __version__
+
+HEADINGS = ("case", "what was done", "what the vehicle did", "what the logs say", "verdict")
+WORDS = """# Faults over the live pair
+
+A vehicle and an autopilot as two processes (`trimtab vehicle hovercraft/forward`, `trimtab fly`), signed, over
+datagrams or a pair of serial devices, and between them a line that is ours to spoil. Each case is a flight of its own:
+a second after arming something goes wrong. This page is made by
+
+    trimtab live-faults --page docs/studies/live-faults.md
+
+and shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
+With `--only CASE` the command flies that case and puts its row into a page that is there; `--out DIR` keeps its logs.
+
+Flown: {runs}.
+
+## What holds means
+
+The vehicle's own log is judged, row by row, every millisecond, by code that shares nothing with the firmware:
+
+- no force without a command: {servo:g} ms (a servo frame) after the vehicle has gone to failsafe or is disarmed, the
+  fan gives nothing;
+- never more than {silence:g} ms without a command that was taken, else failsafe;
+- {lift:g} s after failsafe the lift fan stops; it stops at once when the vehicle is disarmed;
+- failsafe is left only where somebody asks to arm;
+- at the end it stands in failsafe or disarmed, without force and lift;
+- flying or not, it stays within {bounds}.
+
+Besides: no process ends by itself or with a traceback, all logs can be read, and they say what happened (fourth
+column). A case that a flight must survive fails where the vehicle goes to failsafe all the same; one that must stop it
+fails where it doesn't.
+
+## How it was done
+
+- Fault words are injected live, for a second, or for good, as [`trimtab inject`](../loop/faults.md) does. Those of the
+  uplink act between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the
+  vehicle obeys nobody, so the first rule rests until they work again.
+- The line is a relay in a process of the campaign; it cuts, delays, shortens, turns bits, sends again.
+- Wall clock stepped: a library in front of the C library's shifts what the process reads as the time of day, in
+  mid-flight. Nothing else on the machine sees it. All that flies counts by the monotonic clock.
+- The *vehicle's* clock begins anew in `vehicle-restarted`: the autopilot finds another offset, and the vehicle stays
+  disarmed, for an autopilot asks to arm once, at its start.
+- `autopilot-restarted`: `trimtab fly` arms by itself when it starts. That start is a person's explicit request, so it
+  clears a latched failsafe. An autopilot that flies on never arms again by itself.
+- Disk full: a disk of eight megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
+  else skipped).
+- Flood: recorded frames, again and again, until they make up ten times the bytes that the line usually carries.
+- The flights need a machine that lets them run: where `firmware.late` or `loop.late` in a log shows that a process was
+  kept waiting for longer than 250 ms, the failsafe was right, and the case says "fails" all the same. Fly it again,
+  with `--jobs 1`.
+
+## Outcomes
+
+{table}
+"""
+
+
+def page(outcomes: Sequence[Outcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:
+    """The page, in Markdown.
+
+    Args:
+        outcomes: of the cases that were flown.
+        run: how they were, as `flown` says it.
+        before: the page as it was; its other rows and runs stay. Empty: there was none, or all is new.
+        order: names of all cases, in the order of the rows.
+    """
+    rows = _rows(before) | {one.name: _row(one) for one in outcomes}
+    rows = {name: rows[name] for name in [*order, *rows] if name in rows and (name in order or not order)}
+    verdicts = [row.rpartition(" | ")[2].removesuffix(" |") for row in rows.values()]
+    units = {"yaw rate": "rad/s"}
+    names = {p.removeprefix("truth.").replace("_", " "): limit for p, limit in BOUNDS.items()}
+    return WORDS.format(
+        cases=len(rows),
+        held=verdicts.count("holds"),
+        skipped=sum(v.startswith("skipped") for v in verdicts),
+        failed=sum(v.startswith("**fails**") for v in verdicts),
+        runs="; ".join([*_runs(before), run]),
+        servo=SERVO_S * 1e3,
+        silence=SILENCE_S * 1e3,
+        lift=LIFT_S,
+        bounds=", ".join(f"{n} {limit:g} {units.get(n, 'm/s')}" for n, limit in names.items()),
+        table="\n".join([_line(HEADINGS), _line("---" for _ in HEADINGS), *rows.values()]),
+    )
+
+
+def flown(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
+    """How cases were flown, in words. apart: not all of them together."""
+    which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
+    return f"{which} in {wall:.0f} s on {cores} cores (trimtab {__version__})"
+
+
+def _rows(before: str) -> dict[str, str]:
+    """Case -> its row of a page."""
+    return {found[1]: found[0] for found in re.finditer(r"^\| `([^`]+)` \|.*\|$", before, re.MULTILINE)}
+
+
+def _runs(before: str) -> list[str]:
+    """How the rows of a page were flown."""
+    found = re.search(r"^Flown: (.*)\.$", before, re.MULTILINE)
+    return found[1].split("; ") if found else []
+
+
+def _row(one: Outcome) -> str:
+    verdict = {"holds": "holds", "skipped": f"skipped: {one.skipped}"}.get(
+        one.verdict, f"**fails**: {'; '.join(one.problems)}"
+    )
+    return _line((f"`{one.name}`", one.does, one.happened, "<br>".join(one.said), verdict))
+
+
+def _line(cells: object) -> str:
+    texts = (" ".join(str(c).replace("|", "\\|").split()) for c in cells)  # type: ignore[attr-defined]
+    return f"| {' | '.join(texts)} |"

@@ -1,0 +1,242 @@
+"""Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import trimtab.commands.tune as command
+from trimtab.campaign.search.cost import cost_of, parse_cost, running
+from trimtab.campaign.search.gains import parse_gain
+from trimtab.campaign.search.tune import UNSEEN, tune
+from trimtab.campaign.search.tune_gradient import combined, descend, fold, smoothed
+from trimtab.campaign.search.tune_search import merit, search
+from trimtab.campaign.statistics.comparison import compare
+from trimtab.campaign.workers.plan import Plan
+from trimtab.campaign.workers.ready import prepare
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves, replace
+from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.native.compiler import find_compiler
+from trimtab.run.batch import simulate_batch
+from trimtab.run.gradient import gradient, gradients
+from trimtab.scenarios.build import build
+
+needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+NAME = "hovercraft/zero-velocity"
+GAINS = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "loguniform(0.5, 5)"}
+SHORT = {"duration": "6 s"}
+
+
+def jump(x, first):
+    """A cost that jumps by 1 where x0 passes 0.5, and slopes by 0.3 x1; its derivative sees the second only."""
+    noise = np.random.default_rng(first).standard_normal(len(x) // 2).repeat(2)
+    return (x[:, 0] > 0.5) + 0.3 * x[:, 1] + noise, np.tile([0.0, 0.3], (len(x), 1))
+
+
+@pytest.mark.parametrize("x0", [0.42, 0.5, 0.55])
+def test_smoothed_slope_sees_the_jump(x0):
+    width, eps = 0.08, np.random.default_rng(5).standard_normal((20000, 2))
+    cost, found = smoothed(jump, np.array([x0, 0.5]), eps, width, 7)
+    known = stats.norm.pdf(0.5, x0, width)  # derivative of P(x0 + width eps > 0.5)
+    assert found.slope[0] == pytest.approx(known, rel=0.05)
+    assert found.weight[0] < 0.05
+    assert found.first[0] == 0
+    assert found.slope[1] == pytest.approx(0.3, abs=0.1)  # the jump is scatter here
+    assert found.weight[1] > 0.1
+    assert cost == pytest.approx(stats.norm.cdf(x0, 0.5, width) + 0.15, abs=0.03)
+
+
+def test_estimates_that_agree_are_weighted_by_scatter_and_others_by_bias():
+    rng = np.random.default_rng(0)
+    quiet, loud = 1 + 0.1 * rng.standard_normal((400, 1)), 1 + rng.standard_normal((400, 1))
+    assert combined(quiet, loud).weight[0] > 0.9
+    assert combined(loud, quiet).weight[0] < 0.1
+    assert combined(quiet + 2, loud).weight[0] < 0.05
+    assert combined(quiet + 2, loud).slope[0] == pytest.approx(1, abs=0.2)
+
+
+def test_fold_is_continuous_and_keeps_to_the_range():
+    y = np.linspace(-1.4, 2.4, 4001)
+    x, sign = fold(y)
+    assert x.min() >= 0
+    assert x.max() <= 1
+    assert np.abs(np.diff(x)).max() < 2e-3
+    inner = np.abs(x - 0.5) < 0.499
+    assert np.allclose(np.gradient(x, y)[inner], sign[inner], atol=1e-6)
+
+
+def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
+    least = np.array([0.7, 0.2])
+
+    def bowl(x, first):
+        noise = np.random.default_rng(first).standard_normal((len(x) // 2, 2)).repeat(2, axis=0)
+        return ((x - least) ** 2).sum(axis=1) + 0.1 * noise[:, 0], 2 * (x - least) + 0.2 * noise
+
+    x, steps, _ = descend(bowl, np.array([0.1, 0.9]), 64, 80, 0.05, 3)
+    assert x == pytest.approx(least, abs=0.05)
+    assert steps[-1].cost < steps[0].cost
+    words = 0.1 * np.random.default_rng(0).standard_normal(16)
+    x, steps = search(lambda x: ((x - least) ** 2).sum(axis=1)[:, None] + words, np.array([0.1, 0.9]), 16, 60, 3)
+    assert x == pytest.approx(least, abs=0.02)
+    assert steps[-1].flown <= 16 * (60 * 8 + 2)
+
+
+def test_candidates_with_infinite_costs_come_last_in_order():
+    costs = np.array([[1, 1, 1, 1], [2, 2, 2, 2], [1, 1, 1, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
+    assert np.all(np.diff(merit(costs, 1.5)) > 0)
+
+
+def test_descent_refuses_a_start_without_slope():
+    with pytest.raises(InputError, match="infinitely"):
+        descend(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
+
+
+def test_comparison_is_the_paired_t_interval_of_scipy():
+    rng = np.random.default_rng(2)
+    before = rng.standard_normal(40)
+    after = before - 0.2 + 0.3 * rng.standard_normal(40)
+    found = compare(before, after)
+    low, high = stats.ttest_rel(after, before).confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx((low, high))
+    assert found.improves == (high < 0)
+    lost = compare(np.append(before, np.inf), np.append(after, 0.0))
+    assert np.isnan(lost.difference)
+    assert (lost.better, lost.improves) == (int((after < before).sum()) + 1, True)
+    assert not compare(after, before).improves
+
+
+@needs_c
+def test_slopes_of_a_cost_are_those_of_differences():
+    """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
+    ideal = replace(build(NAME).ideal(), duration=seconds(3))
+    terms = parse_cost("error_rms:yaw_rate + 2*rms:truth.sway_velocity + 0.5*mean:truth.surge_velocity")
+    plan = Plan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
+    ready = prepare(plan, ideal)
+    of = running(terms, ready)
+    along = [("autopilot.law.k1", ()), ("autopilot.law.k2", ())]
+    k2 = np.array([2.0, 3.0])
+    found = gradients(ideal, of.cost, along, seeds=[0, 0], runs=[0, 1], spread={along[1][0]: k2}, since=of.since)
+    costs, slopes = of.finish(found.costs, found.slopes)
+
+    def independent(k1, k2):
+        wanted = ("truth.yaw_rate", "truth.sway_velocity", "truth.surge_velocity")
+        one = {along[0][0]: np.array([k1]), along[1][0]: np.array([k2])}
+        b = simulate_batch(ideal, seeds=[0], spread=one, log=True, log_period=ms(1), signals=wanted)
+        r, v, u = (b.log[name][0] for name in wanted)
+        half = to_seconds(b.ticks) >= 1.5
+        return np.sqrt(np.mean(r[half] ** 2)) + 2 * np.sqrt(np.mean(v**2)) + 0.5 * np.mean(u)
+
+    h = 1e-4
+    for i, at in enumerate(k2):
+        assert costs[i] == pytest.approx(independent(1.0, at), rel=1e-9)
+        by_k1 = (independent(1 + h, at) - independent(1 - h, at)) / (2 * h)
+        by_k2 = (independent(1.0, at + h) - independent(1.0, at - h)) / (2 * h)
+        assert slopes[i] == pytest.approx([by_k1, by_k2], rel=1e-5, abs=1e-8)
+
+
+@needs_c
+def test_many_gradients_are_each_that_of_one_run():
+    scenario = replace(build(NAME), duration=seconds(1))
+    of = running(parse_cost("rms:truth.yaw_rate"), prepare(Plan(NAME, metrics=("rms:truth.yaw_rate",)), scenario))
+    many = gradients(scenario, of.cost, [("autopilot.law.k2", ())], seeds=[4, 5], runs=[0, 0], since=of.since)
+    for i, seed in enumerate((4, 5)):
+        one = gradient(scenario, of.cost, ("autopilot.law.k2",), seed=seed)
+        assert many.costs[i, 0] == pytest.approx(one.cost, rel=1e-12)
+        assert many.slopes[i, 0, 0] == pytest.approx(float(one.slope["autopilot.law.k2"]), rel=1e-9)
+
+
+@needs_c
+def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
+    """What the page says of one noisy run: over k2 = 2.5 … 2.6, steps a hundred times what the derivatives tell."""
+    grid, path = np.linspace(2.5, 2.6, 401), "autopilot.law.k2"
+    scenario = build(NAME)
+    half = scenario.duration // 2
+    of = running(parse_cost("error_rms:yaw_rate"), prepare(Plan(NAME, metrics=("error_rms:yaw_rate",))))
+    words = np.ones(401, int)
+    found = gradients(scenario, of.cost, [(path, ())], seeds=0 * words, runs=words, spread={path: grid}, since=(half,))
+    costs, slopes = of.finish(found.costs, found.slopes)
+    step, told = np.diff(costs), slopes[1:, 0] * np.diff(grid)
+    i = np.argmax(np.abs(step - told))
+    assert abs(step[i]) > 100 * abs(told[i])
+    usual = np.median(np.abs(step))
+    assert np.median(np.abs(step - told)) < 0.1 * usual  # between the jumps the derivative is right
+    assert (np.abs(step - told) > 10 * usual).sum() >= 3
+
+
+@needs_c
+@pytest.mark.parametrize("method", ["search", "gradient"])
+def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path, capsys):
+    """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
+    poor = SHORT | {"autopilot.law.k2": "0.8"}
+    asked = command.Request(NAME, GAINS, "error_rms:yaw_rate", method, 32, 64, 12, settings=poor, as_json=True)
+    asked = asked._replace(out=tmp_path / "tuned.py", plot=tmp_path / "tune.png")
+    assert command.tune(asked)
+    found = json.loads(capsys.readouterr().out)
+    words = np.arange(UNSEEN, UNSEEN + 64, dtype=np.uint32)
+    costs = []
+    for scenario in (build(NAME, poor), build(f"{tmp_path / 'tuned.py'}:scenario")):
+        b = simulate_batch(scenario, seeds=[0] * 64, runs=words, log=True, signals=("truth.yaw_rate",))
+        late = b.ticks >= (b.ticks[-1] + b.ticks[0]) / 2
+        costs.append(np.sqrt(np.mean(b.log["truth.yaw_rate"][:, late] ** 2, axis=1)))
+    low, high = stats.ttest_rel(costs[1], costs[0]).confidence_interval(0.95)
+    held = found["held_out"]
+    assert (held["before"], held["after"]) == pytest.approx([c.mean() for c in costs], rel=1e-6)
+    assert (held["low"], held["high"]) == pytest.approx((low, high), rel=1e-4)
+    assert high < 0
+    values = {p: float(v) for p, v, _ in leaves(build(f"{tmp_path / 'tuned.py'}:scenario")) if p in GAINS}
+    assert values == found["after"]
+    assert 0.5 <= values["autopilot.law.k1"] <= 3
+    assert (tmp_path / "tune.png").stat().st_size > 5000
+
+
+def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path, capsys):
+    """From gains that are good already, on four runs: better in these, worse in others."""
+    good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
+    ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
+    asked = command.Request(NAME, ranges, runs=4, held_out=64, iterations=6, seed=3, settings=good)
+    assert not command.tune(asked._replace(out=tmp_path / "tuned.py"))
+    out = capsys.readouterr().out
+    assert "does NOT help" in out
+    assert f"not written: {tmp_path / 'tuned.py'}" in out
+    assert not (tmp_path / "tuned.py").exists()
+    assert not command.tune(asked._replace(as_json=True))
+    found = json.loads(capsys.readouterr().out)
+    assert found["seen"]["difference"] < 0
+    assert found["held_out"]["high"] > 0
+
+
+def test_a_lost_run_costs_infinitely_much():
+    columns = {"peak:a": np.array([1.0, 2.0, np.nan]), "lost": np.array([False, True, False])}
+    assert cost_of(parse_cost("2*peak:a"), columns).tolist() == [2.0, np.inf, np.inf]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gains": {}}, "nothing may be moved"),
+        ({"gains": {"autopilot.law.k1": "2:3"}}, "own value"),
+        ({"gains": {"autopilot.law.k1": "-1:3"}}, "can't be flown at its end"),
+        ({"gains": {"autopilot.law.k9": "1:3"}}, r"(?s)no such parameter.*--gain 'autopilot\.law\.k\d=LOW:HIGH'"),
+        ({"gains": {"duration": "1:3"}}, "--gain"),
+        ({"gains": {"autopilot.law.k1": "normal(1, 2)"}}, "no range"),
+        ({"cost": "error_rms:yaw_rate + -2*rms:yaw_rate"}, "weight"),
+        ({"cost": "settling:yaw_rate", "method": "gradient"}, "--method search"),
+        ({"method": "newton"}, "search, gradient"),
+        ({"held_out": 2}, "--held-out"),
+        ({"width": 0.0}, "--width"),
+        ({"out": Path("tuned")}, "Python file"),
+    ],
+)
+def test_refused_before_anything_flies(change, said):
+    with pytest.raises(InputError, match=said):
+        command.tune(command.Request(NAME, GAINS, settings=SHORT)._replace(**change))
+
+
+def test_a_range_is_written_in_numbers_or_shares():
+    assert parse_gain("a", "50%:200%").relative
+    assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
+    with pytest.raises(InputError, match="settings are for"):
+        tune(build(NAME), gains=GAINS, cost="rms:yaw_rate", settings=SHORT)

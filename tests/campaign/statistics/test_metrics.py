@@ -1,0 +1,103 @@
+"""Metrics of a block against those of each log alone, and texts that are refused."""
+
+import numpy as np
+import pytest
+
+from trimtab.campaign.statistics.metrics import Rows, parse_metric
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import Target, metrics
+
+TARGETS = (Target("yaw_rate", 1.0, band=0.1), Target("heading", 3.0, band=0.2))
+SIGNALS = {"truth.yaw_rate": (), "truth.heading": (), "truth.position": (2,)}
+T = np.arange(400) * 0.01
+
+
+def some_runs():
+    """Decays that settle, that don't, that start at the target, are NaN from somewhere on, or wind round the circle."""
+    rng = np.random.default_rng(1)
+    rate, ripple = rng.uniform(0.2, 6, (60, 1)), rng.uniform(0, 0.2, (60, 1))
+    yaw = 1 + rng.normal(0, 1, (60, 1)) * np.exp(-rate * T) + ripple * np.sin(9 * T)
+    yaw[3] = 1.0
+    yaw[4, 200:] = np.nan
+    yaw[5, 0] = 1.0
+    yaw[6] = np.inf
+    heading = 3 + 2 * np.pi * rng.integers(-2, 3, (60, 1)) + rng.normal(0, 1, (60, 1)) * np.exp(-rate * T)
+    return {"truth.yaw_rate": yaw, "truth.heading": heading}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return some_runs()
+
+
+def column(runs, text):
+    rows = Rows(T, runs, TARGETS, frozenset({"truth.heading"}))
+    with np.errstate(all="ignore"):
+        return parse_metric(text, SIGNALS, TARGETS).of(rows)
+
+
+@pytest.mark.parametrize("signal", ["yaw_rate", "heading"])
+@pytest.mark.parametrize("kind", ["settling", "first_reach", "overshoot", "tail_mean", "tail_rms"])
+def test_a_block_gives_what_each_log_gives_alone(runs, kind, signal):
+    found = column(runs, f"{kind}:{signal}")
+    declared = {"truth.yaw_rate": Quantity("rad/s", ""), "truth.heading": Quantity("rad", "", kind="angle")}
+    for i in range(60):
+        log = Log(T, (T * 1e7).round().astype(np.int64), {p: x[i] for p, x in runs.items()}, declared, {}, {})
+        alone = metrics(log, TARGETS, [signal])[signal]
+        expected = alone.get(f"{kind}_s", alone.get(kind))
+        if expected is None:
+            assert not np.isfinite(found[i])
+        else:
+            assert found[i] == pytest.approx(expected, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "oracle"),
+    [
+        ("final", lambda x: x[-1]),
+        ("least", np.min),
+        ("most", np.max),
+        ("peak", lambda x: np.abs(x).max()),
+        ("mean", np.mean),
+        ("rms", lambda x: np.sqrt((x**2).mean())),
+        ("error_rms", lambda x: np.sqrt(((x[T[-1] / 2 <= T] - 1) ** 2).mean())),
+    ],
+)
+def test_plain_reductions(runs, kind, oracle):
+    found = column(runs, f"{kind}:yaw_rate")
+    for i in (0, 1, 2, 3, 59):
+        assert found[i] == pytest.approx(oracle(runs["truth.yaw_rate"][i]), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["error_rms", "most", "peak", "rms", "tail_rms", "settling", "overshoot"])
+def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
+    assert np.isposinf(column(runs, f"{kind}:yaw_rate")[4])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("settle:yaw_rate", "not KIND:SIGNAL"),
+        ("settling:surge_velocity", "no target"),
+        ("rms:truth.surge", "no signal"),
+        ("rms:truth.position", "shape"),
+        ("nowhere.py:miss", "no file"),
+        ("rms", "not KIND:SIGNAL"),
+    ],
+)
+def test_texts_that_are_no_metric_are_refused(text, problem):
+    with pytest.raises(InputError, match=r"Fix: ") as refused:
+        parse_metric(text, SIGNALS, TARGETS)
+    assert problem in str(refused.value)
+
+
+def test_a_function_of_a_file_is_a_metric(runs, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text('def last(rows):\n    return rows["yaw_rate"][:, -1]\n\n\nlast.signals = ("truth.yaw_rate",)\n')
+    found = parse_metric(f"{file}:last", SIGNALS, TARGETS)
+    assert found.signals == ("truth.yaw_rate",)
+    assert found.of(Rows(T, runs, TARGETS, frozenset()))[7] == runs["truth.yaw_rate"][7, -1]
+    with pytest.raises(InputError, match="last"):
+        parse_metric(f"{file}:first", SIGNALS, TARGETS)

@@ -1,0 +1,191 @@
+"""Campaigns on a cluster of this machine's processes, with certificates."""
+
+import re
+import signal
+import threading
+import time
+
+import pytest
+from campaign.dask_processes import Processes, certificates, files
+from campaign.small import BLOCK, assert_same, small
+
+from trimtab.campaign.store.store import read_store
+from trimtab.campaign.workers.cluster import cluster
+from trimtab.campaign.workers.fly_rows import about, fly_rows
+from trimtab.campaign.workers.lost import cluster as of_cluster
+from trimtab.core.errors import InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+RUNS = 12 * BLOCK - 9
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("cluster")
+    certificates(made)
+    (made / "other").mkdir()
+    certificates(made / "other")
+    return made
+
+
+@pytest.fixture
+def processes(folder):
+    with Processes(folder) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return small(RUNS).run().columns
+
+
+def test_addresses_and_files_that_are_none(folder):
+    good = files(folder)
+    for uri in (
+        "10.0.0.1:8786",
+        "tls://10.0.0.1",
+        "tls://10.0.0.1:0",
+        "tls://10.0.0.1:99999",
+        "ssh://a:1",
+        "tls://a b:1",
+    ):
+        with pytest.raises(InputError, match=r"is not tls://HOST:PORT"):
+            cluster(uri, **good)
+    with pytest.raises(InputError, match="anyone who reaches the port runs programs") as refused:
+        cluster("tcp://10.0.0.1:8786")
+    assert refused.value.fix.startswith("--cluster tls://10.0.0.1:8786 --tls-ca ")
+    with pytest.raises(InputError, match="uses no certificates"):
+        cluster("tcp://127.0.0.1:8786", **good)
+    for flag, name in (("--tls-ca", "ca"), ("--tls-cert", "cert"), ("--tls-key", "key")):
+        with pytest.raises(InputError, match=f"^{flag}: tls:// needs"):
+            cluster("tls://10.0.0.1:8786", **{**good, name: ""})
+        with pytest.raises(InputError, match=f"^{flag}: there is no file"):
+            cluster("tls://10.0.0.1:8786", **{**good, name: folder / "none.pem"})
+    with pytest.raises(InputError, match="can't be used: KEY_VALUES_MISMATCH"):
+        cluster("tls://10.0.0.1:8786", **{**good, "key": folder / "one.key"})
+    cluster("tls://[::1]:8786", **good)
+    cluster("tcp://localhost:8786")
+
+
+def test_nobody_listens(folder):
+    with pytest.raises(InputError, match="no scheduler is reached there: Connection refused") as refused:
+        small(BLOCK).run(workers=cluster("tls://127.0.0.1:9", **files(folder)))
+    assert "dask scheduler --protocol tls --port 9" in refused.value.fix
+
+
+def test_worker_whose_rows_would_be_others():
+    ready = small(BLOCK).ready
+    told = about(ready, "c")
+    columns = fly_rows(ready.plan.plain(), told, 3, 7)
+    whole = small(BLOCK).run().columns
+    for name, column in columns.items():
+        assert column.tobytes() == whole[name][3:7].tobytes()
+    for name in told:
+        with pytest.raises(InputError, match=f"would not give the same rows: .*{name}: ") as refused:
+            fly_rows(ready.plan.plain(), {**told, name: "other"}, 3, 7)
+        assert ("a C compiler" in refused.value.fix) == (name == "backend")
+
+
+def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tmp_path, monkeypatch):
+    _, uri = processes.scheduler()
+    for host in ("one", "two"):
+        processes.worker(host, uri)
+    told = []
+    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=told.append)
+    assert_same(found.columns, whole)
+    assert (found.flown, len(told)) == (RUNS, 12)
+    assert small(RUNS).run(tmp_path / "rows.zarr").flown == 0
+    stranger = files(folder / "other")
+    with pytest.raises(InputError, match="is not of the authority in"):
+        small(BLOCK).run(workers=cluster(uri, **stranger))
+    with pytest.raises(InputError, match="it refuses the certificate: TLSV1_ALERT"):
+        small(BLOCK).run(workers=cluster(uri, **{**stranger, "ca": folder / "ca.pem"}))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
+    with pytest.raises(InputError, match=r"worker tls://[^ ]+: --metric mine.py:worst: there is no file 'mine.py'"):
+        small(BLOCK, metrics=["mine.py:worst"]).run(workers=cluster(uri, **files(folder)))
+
+
+class Slowly:
+    """Tells how many rows are done, does something at some count, and takes its time."""
+
+    def __init__(self, at, action):
+        self._at, self._action, self.done = at, action, 0
+
+    def __call__(self, done):
+        self.done = done
+        if self._action is not None and done >= self._at:
+            action, self._action = self._action, None
+            self.when = time.monotonic()
+            action()
+        time.sleep(0.1)
+
+
+@pytest.mark.slow
+def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
+    """Ten seconds."""
+    _, uri = processes.scheduler()
+    doomed = processes.worker("one", uri)
+    processes.worker("two", uri)
+    watch = Slowly(3 * BLOCK, doomed.kill)
+    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    assert doomed.wait(5) == -signal.SIGKILL
+    assert found.flown == RUNS
+    assert_same(found.columns, whole)
+
+
+@pytest.mark.slow
+def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
+    """Ten seconds."""
+    scheduler, uri = processes.scheduler()
+    processes.worker("one", uri)
+    watch = Slowly(3 * BLOCK, scheduler.kill)
+    with pytest.raises(InputError, match=r"the scheduler is gone: [1-9][0-9]* runs are kept") as ended:
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
+    assert time.monotonic() - watch.when < 15
+    assert "start the same command again" in ended.value.fix
+    kept = int(re.search(r"(\d+) runs are kept", str(ended.value))[1])
+    assert kept == len(read_store(tmp_path / "rows.zarr")[1]["run"]) < RUNS
+    _, uri = processes.scheduler()
+    processes.worker("one", uri)
+    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)))
+    assert again.flown == RUNS - kept
+    assert_same(again.columns, whole)
+
+
+@pytest.mark.slow
+def test_scheduler_that_hangs(folder, processes, tmp_path):
+    """A minute."""
+    scheduler, uri = processes.scheduler()
+    processes.worker("one", uri)
+    watch = Slowly(2 * BLOCK, lambda: scheduler.send_signal(signal.SIGSTOP))
+    with pytest.raises(InputError, match=r"scheduler (is gone|does not answer).*: [1-9][0-9]* runs are kept"):
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
+    assert time.monotonic() - watch.when < 60
+
+
+@pytest.mark.slow
+def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
+    """Half a minute."""
+    monkeypatch.setattr(of_cluster, "PATIENCE", 4.0)
+    _, uri = processes.scheduler()
+    only = processes.worker("one", uri)
+    watch = Slowly(2 * BLOCK, only.kill)
+    with pytest.raises(InputError, match=r"for 4 s it had no worker: [1-9][0-9]* runs are kept"):
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    print("ended after", time.monotonic() - watch.when)
+    assert time.monotonic() - watch.when < 60
+    monkeypatch.undo()
+    only = processes.worker("one", uri)
+
+    def replace():
+        only.kill()
+        threading.Timer(2.0, processes.worker, ("two", uri)).start()
+
+    done = len(read_store(tmp_path / "rows.zarr")[1]["run"])
+    watch = Slowly(done + BLOCK, replace)
+    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    assert again.flown == RUNS - done
+    assert_same(again.columns, whole)

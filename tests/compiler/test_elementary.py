@@ -1,0 +1,357 @@
+"""Elementary functions of generated code: accuracy, special values, and the same bits alone and in vectors."""
+
+import ctypes
+import shutil
+import subprocess
+from functools import cache
+
+import numpy as np
+import pytest
+
+from trimtab.compiler.elementary import FUNCTIONS, OWN, SINGLE, elementary
+from trimtab.core.errors import InputError
+
+GCC, GXX = shutil.which("gcc"), shutil.which("g++")
+needs_compiler = pytest.mark.skipif(not (GCC and GXX), reason="no gcc and g++ here")
+FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-fwrapv", "-Wall", "-Wextra", "-Werror")
+TWO = ("pow", "fmod", "atan2")
+ONE = tuple(name for name in FUNCTIONS if name not in (*TWO, "sincos"))
+NATIVE, PORTABLE = ("-march=native",), ("-DTT_FMA=0",)
+VECTOR = ("-std=c++17", "-Wno-psabi")
+VARIANTS = {
+    "scalar": (0, "gcc", ("-std=c99", *NATIVE)),
+    "4 lanes": (4, "g++", (*VECTOR, "-O3", *NATIVE)),
+    "8 lanes": (8, "g++", (*VECTOR, "-O3", *NATIVE)),
+    "scalar, no FMA": (0, "gcc", ("-std=c99", "-pedantic", *PORTABLE)),
+    "8 lanes, no FMA": (8, "g++", (*VECTOR, *NATIVE, *PORTABLE)),
+    "4 lanes, plainest processor": (4, "g++", (*VECTOR, *PORTABLE)),
+}
+"""Lanes, compiler and flags; scalar and vectors are to agree where both have fused multiply-add, or neither uses it."""
+SCALAR = {name: "scalar, no FMA" if PORTABLE[0] in flags else "scalar" for name, (_, _, flags) in VARIANTS.items()}
+LONG = np.longdouble
+
+
+def driver(lanes: int) -> str:
+    """C text: the functions over whole arrays, whose length is a multiple of 8."""
+    number, prefix, step = ("vf64", "ttv", lanes) if lanes else ("double", "tt", 1)
+    loop = f"for (long i = 0; i < n; i += {step})"
+    get = f"{number} a, b, r; memcpy(&a, x + i, sizeof a); memcpy(&b, z + i, sizeof b); (void)b;"
+    text = [elementary(lanes), '#ifdef __cplusplus\nextern "C" {\n#endif']
+    signature = "(long n, const double *x, const double *z, double *y, double *w)"
+    for name in (*ONE, *TWO):
+        call = f"{prefix}_{name}({'a, b' if name in TWO else 'a'})"
+        body = f"(void)w; {loop} {{ {get} r = {call}; memcpy(y + i, &r, sizeof r); }}"
+        text.append(f"void do_{name}{signature};\nvoid do_{name}{signature} {{ {body} }}")
+    body = f"{loop} {{ {get} {prefix}_sincos(a, &r, &b); memcpy(y + i, &r, sizeof r); memcpy(w + i, &b, sizeof b); }}"
+    text.append(f"void do_sincos{signature};\nvoid do_sincos{signature} {{ {body} }}")
+    return "\n".join([*text, "#ifdef __cplusplus\n}\n#endif\n"])
+
+
+@pytest.fixture(scope="module")
+def call(tmp_path_factory):
+    """call(variant, name, x, z) -> values; the libraries are built side by side, once."""
+    folder = tmp_path_factory.mktemp("elementary")
+    started = []
+    for k, (lanes, compiler, flags) in enumerate(VARIANTS.values()):
+        source = folder / f"v{k}.{'cpp' if lanes else 'c'}"
+        source.write_text(driver(lanes))
+        command = [compiler, *FLAGS, *flags, "-shared", "-fPIC", str(source), "-o", str(folder / f"v{k}.so"), "-lm"]
+        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+    for process in started:
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
+    libraries = {name: ctypes.CDLL(str(folder / f"v{k}.so")) for k, name in enumerate(VARIANTS)}
+
+    def run(variant, name, x, z=None):
+        n = -(-x.size // 8) * 8
+        x, z = (np.resize(np.asarray(v, float), n) for v in (x, x if z is None else z))
+        y, w = np.empty(n), np.empty(n)
+        getattr(libraries[variant], f"do_{name}")(
+            ctypes.c_long(n), *(ctypes.c_void_p(a.ctypes.data) for a in (x, z, y, w))
+        )
+        return np.stack([y, w]) if name == "sincos" else y
+
+    return run
+
+
+def spread(rng, low, high, n):
+    """Numbers whose logarithm is even between those of low and high, either sign."""
+    return np.exp(rng.uniform(np.log(low), np.log(high), n)) * rng.choice([-1.0, 1.0], n)
+
+
+@cache
+def values():
+    """Special values, neighbours of critical ones, and numbers from many ranges; the length is a multiple of 8."""
+    rng = np.random.default_rng(7)
+    quarter = np.arange(-40, 41) * np.pi / 4
+    far = np.rint(rng.uniform(0, 6.3e5, 300)) * (np.pi / 2)
+    edge = [
+        0.0,
+        5e-324,
+        1e-310,
+        2.2250738585072014e-308,
+        1e-300,
+        1e-160,
+        1e-20,
+        2.0**-54,
+        2.0**-28,
+        2.0**-27,
+        0.25,
+        0.5,
+    ]
+    edge += [
+        1.0,
+        np.sqrt(0.5),
+        np.sqrt(2),
+        1.5,
+        2.5,
+        22.0,
+        40.0,
+        300.0,
+        709.0,
+        709.78,
+        710.0,
+        710.47,
+        711.0,
+        745.0,
+        746.0,
+    ]
+    edge += [1023.5, 1024.0, 1074.0, 1075.0, 1e6, 1e6 + 1, 1e15, 2.0**52 - 0.5, 2.0**52, 2.0**53, 1e22, 1e100, 1.7e308]
+    edge = np.concatenate([edge, quarter, far, np.log(2) * np.arange(1, 30) / 2])
+    near = np.concatenate([edge, np.nextafter(edge, 0), np.nextafter(edge, np.inf), [np.inf, np.nan]])
+    ranges = ((1e-9, 1.0), (0.1, 4.0), (1.0, 100.0), (10.0, 800.0), (100.0, 1e6), (1e-320, 1e-290), (1e5, 1e300))
+    wide = [spread(rng, low, high, 3000) for low, high in ranges]
+    even = [
+        rng.uniform(-1, 1, 20000),
+        rng.uniform(-10, 10, 20000),
+        rng.uniform(-750, 750, 4000),
+        rng.uniform(0.5, 2, 9000),
+    ]
+    x = np.concatenate([near, -near, *wide, *even])
+    return x[: x.size // 8 * 8]
+
+
+REFERENCE = {
+    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
+    "exp": np.exp, "exp2": np.exp2, "expm1": np.expm1, "log": np.log, "log1p": np.log1p, "sinh": np.sinh,
+    "cosh": np.cosh, "tanh": np.tanh, "logistic": lambda x: 1 / (1 + np.exp(-x)), "sqrt": np.sqrt,
+    "rsqrt": lambda x: 1 / np.sqrt(x), "cbrt": np.cbrt, "asinh": np.arcsinh, "acosh": np.arccosh, "atanh": np.arctanh,
+}  # fmt: skip
+BOUND = dict.fromkeys(REFERENCE, 0.8) | {
+    "tan": 1.0,
+    "expm1": 0.85,
+    "log": 0.9,
+    "log1p": 0.9,
+    "sqrt": 0.501,
+    "rsqrt": 1.5,
+}
+BOUND |= {"cbrt": 4.0, "asinh": 3.0, "acosh": 3.0, "atanh": 3.0}  # the C library's
+
+
+def ulps(y, exact):
+    """|y - exact| in units in the last place of the exact value; infinite where only one of them is a number."""
+    exact = np.asarray(exact, LONG)
+    with np.errstate(all="ignore"):
+        rounded = exact.astype(float)
+        unit = np.spacing(np.abs(np.where(np.isfinite(rounded), rounded, 1.0)))
+        error = np.abs((y - exact) / unit).astype(float)
+        same = (np.isnan(y) & np.isnan(rounded)) | (y == rounded)
+    return np.where(np.isfinite(y) & np.isfinite(rounded), error, np.where(same, 0.0, np.inf))
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", REFERENCE)
+def test_accuracy(call, name):
+    x = values()
+    with np.errstate(all="ignore"):
+        exact = REFERENCE[name](x.astype(LONG))
+        for variant in ("scalar", "scalar, no FMA"):
+            error = ulps(call(variant, name, x), exact)
+            worst = int(np.argmax(error))
+            assert error[worst] <= BOUND[name], f"{variant}: {error[worst]:.3f} ulp at {x[worst]!r}"
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
+def test_accuracy_of_atan2(call, variant):
+    rng = np.random.default_rng(3)
+    x = values()
+    pairs = [(rng.permutation(x), x), (spread(rng, 1e-3, 1e3, 40000), spread(rng, 1e-3, 1e3, 40000))]
+    for y, x in pairs:
+        assert ulps(call(variant, "atan2", y, x), np.arctan2(y.astype(LONG), x.astype(LONG))).max() <= 0.8
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_sincos_is_sin_and_cos(call, variant):
+    x = values()
+    s, c = call(variant, "sincos", x)
+    assert np.array_equal(bits(s), bits(call(variant, "sin", x)))
+    assert np.array_equal(bits(c), bits(call(variant, "cos", x)))
+
+
+EXACT = {
+    "floor": np.floor, "ceil": np.ceil, "trunc": np.trunc, "round_even": np.rint, "sqrt": np.sqrt,
+    "round_away": lambda x: np.copysign(np.floor(np.abs(x).astype(LONG) + LONG(0.5)), x).astype(float),
+}  # fmt: skip
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_rounding_and_remainder_are_exact(call, variant):
+    x = np.concatenate([values(), np.arange(-8, 8) / 2])
+    z = np.random.default_rng(5).permutation(x)
+    with np.errstate(all="ignore"):
+        for name, exact in EXACT.items():
+            assert np.array_equal(bits(call(variant, name, x)[: x.size]), bits(exact(x))), name
+        assert np.array_equal(bits(call(variant, "fmod", x, z)[: x.size]), bits(np.fmod(x, z)))
+
+
+INF, NAN, TINY, HALF_PI, PI = np.inf, np.nan, 5e-324, np.pi / 2, np.pi
+SPECIAL = {
+    "sin": ((0.0, 0.0), (-0.0, -0.0), (TINY, TINY), (-TINY, -TINY), (INF, NAN), (-INF, NAN), (NAN, NAN)),
+    "cos": ((0.0, 1.0), (-0.0, 1.0), (INF, NAN), (NAN, NAN)),
+    "tan": ((0.0, 0.0), (-0.0, -0.0), (TINY, TINY), (INF, NAN), (NAN, NAN)),
+    "asin": ((0.0, 0.0), (-0.0, -0.0), (1.0, HALF_PI), (-1.0, -HALF_PI), (1.0000001, NAN), (-INF, NAN), (NAN, NAN)),
+    "acos": ((1.0, 0.0), (-1.0, PI), (0.0, HALF_PI), (-0.0, HALF_PI), (-1.5, NAN), (INF, NAN), (NAN, NAN)),
+    "atan": ((0.0, 0.0), (-0.0, -0.0), (TINY, TINY), (INF, HALF_PI), (-INF, -HALF_PI), (1e300, HALF_PI), (NAN, NAN)),
+    "exp": ((0.0, 1.0), (-0.0, 1.0), (INF, INF), (-INF, 0.0), (710.0, INF), (-746.0, 0.0), (-745.0, TINY), (NAN, NAN)),
+    "exp2": (
+        (0.0, 1.0),
+        (10.0, 1024.0),
+        (-1074.0, TINY),
+        (1024.0, INF),
+        (-1076.0, 0.0),
+        (INF, INF),
+        (-INF, 0.0),
+        (NAN, NAN),
+    ),
+    "expm1": (
+        (0.0, 0.0),
+        (-0.0, -0.0),
+        (-TINY, -TINY),
+        (INF, INF),
+        (-INF, -1.0),
+        (710.0, INF),
+        (-50.0, -1.0),
+        (NAN, NAN),
+    ),
+    "log": (
+        (1.0, 0.0),
+        (0.0, -INF),
+        (-0.0, -INF),
+        (INF, INF),
+        (-1.0, NAN),
+        (-INF, NAN),
+        (TINY, -744.4400719213812),
+        (NAN, NAN),
+    ),
+    "log1p": ((0.0, 0.0), (-0.0, -0.0), (TINY, TINY), (-1.0, -INF), (INF, INF), (-2.0, NAN), (-INF, NAN), (NAN, NAN)),
+    "sinh": (
+        (0.0, 0.0),
+        (-0.0, -0.0),
+        (-TINY, -TINY),
+        (INF, INF),
+        (-INF, -INF),
+        (711.0, INF),
+        (-711.0, -INF),
+        (NAN, NAN),
+    ),
+    "cosh": ((0.0, 1.0), (-0.0, 1.0), (INF, INF), (-INF, INF), (-711.0, INF), (NAN, NAN)),
+    "tanh": ((0.0, 0.0), (-0.0, -0.0), (TINY, TINY), (INF, 1.0), (-INF, -1.0), (30.0, 1.0), (NAN, NAN)),
+    "logistic": ((0.0, 0.5), (-0.0, 0.5), (INF, 1.0), (-INF, 0.0), (40.0, 1.0), (-750.0, 0.0), (NAN, NAN)),
+    "sqrt": ((0.0, 0.0), (-0.0, -0.0), (INF, INF), (-1.0, NAN), (NAN, NAN)),
+    "rsqrt": ((0.0, INF), (-0.0, -INF), (INF, 0.0), (-1.0, NAN), (NAN, NAN)),
+}
+SPECIAL_TWO = (
+    (0.0, 1.0, 0.0), (-0.0, 1.0, -0.0), (0.0, -1.0, PI), (-0.0, -1.0, -PI), (0.0, 0.0, 0.0), (-0.0, 0.0, -0.0),
+    (0.0, -0.0, PI), (-0.0, -0.0, -PI), (1.0, 0.0, HALF_PI), (1.0, -0.0, HALF_PI), (-1.0, 0.0, -HALF_PI),
+    (INF, INF, PI / 4), (INF, -INF, 3 * PI / 4), (-INF, INF, -PI / 4), (-INF, -INF, -3 * PI / 4), (1.0, INF, 0.0),
+    (-1.0, INF, -0.0), (1.0, -INF, PI), (INF, 1.0, HALF_PI), (-INF, -1.0, -HALF_PI), (NAN, 1.0, NAN), (1.0, NAN, NAN),
+    (1e-310, 1e300, 0.0), (TINY, 1.0, TINY), (1e300, 1e-300, HALF_PI),
+)  # fmt: skip
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_special_values(call, variant):
+    """Values that C99, annex F, prescribes, signs of zero included."""
+    for name, table in SPECIAL.items():
+        x, wanted = np.array(table).T
+        assert np.array_equal(bits(call(variant, name, x)[: x.size]), bits(wanted)), name
+    y, x, wanted = np.array(SPECIAL_TWO).T
+    assert np.array_equal(bits(call(variant, "atan2", y, x)[: x.size]), bits(wanted))
+
+
+def bits(y):
+    """Bits, with one pattern for all NaN."""
+    return np.where(np.isnan(y), np.uint64(0x7FF8 << 48), np.asarray(y).view(np.uint64))
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", [name for name in VARIANTS if "lanes" in name])
+def test_vectors_give_the_same_bits(call, variant):
+    x = values()
+    z = np.random.default_rng(5).permutation(x)
+    for name in FUNCTIONS:
+        alone, together = (bits(call(v, name, x, z)) for v in (SCALAR[variant], variant))
+        differ = np.argwhere(alone != together)
+        assert not differ.size, f"{name}: {differ.size} differ, first at {x[differ[0][-1]]!r}"
+
+
+@needs_compiler
+@pytest.mark.parametrize("lanes", [0, 4])
+def test_no_undefined_behaviour(tmp_path, lanes):
+    """A sanitized program calls every function over all values; the first fault would end it."""
+    x = values()
+    x.tofile(tmp_path / "x")
+    calls = "".join(f"do_{name}(n, x, x + 1, y, w); " for name in FUNCTIONS)
+    head = f"enum {{ n = {x.size - 8} }}; static double x[n + 8], y[n], w[n];\n"
+    read = 'FILE *f = fopen("x", "rb"); if (!f || fread(x, 8, n + 8, f) != n + 8) return 2;'
+    source = tmp_path / ("main.cpp" if lanes else "main.c")
+    source.write_text(f"#include <stdio.h>\n{driver(lanes)}{head}int main(void)\n{{\n{read} {calls}\nreturn 0;\n}}\n")
+    flags = [*FLAGS, "-O1", *(VECTOR if lanes else ("-std=c99",)), "-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    command = ["g++" if lanes else "gcc", *flags, str(source), "-o", str(tmp_path / "main"), "-lm"]
+    subprocess.run(command, check=True)
+    subprocess.run([str(tmp_path / "main")], check=True, cwd=tmp_path)
+
+
+@needs_compiler
+def test_only_what_is_wanted(tmp_path):
+    """Every function compiles alone and brings no other with it but what it needs."""
+    text = elementary(names=["atan"])
+    assert "tt_atan(" in text
+    assert not [name for name in ("sin", "exp", "log", "atan2", "floor", "sinf") if f"tt_{name}(" in text]
+    lines = []
+    for k, name in enumerate((*OWN, "pow", "atanhf", "sincosf", "is_finite")):
+        source = tmp_path / f"one{k}.c"
+        source.write_text(elementary(names=[name]))
+        lines.append(str(source))
+    subprocess.run(["gcc", "-std=c99", "-pedantic", *FLAGS, "-fsyntax-only", *lines], check=True)
+    (tmp_path / "one.cpp").write_text(elementary(8, names=["sincos"]))
+    subprocess.run(["g++", *VECTOR, *FLAGS, "-fsyntax-only", str(tmp_path / "one.cpp")], check=True)
+
+
+@needs_compiler
+def test_single_precision_is_the_library_s(tmp_path):
+    names = [name for name in SINGLE if name != "sincos"]
+    calls = "".join(
+        f"void do_{n}(float x, float *y) {{ *y = tt_{n}f({'x, 2.0f' if n in TWO else 'x'}); }}\n" for n in names
+    )
+    (tmp_path / "f.c").write_text(elementary(names=[f"{n}f" for n in names]) + calls)
+    library = str(tmp_path / "f.so")
+    subprocess.run(
+        ["gcc", "-std=c99", *FLAGS, "-shared", "-fPIC", str(tmp_path / "f.c"), "-o", library, "-lm"], check=True
+    )
+    for name in ("sin", "tanh", "logistic", "rsqrt", "round_away"):
+        y = ctypes.c_float()
+        getattr(ctypes.CDLL(library), f"do_{name}")(ctypes.c_float(0.75), ctypes.byref(y))
+        exact = 1.0 if name == "round_away" else float(REFERENCE[name](0.75))
+        assert y.value == pytest.approx(exact, rel=2e-7)
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="3"):
+        elementary(3)
+    with pytest.raises(InputError, match="sinus"):
+        elementary(names=["sinus"])

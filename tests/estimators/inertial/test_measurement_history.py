@@ -1,0 +1,189 @@
+"""Late and disordered measurements against a plain filter that gets them sorted."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.compiler.function import lowered
+from trimtab.core.record import quantity, record, replace
+from trimtab.estimators.inertial import measurement_history as ring
+from trimtab.estimators.inertial.measurement_history import HEADING, IMU, POSITION, Event
+from trimtab.estimators.inertial.sensor_watch import NEVER
+
+TICK = 65536
+
+
+@record
+class Node:
+    """Rate-driven angle and a drifting position, one scalar filter each. Source: this test."""
+
+    t: Any = quantity("100 ns", "Time.", kind="time")
+    felt: Any = quantity("1", "IMU.", shape=(3,))
+    doubt: Any = quantity("1", "Doubt.", shape=(2,))
+    x: Any = quantity("1", "Angle, position.", shape=(2,))
+    P: Any = quantity("1", "Variances.", shape=(2,))
+
+
+class Toy:
+    """A linear filter small enough to be written twice."""
+
+    intake = SimpleNamespace(heading="heading", position="position")
+
+    def first(self):
+        return Node(np.int64(NEVER), np.zeros(3), np.zeros(2), np.zeros(2), np.ones(2))
+
+    def propagate(self, node, dt, felt, doubt):
+        x = node.x + dt / 2 * (node.felt[:2] + felt[:2])
+        return replace(node, felt=felt, x=x, P=node.P + 0.3 * dt * (1 + doubt))
+
+    def correct_heading(self, node, z, variance):
+        return self._correct(node, 0, z)
+
+    def correct_position(self, node, z, variance):
+        return self._correct(node, 1, z[0])
+
+    def _correct(self, node, i, z):
+        on = jnp.arange(2) == i
+        K = node.P / (node.P + 0.01)
+        return replace(
+            node, x=jnp.where(on, node.x + K * (z - node.x), node.x), P=jnp.where(on, node.P * (1 - K), node.P)
+        )
+
+
+FORM = Toy()
+
+
+@jax.jit
+def take(h, t, kind, value, doubt):
+    """One event of any kind; whether it was used."""
+
+    def one(k):
+        event = Event(t, k, value, doubt)
+        reached = ring.done(h)
+        room, known = ring.fits(h, reached, event)
+        use = room & ~known
+        put, now = jax.lax.cond(use, lambda: ring.insert(h, reached, event), lambda: (h, reached))
+        new, node = ring.replay(FORM, put, now)
+        return new, node, use
+
+    return jax.lax.switch(kind - 1, [lambda: one(IMU), lambda: one(HEADING), lambda: one(POSITION)])
+
+
+def play(events, slots=32):
+    """The node after all events, in the order in which they come, and which of them were used."""
+    h = jax.tree.map(jnp.asarray, ring.empty(FORM.first(), slots))
+    node, used = FORM.first(), []
+    for t, kind, value, *doubt in events:
+        value = np.resize(np.append(value, np.zeros(3)), 3)
+        h, node, use = take(
+            h, np.int64(t), np.int32(kind), value, np.asarray(doubt[0] if doubt else np.zeros(2), float)
+        )
+        used.append(bool(use))
+    return node, used, h
+
+
+def plain(events):
+    """Sorted, with the IMU interpolated by numpy; up to the newest IMU sample."""
+    events = sorted(events, key=lambda e: (e[0], e[1] != IMU))
+    times = np.array([e[0] for e in events if e[1] == IMU])
+    felt = np.array([e[2] for e in events if e[1] == IMU])
+    x, P, last = np.zeros(2), np.ones(2), times[0]
+    for t, kind, value, *_ in events:
+        if not times[0] <= t <= times[-1]:
+            continue
+        now, before = (np.array([np.interp(s, times, felt[:, j]) for j in range(2)]) for s in (t, last))
+        dt = (t - last) * 1e-7
+        x, P, last = x + dt / 2 * (before + now), P + 0.3 * dt, t
+        if kind != IMU:
+            i = kind - HEADING
+            K = P[i] / (P[i] + 0.01)
+            x[i], P[i] = x[i] + K * (value[0] - x[i]), P[i] * (1 - K)
+    return x, P
+
+
+def flight(seed, n=24):
+    g = np.random.default_rng(seed)
+    imu = [(k * TICK, IMU, g.standard_normal(3)) for k in range(n)]
+    headings = [(k * TICK, HEADING, g.standard_normal(1)) for k in range(0, n, 3)]
+    positions = [(int(t), POSITION, g.standard_normal(2)) for t in g.integers(TICK, (n - 1) * TICK, 5)]
+    return imu, headings, positions
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_late_and_disordered_is_as_in_time(seed):
+    """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9; issue 4)."""
+    imu, headings, positions = flight(seed)
+    g = np.random.default_rng(100 + seed)
+    arrivals = [(e[0], 0, e) for e in imu] + [(e[0], 1, e) for e in headings]
+    arrivals += [(e[0] + int(g.integers(0, 15 * TICK)), 2, e) for e in positions]
+    come = [e for *_, e in sorted(arrivals, key=lambda a: a[:2])]
+    assert come != sorted(come, key=lambda e: e[0])
+    node, used, h = play(come, slots=64)
+    assert all(used)
+    x, P = plain(come)
+    np.testing.assert_allclose(node.x, x, atol=1e-9)
+    np.testing.assert_allclose(node.P, P, rtol=1e-9)
+    order = (np.arange(64) + int(h.head)) % 64
+    assert (np.diff(np.asarray(h.t)[order]) >= 0).all()
+    in_time, *_ = play(sorted(come, key=lambda e: (e[0], e[1])), slots=64)
+    np.testing.assert_allclose(node.x, in_time.x, atol=1e-12)
+
+
+def test_an_aiding_measurement_waits_for_the_imu():
+    imu, *_ = flight(9, n=4)
+    early = [(int(2.5 * TICK), POSITION, np.array([3.0, 0.0])), (int(2.2 * TICK), HEADING, np.array([1.0]))]
+    waiting, *_ = play([*imu[:3], *early])
+    np.testing.assert_allclose(waiting.x, plain(imu[:3])[0], atol=1e-12)  # nothing yet
+    node, used, _ = play([*imu[:3], *early, imu[3]])
+    assert all(used)
+    x, P = plain([*imu, *early])
+    np.testing.assert_allclose(node.x, x, atol=1e-12)
+    np.testing.assert_allclose(node.P, P, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
+    imu, *_ = flight(10, n=20)
+    node, used, _ = play([*imu, (2 * TICK, POSITION, np.ones(2))], slots=8)
+    assert not used[-1]
+    np.testing.assert_allclose(node.x, plain(imu)[0], atol=1e-12)
+    _, used, _ = play([(0, POSITION, np.ones(2)), *imu[1:3], (TICK // 2, HEADING, np.ones(1))], slots=8)
+    assert used == [False, True, True, False]
+
+
+def test_the_same_event_twice_is_known():
+    imu, *_ = flight(11, n=6)
+    fix = (2 * TICK, POSITION, np.ones(2))
+    node, used, _ = play([*imu, fix, fix])
+    assert used[-2:] == [True, False]
+    np.testing.assert_allclose(node.x, plain([*imu, fix])[0], atol=1e-12)
+
+
+def test_aiding_without_an_imu_does_not_push_the_last_state_out():
+    """Ten times more fixes than slots while the IMU is silent: those that fit wait, and the IMU still gets in."""
+    imu, *_ = flight(12, n=3)
+    fixes = [(2 * TICK + 1000 * k, POSITION, np.array([k / 80, 0.0])) for k in range(1, 81)]
+    node, used, _ = play([*imu, *fixes, (4 * TICK, IMU, np.ones(3))], slots=8)
+    assert used[-1]
+    assert 0 < sum(used[3:-1]) < 8
+    kept = [f for f, u in zip(fixes, used[3:-1], strict=True) if u]
+    np.testing.assert_allclose(node.x, plain([*imu, *kept, (4 * TICK, IMU, np.ones(3))])[0], atol=1e-12)
+
+
+def test_doubt_holds_on_both_sides_of_a_sample():
+    doubtful = np.array([1.0, 1.0])
+    node, *_ = play([(0, IMU, np.zeros(3)), (TICK, IMU, np.zeros(3), doubtful), (2 * TICK, IMU, np.zeros(3))])
+    np.testing.assert_allclose(node.P, 1 + 2 * 0.3 * 2 * TICK * 1e-7, rtol=1e-12)
+    node, *_ = play([(k * TICK, IMU, np.zeros(3), doubtful * (k == 1)) for k in range(4)])
+    np.testing.assert_allclose(node.P, 1 + 0.3 * (2 * 2 + 1) * TICK * 1e-7, rtol=1e-12)
+
+
+def test_it_exports():
+    h = ring.empty(FORM.first(), 8)
+    assert lowered(lambda h, r: ring.replay(FORM, h, r), (h, np.int32(3))).text("f")
+    event = Event(np.int64(5), POSITION, np.zeros(3), np.zeros(2))
+    assert lowered(lambda h, r: ring.insert(h, r, event), (h, np.int32(3))).text("f")

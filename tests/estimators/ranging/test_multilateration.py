@@ -1,0 +1,153 @@
+import jax
+import numpy as np
+import pytest
+from scipy.optimize import least_squares as scipy_least_squares
+
+from trimtab.compiler.function import lowered
+from trimtab.estimators.ranging.multilateration import bancroft, least_squares, leave_one_out, two_ranges
+
+H = 2.7048
+SQUARE = np.array([[1.5, 1.5], [1.5, -1.5], [-1.5, -1.5], [-1.5, 1.5]])
+UNEVEN = np.array([[0.0, 0.0], [3.1, 0.4], [2.6, 3.3], [-0.5, 2.2], [1.2, 4.4]])
+CLOSED = jax.jit(jax.vmap(bancroft, in_axes=(None, None, 0, 0)))
+FITTED = jax.jit(jax.vmap(lambda p, h, r, u: least_squares(p, h, r, u, bancroft(p, h, r, u).place), (None, None, 0, 0)))
+
+
+def exact(plan, height, places, bias=0.0):
+    return np.sqrt(((plan - places[:, None]) ** 2).sum(2) + height**2) + bias
+
+
+def places(n, seed=0, size=1.4):
+    return np.random.default_rng(seed).uniform(-size, size, (n, 2))
+
+
+@pytest.mark.parametrize("plan", [SQUARE, UNEVEN], ids=["square", "uneven"])
+@pytest.mark.parametrize("bias", [0.0, 0.05, -0.2])
+def test_check_23_bancroft_is_exact(plan, bias):
+    """Without noise within 1e-9 m, whatever the common range error, from all beacons."""
+    true = plan.mean(0) + places(500)
+    height = H + 0.1 * np.arange(len(plan))
+    found = CLOSED(plan, height, exact(plan, height, true, bias), np.ones((500, len(plan)), bool))
+    assert abs(np.asarray(found.place) - true).max() < 1e-9
+    assert abs(np.asarray(found.bias) - bias).max() < 1e-9
+    assert np.asarray(found.residual).max() < 1e-9
+
+
+def test_check_23_bancroft_is_exact_with_three():
+    """Any three of five; the far ranges are nonsense and must not matter."""
+    true = UNEVEN.mean(0) + places(400)
+    used = np.zeros((400, 5), bool)
+    rng = np.random.default_rng(1)
+    for row in used:
+        row[rng.permutation(5)[:3]] = True
+    ranges = np.where(used, exact(UNEVEN, H, true), 99.0)
+    found = CLOSED(UNEVEN, np.full(5, H), ranges, used)
+    assert abs(np.asarray(found.place) - true).max() < 1e-9
+    assert abs(np.asarray(found.bias)).max() < 1e-9
+
+
+@pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
+def test_check_23_circular_error(solve):
+    """Half of the static fixes lie within 0.47 to 0.57 cm, with 0.4 cm range noise, four beacons 3 m apart.
+
+    [1] figure 5.8: 0.52 cm.
+    """
+    n = 20000
+    true = np.zeros((n, 2))
+    ranges = exact(SQUARE, H, true) + np.random.default_rng(2).normal(0, 0.004, (n, 4))
+    found = solve(SQUARE, np.full(4, H), ranges, np.ones((n, 4), bool))
+    cep = np.median(np.linalg.norm(np.asarray(found.place) - true, axis=1))
+    assert 0.0047 <= cep <= 0.0057
+
+
+def oracle(plan, height, ranges, with_bias):
+    def f(x):
+        return np.sqrt(((plan - x[:2]) ** 2).sum(1) + height**2) + (x[2] if with_bias else 0.0) - ranges
+
+    return scipy_least_squares(f, np.append(plan.mean(0), [0.0] * with_bias), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+
+
+def test_least_squares_is_scipys():
+    true = UNEVEN.mean(0) + places(30)
+    ranges = exact(UNEVEN, H, true) + np.random.default_rng(3).normal(0, 0.02, (30, 5))
+    used = np.ones((30, 5), bool)
+    used[::2, 1] = False
+    found = FITTED(UNEVEN, np.full(5, H), ranges, used)
+    for i in range(30):
+        u = used[i]
+        best = oracle(UNEVEN[u], H, ranges[i, u], False)
+        np.testing.assert_allclose(found.place[i], best.x, atol=1e-7)
+        assert float(found.residual[i]) == pytest.approx(np.sqrt((best.fun**2).mean()), abs=1e-9)
+
+
+def test_closed_form_differs_from_least_squares_by_a_fraction_of_a_millimetre():
+    """About 0.03 cm, both with a common range error, at 0.4 cm noise, some 0.2 m from the middle of the square.
+
+    It grows in proportion to that distance: the closed form weighs ranges, not their residuals.
+    """
+    true = places(60, size=0.3)
+    ranges = exact(SQUARE, H, true) + np.random.default_rng(4).normal(0, 0.004, (60, 4))
+    found = CLOSED(SQUARE, np.full(4, H), ranges, np.ones((60, 4), bool))
+    best = np.array([oracle(SQUARE, H, r, True).x[:2] for r in ranges])
+    off = np.sqrt((((np.asarray(found.place) - best) ** 2).sum(1)).mean())
+    assert 2e-4 < off < 4.5e-4
+
+
+def test_leave_one_out_finds_the_wrong_range():
+    true = UNEVEN.mean(0) + places(50, size=1.0)
+    rng = np.random.default_rng(5)
+    ranges = exact(UNEVEN, H, true) + rng.normal(0, 0.004, (50, 5))
+    wrong = rng.integers(0, 5, 50)
+    ranges[np.arange(50), wrong] += rng.choice([-1, 1], 50) * rng.uniform(0.3, 3.0, 50)
+    used = np.ones(5, bool)
+
+    def solve(p, h, r, u):
+        return least_squares(p, h, r, u, bancroft(p, h, r, u).place)
+
+    def agrees(one):
+        return one.residual < 0.02
+
+    find = jax.jit(jax.vmap(lambda r: leave_one_out(solve, UNEVEN, np.full(5, H), r, used, agrees)))
+    out = find(ranges)
+    np.testing.assert_array_equal(np.argmin(np.nan_to_num(out.residual, nan=9.0), axis=1), wrong + 1)
+    best = np.asarray(out.place)[np.arange(50), wrong + 1]
+    assert abs(best - true).max() < 0.04
+    good = find(exact(UNEVEN, H, true))
+    assert abs(np.asarray(good.place)[:, 0] - true).max() < 1e-9
+    assert not np.asarray(good.place)[:, 1:].any()  # the first will do: the others are not looked for
+
+
+def test_two_ranges_take_the_side_of_the_fix_before():
+    true = np.array([[0.4, 0.9], [0.4, -0.9], [-1.0, 0.3]])
+    used = np.array([True, False, True, False])
+    ranges = exact(SQUARE, H, true)
+    for place, r in zip(true, ranges, strict=True):
+        near = place + np.array([0.1, -0.05])
+        found = two_ranges(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
+        np.testing.assert_allclose(found.place, place, atol=1e-12)
+        assert float(found.residual) < 1e-12
+        mirrored = two_ranges(SQUARE, np.full(4, H), r, used, place[::-1])  # the line runs along the diagonal
+        np.testing.assert_allclose(mirrored.place, place[::-1], atol=1e-12)
+
+
+def test_circles_that_miss_give_the_point_between():
+    used = np.array([True, True, False, False])
+    ranges = np.sqrt(np.array([1.4, 1.5, 1, 1]) ** 2 + H**2)
+    found = two_ranges(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
+    np.testing.assert_allclose(found.place, [1.5, 0.05], atol=0.01)
+    assert 0.01 < float(found.residual) < 0.1
+    below = two_ranges(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
+    assert np.isfinite(below.place).all()
+
+
+def test_exportable():
+    height, ranges, used = np.full(4, H), np.full(4, 3.0), np.ones(4, bool)
+
+    def all_of_it(r, u):
+        start = bancroft(SQUARE, height, r, u)
+        pair = two_ranges(SQUARE, height, r, u, start.place)
+        return leave_one_out(
+            lambda *a: least_squares(*a, start.place), SQUARE, height, r, u, lambda one: one.residual < 0.02
+        ), pair
+
+    assert lowered(all_of_it, [ranges, used]).outputs

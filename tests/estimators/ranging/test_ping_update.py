@@ -1,0 +1,92 @@
+"""A ping's effect on a filter that runs, and how it loses and finds itself; flights are in test_tightly_coupled.py."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.compiler.function import lowered
+from trimtab.core.record import numeric, replace
+from trimtab.estimators.ranging.ping_update import agreeing, either, learns, tracked
+from trimtab.estimators.ranging.range_model import predicted
+from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
+
+FORM = numeric(TightlyCoupled(begins="given"))
+YES = np.ones(4, bool)
+_tracked = jax.jit(lambda node, z: tracked(FORM, node, z, 0, YES))
+_agreeing = jax.jit(lambda node, z: agreeing(FORM, node, z, 0))
+
+
+def node(sure=True):
+    """At 0.3, -0.2 with heading 0.4; sure: within centimetres, correlated as a filter's."""
+    first = FORM.first()
+    A = 0.02 * np.random.default_rng(0).standard_normal((13, 13)) * (np.arange(13) < 8)[:, None]
+    P = np.asarray(first.P) + (A @ A.T if sure else 0)
+    P = P if not sure else P - np.diag(np.r_[np.diag(np.asarray(first.P))[:8] - 1e-4, np.zeros(5)])
+    x = jnp.zeros(13).at[jnp.array([0, 3, 4])].set(jnp.array([0.4, 0.3, -0.2]))
+    return jax.tree.map(jnp.asarray, replace(first, x=x, P=P))
+
+
+def ranges(off=(0.0, 0.0, 0.0, 0.0)):
+    place = np.array([0.3 + 0.2 * np.cos(0.4), -0.2 + 0.2 * np.sin(0.4)])
+    g = FORM.geometry(0)
+    return np.array([float(predicted(b, place, g.down, cone=True).range) for b in np.asarray(g.beacons)]) + off
+
+
+def least(P):
+    return np.linalg.eigvalsh(np.asarray(P)).min()
+
+
+@pytest.mark.slow
+def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
+    n, seen = node(), []
+    for k in range(70):
+        n = _tracked(n, ranges((0.0, 0.0, 0.5 if k < 12 else 0.0, 0.0)))
+        assert least(n.P) > 0
+        seen.append(bool(n.position_fix.moved[2]))
+    first, last = seen.index(True), len(seen) - seen[::-1].index(True)
+    assert first == 7  # the eighth in a row
+    assert last == 51  # forty that fit
+    assert float(n.P[11, 11]) == pytest.approx(0.005**2, rel=0.01)
+    assert n.position_fix.tracking
+
+
+def test_contradiction_by_most_ends_the_run():
+    n = node()
+    for _ in range(8):
+        assert n.position_fix.tracking
+        n = _tracked(n, ranges((0.7, -0.5, 0.6, 0.0)))
+    assert not n.position_fix.tracking
+    np.testing.assert_allclose(np.diag(n.P)[:5], np.asarray(FORM.start_variances())[:5])
+    np.testing.assert_array_equal(np.asarray(n.P)[:5, 5:], 0.0)
+    assert least(n.P) > 0
+
+
+def test_ranges_must_agree_with_each_other_while_it_is_unsure():
+    agree, place, good = _agreeing(node(sure=False), ranges())
+    assert good
+    assert list(np.asarray(agree)) == [True] * 4
+    np.testing.assert_allclose(place, [0.3 + 0.2 * np.cos(0.4), -0.2 + 0.2 * np.sin(0.4)], atol=1e-4)
+    agree, _, good = _agreeing(node(sure=False), ranges((0.0, 1.5, 0.0, 0.0)))
+    assert good
+    assert list(np.asarray(agree)) == [True, False, True, True]
+    agree, _, good = _agreeing(node(sure=False), ranges((0.8, -0.7, 0.0, 0.0)))
+    assert not good
+    assert not np.asarray(agree).any()
+
+
+def test_who_learns():
+    """Two units: all but the beacons' errors. One unit at rest: neither heading nor gyro bias."""
+    assert list(np.asarray(learns(FORM, node()))) == [1] * 9 + [0] * 4
+    one = replace(FORM, units=PAIR[:1])
+    assert list(np.asarray(learns(one, node()))) == [0, 1, 1, 1, 1, 0, 1, 1, 1] + [0] * 4
+    pushed = replace(node(), steady=np.array([30.0, 0.0]))
+    assert list(np.asarray(learns(one, pushed))) == [1] * 9 + [0] * 4
+
+
+def test_either_chooses_whole_trees():
+    assert either(np.bool_(True), {"a": 1.0}, {"a": 2.0})["a"] == 1.0
+
+
+def test_it_exports():
+    assert lowered(lambda n, z: tracked(FORM, n, z, 0, YES), (node(), ranges())).text("f")

@@ -1,0 +1,67 @@
+"""Who is doubted: a beacon that stands alone, or the filter that most contradict."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trimtab.core.record import replace
+from trimtab.estimators.ranging.range_errors import FORGIVES, RangeErrorModel, counted_ranges, doubted, no_range_fix
+
+ERRORS = RangeErrorModel(patience=4)
+
+
+def pings(*accepted, heard=(True,) * 4, innovation=1.0, fix=None):
+    fix = no_range_fix(4) if fix is None else fix
+    for row in accepted:
+        done = SimpleNamespace(
+            accepted=np.array(row, bool),
+            innovation=np.full(4, innovation),
+            variance=np.full(4, 1.0 + 1e-4),
+            nis=np.ones(4),
+        )
+        fix = counted_ranges(fix, np.array(heard), done, ERRORS)
+    return fix, [np.asarray(a) for a in doubted(fix, ERRORS)]
+
+
+def test_a_beacon_that_stands_alone_has_moved():
+    fix, (moved, _, lost) = pings(*[(1, 0, 1, 1)] * 4)
+    np.testing.assert_array_equal(moved, [False, True, False, False])
+    assert not lost
+    assert int(fix.used) == 12
+    assert int(fix.rejected) == 4
+    _, (moved, _, lost) = pings(*[(1, 0, 1, 1)] * 3)
+    assert not moved.any()
+    assert not lost
+
+
+def test_a_filter_that_most_contradict_is_lost():
+    fix, (moved, _, lost) = pings(*[(0, 0, 0, 1)] * 4)
+    assert lost
+    assert not moved.any()
+    assert int(fix.mostly_refused) == 4
+
+
+def test_half_of_the_beacons_for_long_is_a_lost_filter_too():
+    _, (moved, _, lost) = pings(*[(0, 0, 1, 1)] * 4)
+    assert lost
+    assert not moved.any()
+
+
+def test_silence_says_nothing():
+    fix, (moved, _, lost) = pings(*[(0, 0, 0, 0)] * 9, heard=(False,) * 4)
+    assert not moved.any()
+    assert not lost
+    assert int(fix.rejected) == 0
+
+
+@pytest.mark.parametrize(("innovation", "forgiven"), [(0.02, True), (0.5, False)])
+def test_a_moved_beacon_that_fits_its_survey_for_long_is_forgiven(innovation, forgiven):
+    fix = replace(no_range_fix(4), moved=np.array([False, True, False, False]))
+    fix, (_, forgives, _) = pings(*[(1, 1, 1, 1)] * (FORGIVES * 4), innovation=innovation, fix=fix)
+    np.testing.assert_array_equal(forgives, [False, forgiven, False, False])
+
+
+def test_ignoring_survey_errors_is_a_variance_of_nothing():
+    np.testing.assert_allclose(RangeErrorModel(scale=0.01, survey=0.1).variances(2), [1e-4, 1e-2, 1e-2])
+    np.testing.assert_allclose(RangeErrorModel(scale=0.01, survey_errors="ignore").variances(2), [1e-4, 0, 0])

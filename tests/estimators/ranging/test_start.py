@@ -1,0 +1,104 @@
+"""The closed-form start against numpy's least squares, and from situations that are exact."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.compiler.function import lowered
+from trimtab.estimators.ranging import start as rs
+
+LEVERS = np.array([[0.2, 0.0], [-0.2, 0.0]])
+LIMITS = {"enough": 4, "longest": 3.0, "heading_limit": 0.25}
+W = np.eye(2) / 0.03**2
+
+
+def turned(a, x):
+    c, s = np.cos(a), np.sin(a)
+    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+
+
+@jax.jit
+def _carried(start, dt, felt):
+    return rs.carried(start, dt, felt, felt, jnp.zeros(3))
+
+
+def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
+    """Places of two units in turn each 100 ms, felt constant in B; the start, and the truth at its end."""
+    g = np.random.default_rng(5)
+    start, dt = jax.tree.map(jnp.asarray, rs.nothing()), 0.1 / steps
+    state = np.array([heading, *v, *p])
+    for k in range(pings):
+        lever = LEVERS[k % 2]
+        place = state[3:] + turned(state[0], lever) + noise * g.standard_normal(2)
+        start = rs.located(start, place, lever, W)
+        if k == pings - 1:
+            break
+        for _ in range(steps):
+            start = _carried(start, dt, np.array([rate, *force]))
+            a = turned(state[0], force), turned(state[0] + rate * dt, force)
+            state[3:] += state[1:3] * dt + dt * dt / 6 * (a[1] + 2 * a[0])
+            state[1:3] += dt / 2 * (a[0] + a[1])
+            state[0] += rate * dt
+    return start, state
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("heading", [-3.0, -1.0, 0.0, 2.0])
+def test_four_pings_of_two_units_give_all(heading):
+    """Turning and accelerating, from any heading: exact."""
+    start, truth = fly(heading, -2.0, (0.3, -1.2), (0.4, -0.2), (1.0, 2.0))
+    found = rs.found(start, np.zeros(2), **LIMITS)
+    assert found.believed
+    np.testing.assert_allclose(found.x, truth, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_three_pings_are_refused_and_nonsense_is_refuted():
+    start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=3)
+    assert not rs.found(start, np.zeros(2), **LIMITS).believed
+    start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=8, noise=0.5)
+    found = rs.found(start, np.zeros(2), **LIMITS)
+    assert not found.believed
+    assert found.refuted
+
+
+def test_the_covariance_is_that_of_least_squares():
+    """Errors of 400 noisy starts, against the covariance that each tells: NEES 5 of 5."""
+    total = []
+    start, truth = fly(0.7, 0.5, (0.2, 0.1), (0.1, 0.2), (1.0, 2.0), pings=6)
+    found = jax.jit(lambda s: rs.found(s, np.zeros(2), **LIMITS))
+    C = np.linalg.inv(np.asarray(start.N))
+    L = np.linalg.cholesky(C)
+    g = np.random.default_rng(2)
+    for _ in range(400):
+        noisy = start.__class__(**{**vars_of(start), "g": start.g + np.asarray(start.N) @ (L @ g.standard_normal(6))})
+        f = found(noisy)
+        e = np.asarray(f.x) - truth
+        total.append(e @ np.linalg.solve(np.asarray(f.P), e))
+    assert np.mean(total) == pytest.approx(5, abs=0.7)
+
+
+def vars_of(start):
+    return {name: getattr(start, name) for name in start.__dataclass_fields__}
+
+
+def test_one_unit_that_stands_still_needs_a_heading():
+    start = jax.tree.map(jnp.asarray, rs.nothing())
+    for _ in range(5):
+        start = rs.located(start, np.array([1.0, 2.0]), np.zeros(2), W)
+        start = _carried(start, 0.1, np.zeros(3))
+    assert not rs.found(start, np.zeros(2), **LIMITS).believed
+    found = rs.found(rs.pointed(start, 0.6, 1e-4), np.zeros(2), **LIMITS)
+    assert found.believed
+    np.testing.assert_allclose(found.x, [0.6, 0, 0, 1, 2], atol=1e-9)
+
+
+def test_nothing_is_carried_before_the_first_ping():
+    start = jax.tree.map(jnp.asarray, rs.nothing())
+    assert float(_carried(start, 0.1, np.ones(3)).elapsed) == 0.0
+    assert float(rs.pointed(start, 0.3, 1.0).N[4, 4]) == 0.0
+
+
+def test_it_exports():
+    assert lowered(lambda s: rs.found(s, np.zeros(2), **LIMITS), (rs.nothing(),)).text("f")

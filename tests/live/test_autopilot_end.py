@@ -1,0 +1,144 @@
+"""Samples wait for steps: one a step, each once, none for ever. The step only remembers what it was given."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from run.stand_ins import Step, dialect, ends
+from wire.line import every
+
+from trimtab.core.signals import Command
+from trimtab.live.autopilot_end import LONGEST_QUEUE, STANDING, STRANGE, Pilot, frame_name
+
+FRAME, DIALECT = dialect({"compass": every(), "inertial-unit": every()}, every())
+MS = 10_000
+
+
+class Line:
+    """A vehicle that sends samples, and a pilot that hears them."""
+
+    def __init__(self, any_order=()):
+        self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
+        estimator = SimpleNamespace(listens=any_order, ANY_ORDER=bool(any_order))
+        scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator))
+        self.pilot, self.ends = Pilot(scenario, DIALECT, self.step), ends(DIALECT)
+        self._vector = np.zeros(len(self.step.inputs))
+
+    def send(self, sensor, t, real):
+        reads = self.step.reads
+        path = f"samples.{sensor}"
+        self._vector[reads[f"{path}.t"]], self._vector[reads[f"{path}.valid"]] = t, 1
+        self._vector[reads[f"{path}.value.real"]] = real
+        packets = self.pilot.sensors[sensor].pack(self.ends.there, self._vector)
+        for message in (m for p in packets for m in self.ends.here.feed(p)):
+            assert self.pilot.take(message)
+
+    def seen(self, sensor, *names):
+        return [tuple(s[f"samples.{sensor}.{n}"] for n in names) for s in self.step.seen]
+
+
+def test_of_a_burst_each_sample_gets_a_step_of_its_own_in_order():
+    line = Line()
+    for k in range(3):
+        line.send("compass", k * MS, float(k + 1))
+    line.send("inertial-unit", 2 * MS, 9.0)
+    for k in range(5):
+        line.pilot.fly((10 + k) * MS)
+    assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (2.0, 1), (3.0, 1), (3.0, 0), (3.0, 0)]
+    assert line.seen("inertial-unit", "value.real", "fresh")[:2] == [(9.0, 1), (9.0, 0)]
+    ages = [age for (age,) in line.seen("compass", "age")]
+    assert ages == pytest.approx([0.010, 0.010, 0.010, 0.011, 0.012])
+    assert [s["t"] for s in line.step.seen] == [(10 + k) * MS for k in range(5)]
+
+
+def test_a_sample_that_comes_twice_counts_once():
+    line = Line()
+    for _ in range(2):
+        line.send("compass", 5 * MS, 1.0)
+    assert (line.pilot.heard, line.pilot.waiting) == (1, 1)
+
+
+def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
+    """One of another clock, which is much older, is for all: the vehicle was started anew."""
+    line = Line(any_order=("inertial-unit",))
+    for sensor in ("compass", "inertial-unit"):
+        for k in (600, 602, 601, 603, 50):
+            line.send(sensor, k * MS, float(k))
+    for k in range(6):
+        line.pilot.fly((700 + k) * MS)
+    new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
+    assert new == {"compass": [600, 602, 603, 50], "inertial-unit": [600, 602, 601, 603, 50]}
+    assert line.pilot.overtaken == 2
+
+
+def test_too_many_drop_the_oldest_and_are_counted():
+    line = Line()
+    for k in range(LONGEST_QUEUE + 3):
+        line.send("compass", (k + 1) * MS, float(k))
+    assert line.pilot.overflowed == 3
+    line.pilot.fly(100 * MS)
+    assert line.seen("compass", "value.real") == [(3.0,)]
+
+
+def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
+    """A burst of five, then one sample a step: without help all would be five steps late until the end."""
+    line = Line()
+    for k in range(5):
+        line.send("compass", k * MS, 0.0)
+    for k in range(5, 2 * STANDING):
+        line.send("compass", k * MS, 0.0)
+        line.pilot.fly(k * MS)
+    late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
+    assert late[STANDING // 2] == 5
+    assert set(late[-STANDING // 2 :]) == {0}
+    assert line.pilot.overflowed == 5
+
+
+def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
+    line, offset = Line(), 7_000_000
+    line.send("compass", offset + 3 * MS, 1.0)
+    line.pilot.fly(5 * MS, lambda t: t - offset)
+    assert line.seen("compass", "t", "fresh") == [(3 * MS, 1)]
+    line.send("compass", offset + 4 * MS, 2.0)
+    line.pilot.fly(6 * MS, lambda t: t - offset - 100)
+    assert line.seen("compass", "t")[-1] == (4 * MS - 100,)
+
+
+@pytest.mark.parametrize("wrong", [-STRANGE - MS, STRANGE + 2 * MS, 2**62])
+def test_a_sample_of_another_clock_is_not_believed(wrong):
+    line = Line()
+    line.send("compass", 3 * MS, 1.0)
+    line.pilot.fly(4 * MS, lambda t: t)
+    line.send("compass", 4 * MS + wrong, 2.0)
+    line.pilot.fly(5 * MS, lambda t: t)
+    line.send("compass", 6 * MS, 3.0)
+    line.pilot.fly(7 * MS, lambda t: t)
+    assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (1.0, 0), (3.0, 1)]
+    assert line.pilot.strange == 1
+
+
+def test_what_came_before_the_flight_is_forgotten():
+    line = Line()
+    line.send("compass", MS, 1.0)
+    line.pilot.forget()
+    line.pilot.fly(2 * MS)
+    assert line.seen("compass", "fresh") == [(0,)]
+
+
+def test_commands_carry_the_vehicles_time():
+    line = Line()
+    writes, outputs = line.step.writes, line.step.outputs
+    outputs[writes["command.t"]], outputs[writes["command.value.real"]] = 5 * MS, 2.5
+    assert not line.pilot.ready
+    outputs[writes["command.valid"]] = 1
+    assert line.pilot.ready
+    (packet,) = line.pilot.commands(line.ends.here, shift=111)
+    (message,) = line.ends.there.feed(packet)
+    assert message.name == DIALECT.groups["command"][0]
+    assert not line.pilot.take(message)
+    assert (message.get("t"), message.get("valid"), message.get("real")) == (5 * MS + 111, 1, 2.5)
+
+
+def test_frames_have_the_paths_of_a_simulations_log():
+    assert frame_name("samples.inertial-unit.t") == "downlink.inertial-unit.t"
+    assert frame_name("t") is None

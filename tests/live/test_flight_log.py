@@ -1,0 +1,80 @@
+"""Rows out of vectors into a file that another process writes."""
+
+import os
+import signal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity
+from trimtab.live.flight_log import FlightLog, Source
+from trimtab.logs.mcap import read_mcap
+
+PERIOD = 10_000
+OWN = {"loop.late": ("f8", Quantity("s", "Lateness.")), "vehicle.armed": ("?", Quantity("1", "Armed.", kind="flag"))}
+
+
+def member(name, dtype, shape=()):
+    size = int(np.prod(shape, dtype=int))
+    return SimpleNamespace(path="c_" + name, name=name, dtype=dtype, shape=shape, size=size, declared=None)
+
+
+MEMBERS = [member("t", "i64"), member("a-b.v", "f64", (3,)), member("hidden", "f64"), member("ok", "bool")]
+
+
+def renamed(path):
+    return None if path in ("t", "hidden") else f"in.{path}"
+
+
+def book(file):
+    given, made = np.zeros(6), np.zeros(1)
+    sources = [Source(given, MEMBERS, renamed), Source(made, [member("law.out", "i32")], lambda p: p)]
+    return FlightLog(file, sources, OWN, {"scenario": "a test"}), given, made
+
+
+def test_rows_are_the_vectors_as_they_were(tmp_path):
+    log, given, made = book(tmp_path / "a.mcap")
+    rng, rows = np.random.default_rng(1), []
+    for k in range(300):
+        given[:], made[:] = rng.standard_normal(6), rng.integers(-(2**31), 2**31)
+        given[5] = k % 2
+        own = (float(rng.standard_normal()), k % 3 == 0)
+        rows.append((given.copy(), made.copy(), own))
+        log.put(k * PERIOD, own)
+        if k == 150:
+            log.event("half of it")
+    written = log.close({"truth.x": np.array(2.5)})
+    assert (written.rows, written.dropped, written.unwritten, written.whole) == (300, 0, 0, True)
+    found = read_mcap(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(found.ticks, np.arange(300) * PERIOD)
+    np.testing.assert_array_equal(found["in.a-b.v"], [g[1:4] for g, _, _ in rows])
+    np.testing.assert_array_equal(found["in.ok"], [g[5] == 1 for g, _, _ in rows])
+    np.testing.assert_array_equal(found["law.out"], [m[0] for _, m, _ in rows])
+    np.testing.assert_array_equal(found["loop.late"], [late for _, _, (late, _) in rows])
+    np.testing.assert_array_equal(found["vehicle.armed"], [armed for _, _, (_, armed) in rows])
+    assert not {"in.t", "in.hidden", "hidden"} & set(found.paths)
+    assert found.metadata["scenario"] == "a test"
+    assert found.final["truth.x"] == 2.5
+    assert [(e["text"], e["t"]) for e in found.metadata["events"]] == [("half of it", 0.15)]
+
+
+def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
+    log, _given, _ = book(tmp_path / "a.mcap")
+    for k in range(100):
+        log.put(k * PERIOD, (0.0, True))
+    os.kill(log._stream.pid, signal.SIGKILL)
+    log._stream._process.wait(10)
+    assert not log.alive
+    for k in range(100, 20_000):  # more than the ring holds
+        log.put(k * PERIOD, (0.0, True))
+    log.event("nobody hears this")
+    assert log.close() is None
+
+
+def test_a_file_that_is_there_is_refused_and_no_memory_stays_behind(tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"mine")
+    with pytest.raises(InputError):
+        book(tmp_path / "a.mcap")
+    assert (tmp_path / "a.mcap").read_bytes() == b"mine"

@@ -1,0 +1,97 @@
+"""The supervisor of a compiled step: asked in the middle of a flight over frames that the test writes."""
+
+import pytest
+
+from trimtab.core.time import ms
+from trimtab.live.supervised import Supervised
+from trimtab.loop.pilot_script import listening
+from trimtab.loop.supervision import MODES
+from trimtab.native.compiler import find_compiler
+from trimtab.run.fast_step import fast_step
+from trimtab.scenarios import catalogue
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return listening(catalogue.load("hovercraft/forward", {"supervisor": "automatic"})[0])
+
+
+@pytest.fixture(scope="module")
+def compiled(scenario):
+    return fast_step(scenario)
+
+
+class Flight:
+    """Good samples each 6 ms, and what is asked."""
+
+    def __init__(self, scenario, step):
+        step.reset()
+        step.inputs[:] = 0
+        self.step, self.supervised, self.k = step, Supervised(scenario, step), 0
+
+    def fly(self, n):
+        """n periods; the modes, by name."""
+        found = []
+        for _ in range(n):
+            t = self.k * ms(1)
+            fresh = self.k % 6 == 0
+            self.step.give({"t": t, "samples.navigation.fresh": fresh, "samples.navigation.valid": True})
+            if fresh:
+                self.step.give({"samples.navigation.t": t})
+            self.supervised.give(t)
+            self.step.step()
+            found.append(MODES[self.supervised.mode])
+            self.k += 1
+        return found
+
+
+@pytest.fixture
+def flight(scenario, compiled):
+    made = Flight(scenario, compiled)
+    assert made.fly(20)[-1] == "flying"
+    return made
+
+
+def test_it_holds_goes_on_and_ends_as_it_is_asked_in_the_next_step(flight):
+    step, at = flight.step, flight.step.writes
+    for request, mode in (("hold", "hold"), ("resume", "flying"), ("end", "ended")):
+        flight.supervised.ask(request)
+        assert flight.fly(5) == [mode] * 5
+        assert step.inputs[step.reads["samples.pilot.t"]] == (flight.k - 5) * ms(1)
+        assert step.inputs[step.reads["samples.pilot.age"]] == pytest.approx(4e-3)
+    assert step.outputs[at["supervisor.refusals"]] == 0
+    assert step.outputs[at["command.valid"]] == 0
+
+
+def test_what_is_so_already_is_not_asked_again(flight):
+    for _ in range(3):
+        flight.supervised.ask("hold")
+        assert flight.fly(2) == ["hold", "hold"]
+    flight.supervised.ask("resume")
+    flight.fly(1)
+    flight.supervised.ask("resume")
+    assert flight.fly(2) == ["flying", "flying"]
+    assert flight.step.outputs[flight.step.writes["supervisor.refusals"]] == 0
+
+
+def test_news_are_told_once(flight):
+    assert flight.supervised.news() == "supervisor: flying: automatic"
+    flight.supervised.ask("hold")
+    assert flight.supervised.news() == ""
+    flight.fly(1)
+    assert flight.supervised.news() == "supervisor: hold: hold request"
+    assert flight.supervised.news() == ""
+
+
+def test_without_a_supervisor_it_can_not_be_asked():
+    scenario = listening(catalogue.load("hovercraft/forward")[0])
+    assert "pilot" not in scenario.world.sensors
+    step = fast_step(scenario)
+    supervised = Supervised(scenario, step)
+    supervised.ask("hold")
+    before = step.inputs.copy()
+    supervised.give(ms(5))
+    assert (step.inputs == before).all()
+    assert (supervised.mode, supervised.news()) == (None, "")

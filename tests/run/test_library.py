@@ -1,0 +1,67 @@
+"""Flying compiled runs: progress, Ctrl-C, threads."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from trimtab.core.record import replace
+from trimtab.core.time import seconds
+from trimtab.native.compiler import find_compiler
+from trimtab.run import library
+from trimtab.run.batch import simulate_batch
+from trimtab.run.library import rows_of, threads_of
+from trimtab.scenarios import catalogue
+
+needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+
+
+@pytest.fixture(scope="module")
+def short():
+    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    return replace(scenario, duration=seconds("0.5"))
+
+
+def test_rows_of_what_is_written():
+    np.testing.assert_array_equal(rows_of(np.array([True, False, False, True])), [0, 4, 4, 1])
+
+
+def test_threads_are_bounded():
+    assert threads_of(0) == 1
+    assert threads_of(3) == 3
+    assert threads_of(10**6) == 256
+    assert threads_of(None) >= 1
+
+
+@needs_c
+def test_progress_rises_to_all_runs(short, monkeypatch):
+    monkeypatch.setattr(library, "SHORT", 0)
+    seen = []
+    watched = simulate_batch(short, seeds=range(40), signals=("truth",), progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 40
+    monkeypatch.undo()
+    plain = simulate_batch(short, seeds=range(40), signals=("truth",))
+    np.testing.assert_array_equal(watched.rms["truth.yaw_rate"], plain.rms["truth.yaw_rate"])
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises, also in a process that was started in the background, where it is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@needs_c
+def test_ctrl_c_ends_it(short, interruptible):
+    simulate_batch(short, seeds=range(2), signals=("truth",))  # compiled before the clock starts
+    many = range(40_000)  # a quarter of a minute at least
+    threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        simulate_batch(short, seeds=many, signals=("truth",), log_period=seconds(1), duration=seconds(20))
+    assert time.perf_counter() - began < 10
