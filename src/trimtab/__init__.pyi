@@ -8,13 +8,13 @@ from trimtab.core.record import record as record
 from trimtab.core.record import replace as replace
 from trimtab.core.time import ms as ms
 from trimtab.core.time import seconds as seconds
+from trimtab.export.export_c import export_c as export_c
 from trimtab.links.open_link import open_link as open_link
 from trimtab.logs.metrics import Target as Target
 from trimtab.loop.autopilot import Autopilot as Autopilot
 from trimtab.loop.scenario import Scenario as Scenario
 from trimtab.loop.world import World as World
 from trimtab.run.batch import simulate_batch as simulate_batch
-from trimtab.export.export_c import export_c as export_c
 from trimtab.run.simulate import simulate as simulate
 from trimtab.scenarios.build import build as build
 

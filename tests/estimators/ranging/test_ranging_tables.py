@@ -5,7 +5,18 @@ import numpy as np
 import pytest
 from estimators import range_flights as rf
 from estimators.flights import weave
-from estimators.test_tightly_coupled import FROM, GAP, LONG, THREE_LEFT, TIGHT, TWO_LEFT, flown, loose, rms, still
+from estimators.ranging.test_tightly_coupled import (
+    FROM,
+    GAP,
+    LONG,
+    THREE_LEFT,
+    TIGHT,
+    TWO_LEFT,
+    flown,
+    loose,
+    rms,
+    still,
+)
 
 from trimtab.core.record import numeric, replace
 
