@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from click.testing import CliRunner
 import trimtab.core.errors, trimtab.core.record, trimtab.core.signals, trimtab.core.time
-import trimtab.cli, trimtab.commands.tables, trimtab.logs.schema, trimtab.plots.run, trimtab.scenarios.catalogue
+import trimtab.cli, trimtab.commands.tables, trimtab.logs.messages, trimtab.plots.run, trimtab.scenarios.catalogue
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log

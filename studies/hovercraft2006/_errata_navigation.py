@@ -75,7 +75,7 @@ ENTRIES = (
         "turn with the Earth",
         "The error is the Coriolis term, which the planar navigation neglects in either case.",
         (
-            "environment.earth_rate",
+            "environment.geodetic",
             "estimators.inertial.mechanisation",
         ),
     ),
@@ -135,7 +135,7 @@ ENTRIES = (
         "atan2(cross, product)",
         "The arc cosine loses half the digits next to 0 and π.",
         (
-            "environment.magnetic_heading",
+            "environment.magnetic",
             "sensors.heading",
         ),
     ),
@@ -160,7 +160,7 @@ ENTRIES = (
         "The coefficients come from a fit; the calibration of the sensor has a gain of 1.",
         (
             "sensors.gyro_dynamics",
-            "estimators.inertial.gyro_compensator",
+            "estimators.inertial.gyro_compensated",
         ),
     ),
     Erratum(
@@ -201,8 +201,8 @@ ENTRIES = (
         "At 0.003 rad the derivative of the equation that is solved vanishes, and a range shorter than "
         "the height (noise) has no root: the range itself is taken then.",
         (
-            "environment.ultrasonic_cone",
-            "estimators.ranging.cone_compensation",
+            "environment.acoustics",
+            "estimators.ranging.range_model",
         ),
     ),
     Erratum(

@@ -11,8 +11,8 @@ import numpy as np
 from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.ranging.multilateration import assisted_heading, two_unit_heading
 from trimtab.estimators.ranging.position import RangingPosition
-from trimtab.estimators.ranging.two_unit_heading import assisted_heading, two_unit_heading
 from trimtab.loop.settings import with_settings
 from trimtab.run.batch import Batch, simulate_batch
 from trimtab.scenarios import catalogue

@@ -11,7 +11,7 @@ import numpy as np
 
 from studies.row import Row, within
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.gyro_compensator import GyroCompensator
+from trimtab.estimators.inertial.gyro_compensated import GyroCompensator
 from trimtab.sensors.gyro_dynamics import TICK, DelayedGyro, frequency_response
 
 SECTION = "6.2.1.0"

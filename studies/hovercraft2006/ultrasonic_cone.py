@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from studies.row import Row, within
-from trimtab.environment.ultrasonic_cone import LINEAR, QUADRATIC, fit, range_ratio
-from trimtab.estimators.ranging.cone_compensation import compensate
+from trimtab.environment.acoustics import LINEAR, QUADRATIC, fit, range_ratio
+from trimtab.estimators.ranging.range_model import compensate
 
 SECTION = "5.5.4"
 PLACE = "[1] table 5.2"

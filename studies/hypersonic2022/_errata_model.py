@@ -120,7 +120,7 @@ ENTRIES = (
         "(8); dG/dv; e without its subscript; (9) for the tracking system",
         "(7); G_ζ at the trim; e with its subscript; (10)",
         "(7) has the internal dynamics; G does not depend on v; (9) is the observer.",
-        ("design.linear_normal_form",),
+        ("design.normal_form",),
     ),
     Erratum(
         LINEARISATION,

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from trimtab.actuators.drive import DriveCommand, FanDrive
+from trimtab.actuators.drive import BRAKING, FORWARD, REVERSE, DriveCommand, FanDrive
 from trimtab.actuators.lookup import thrust_table
 from trimtab.actuators.rudder import DEG
-from trimtab.actuators.speed_controller import BRAKING, FORWARD, REVERSE
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Actuators

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trimtab.actuators.speed_controller import MODES, SpeedController, SpeedControllerState
+from trimtab.actuators.drive import MODES, SpeedController, SpeedControllerState
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 

@@ -1,8 +1,8 @@
 """Backing away under an interlock: beyond a rate of turn reached in one far corner only, the fans stay off for good."""
 
 from trimtab.core.record import replace
-from trimtab.loop.flight_limit import Limit
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.supervisor import Limit
 from trimtab.scenarios.build import build
 
 TRIP = 0.30

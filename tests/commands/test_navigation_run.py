@@ -25,7 +25,7 @@ from trimtab.core.time import seconds
 from trimtab.estimators.inertial.navigation_state import HeadingFix, no_heading_fix
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
-from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.sensors.navigation_errors import PlanarNavigation
 
 
 @record

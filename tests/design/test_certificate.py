@@ -7,9 +7,8 @@ import pytest
 from design.systems import BALL_AND_BEAM
 
 from trimtab.core.errors import InputError
-from trimtab.design.certificate import Recorded, as_json, certify, digest
+from trimtab.design.certificate import Recorded, as_json, certify, digest, parsed, read
 from trimtab.design.certificate_check import check
-from trimtab.design.certificate_file import parsed, read
 from trimtab.design.lmi import lmi_gain
 from trimtab.design.lqr import kalman_bucy, lqr
 

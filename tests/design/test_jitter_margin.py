@@ -5,8 +5,7 @@ import pytest
 from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
-from trimtab.design.delay_margin import delay_margin
-from trimtab.design.jitter_margin import jitter_margin, jitter_margin_samples
+from trimtab.design.delay_margin import delay_margin, jitter_margin, jitter_margin_samples
 from trimtab.design.loop_transfer import of_polynomials
 
 

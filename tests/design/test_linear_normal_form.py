@@ -6,8 +6,8 @@ from design.published import G, vtol
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
-from trimtab.design.linear_normal_form import linear_normal_form
 from trimtab.design.model import system
+from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import trim
 
 

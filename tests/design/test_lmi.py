@@ -8,9 +8,8 @@ from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR, left_side
 from scipy.linalg import sqrtm
 
 from trimtab.core.errors import InputError
-from trimtab.design.lmi import STRICT, lmi_gain
+from trimtab.design.lmi import STRICT, lmi_gain, minimise, symmetric, violation
 from trimtab.design.lqr import lqr
-from trimtab.design.semidefinite import minimise, symmetric, violation
 
 CASES = {
     "double integrator": (*DOUBLE_INTEGRATOR, np.diag([1.0, 0.5]), np.array([[2.0]])),

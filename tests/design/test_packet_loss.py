@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.design.packet_loss import critical_loss, growth, mean_square, mean_squares
+from trimtab.design.delay_margin import critical_loss, growth, mean_square, mean_squares
 
 
 def by_every_pattern(a, q, steps, start, tries):

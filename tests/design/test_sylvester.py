@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from trimtab.core.errors import InputError
-from trimtab.design.sylvester import filter_matrix, following
+from trimtab.design.stable_inversion import filter_matrix, following
 
 
 def test_a_sine_into_an_unstable_system():

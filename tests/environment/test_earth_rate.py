@@ -3,9 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.compiler.function import lowered
-from trimtab.environment.earth_rate import coriolis, earth_rate, transport_rate
-from trimtab.environment.geodetic import ned_axes
-from trimtab.environment.gravity import RATE
+from trimtab.environment.geodetic import RATE, coriolis, earth_rate, ned_axes, transport_rate
 
 
 def test_it_is_the_axis_of_the_earth_in_local_axes():

@@ -6,7 +6,7 @@ import pytest
 
 from trimtab.compiler.function import lowered
 from trimtab.environment import geodetic
-from trimtab.environment.gravity import GM, RATE, gravity, normal_gravity
+from trimtab.environment.geodetic import GM, RATE, gravity, normal_gravity
 
 A, B = geodetic.SEMI_MAJOR, geodetic.SEMI_MINOR
 E = np.sqrt(A**2 - B**2)

@@ -5,8 +5,7 @@ import pytest
 
 from trimtab.compiler.function import lowered
 from trimtab.core.rotation import from_euler, wrap
-from trimtab.environment.magnetic import COLLEGE_PARK
-from trimtab.environment.magnetic_heading import magnetic_heading, strength_ratio
+from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading, strength_ratio
 
 FIELD = np.array(COLLEGE_PARK)
 HEADINGS = np.concatenate([np.linspace(-np.pi, np.pi, 41), [1e-9, np.pi - 1e-9, -1e-12]])

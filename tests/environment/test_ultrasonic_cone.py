@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from studies.hovercraft2006.ultrasonic_cone import TABLE_5_2
-from trimtab.environment.ultrasonic_cone import LINEAR, PEAK, QUADRATIC, fit, off_axis, range_ratio
+from trimtab.environment.acoustics import LINEAR, PEAK, QUADRATIC, fit, off_axis, range_ratio
 
 TABLE = np.array(TABLE_5_2)
 """Angle (deg), true and measured range (cm), their ratio: [1] table 5.2, height 270.48 cm."""

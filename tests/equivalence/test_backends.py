@@ -8,8 +8,8 @@ import pytest
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.logs.difference import difference
 from trimtab.native.compiler import find_compiler
+from trimtab.run.replay import difference
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 

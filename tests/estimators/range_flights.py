@@ -20,9 +20,9 @@ from trimtab.environment.acoustics import Air
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import LeverArms, turned_lever
-from trimtab.estimators.ranging.ping_update import tracked
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.estimators.ranging.range_model import predicted
+from trimtab.estimators.ranging.start import tracked
 from trimtab.sensors.time_of_flight import Beacons, Medium, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
-from trimtab.estimators.discretise import discretise, exponential
+from trimtab.estimators.kalman import discretise, exponential
 
 PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1], [19.6, 0.05, -330.9, -0.66]])
 

@@ -9,7 +9,7 @@ from ground.test_pymavlink import SET_MODE, Peer
 from live.pair import Program
 
 from trimtab.logs.mcap import read_mcap
-from trimtab.loop.supervision import CAUSES, MODES
+from trimtab.loop.supervisor import CAUSES, MODES
 from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import replay
 from trimtab.scenarios.recorded import recorded_scenario

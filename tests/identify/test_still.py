@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.identify.allan import allan
-from trimtab.identify.still import refuse_motion
+from trimtab.identify.allan import allan, refuse_motion
 
 DT, N, K = 0.0065536, 1.0e-3, 1.0e-4
 SIZE = 20_000

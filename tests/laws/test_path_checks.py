@@ -4,10 +4,9 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.laws.path_checks import refuse_ends
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
-from trimtab.laws.stable_inversion import StableInversion
+from trimtab.laws.stable_inversion import StableInversion, refuse_ends
 from trimtab.vehicles.hypersonic import Hypersonic
 
 CRAFT, LIMITS = Hypersonic(), InputLimits()

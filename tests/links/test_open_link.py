@@ -1,6 +1,6 @@
 """Each transport carries bytes both ways, and comes back after its peer or device has gone.
 
-Of trimtab.links.stream, trimtab.links.dial, trimtab.links.counts and trimtab.links.uri.
+Of trimtab.links.stream, trimtab.links.stream, trimtab.links.stream and trimtab.links.open_link.
 """
 
 import select

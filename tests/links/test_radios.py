@@ -9,8 +9,8 @@ pytest.importorskip("bumble", reason="the virtual Bluetooth radios need: pip ins
 from links.ends import EVERY_BYTE, PATIENCE, collect, deliver, meet
 from links.radios import VEHICLE, Radios
 
+from trimtab.links.open_link import parse
 from trimtab.links.rfcomm import open_rfcomm
-from trimtab.links.uri import parse
 
 URI = f"rfcomm://{VEHICLE}/1"
 

@@ -4,7 +4,7 @@ import os
 import select
 import time
 
-from trimtab.links.readiness import ready
+from trimtab.links.stream import ready
 
 
 def test_it_tells_what_has_come():

@@ -4,9 +4,8 @@ import socket
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.links.open_link import open_link
+from trimtab.links.open_link import open_link, parse
 from trimtab.links.rfcomm import open_rfcomm
-from trimtab.links.uri import parse
 
 URI = "rfcomm://00:11:22:aa:bb:cc/3"
 

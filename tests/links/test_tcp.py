@@ -3,7 +3,7 @@ import socket
 import pytest
 from links.ends import free_port
 
-from trimtab.links.dial import Calling
+from trimtab.links.stream import Calling
 
 
 def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():

@@ -15,8 +15,7 @@ from trimtab.live.duties import COMPUTER_MODE, MANUAL_MODE, Duties
 from trimtab.live.exchange import Taken
 from trimtab.live.failsafe_step import WIDE
 from trimtab.native.compiler import find_compiler
-from trimtab.wire.events import ArmAsked, Channels, ModeAsked, Sticks
-from trimtab.wire.protocol import State
+from trimtab.wire.protocol import ArmAsked, Channels, ModeAsked, State, Sticks
 from trimtab.wire.station import Status
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

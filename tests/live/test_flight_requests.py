@@ -5,9 +5,9 @@ from run.stand_ins import KEY, dialect
 from wire.line import every
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.flight_requests import AGAIN, GIVEN_UP, GONE, NOBODY, FlightRequests
-from trimtab.wire.events import FlightAsked, ModeAsked
+from trimtab.live.duties import AGAIN, GIVEN_UP, GONE, NOBODY, FlightRequests
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import FlightAsked, ModeAsked
 from trimtab.wire.station import Status
 
 _, DIALECT = dialect({"compass": every()}, every())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.live.histogram import BUCKETS, Histogram, upper
+from trimtab.live.real_time import BUCKETS, Histogram, upper
 
 
 def test_quantiles_are_those_of_the_numbers_to_a_bucket():

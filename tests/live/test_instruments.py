@@ -15,8 +15,8 @@ from trimtab.live.vehicle import on_real_link
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.live.world_step import compiled_world
 from trimtab.wire.dialect import dialect_of
-from trimtab.wire.events import Channels
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import Channels
 
 
 class Told:

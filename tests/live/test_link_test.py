@@ -15,10 +15,11 @@ from trimtab.core.interfaces import LinkStatistics
 from trimtab.links.latency import MeasuredLatency, gamma_table, mean_latency
 from trimtab.links.latency_trace import LatencyTrace, read_trace, write_trace
 from trimtab.links.open_link import open_link
-from trimtab.live import link_echo, link_test
+from trimtab.live import link_test
+from trimtab.live import link_test as link_echo
 from trimtab.live.clock_time import STATUS, UP, ClockTime, Hello, Parser, appended, hello_of
 from trimtab.live.link_delays import Plan, model, rows, traces
-from trimtab.live.link_echo import echo
+from trimtab.live.link_test import echo
 
 BOOT = b"one boot"
 

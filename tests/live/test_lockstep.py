@@ -11,7 +11,7 @@ from live.pair import fly_pair
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.lockstep_flight import LockstepPilot, LockstepVehicle
+from trimtab.live.lockstep import LockstepPilot, LockstepVehicle
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import metrics

@@ -9,8 +9,8 @@ from live.test_lockstep import in_step, same
 
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
+from trimtab.links.open_link import parse
 from trimtab.links.rfcomm import open_rfcomm
-from trimtab.links.uri import parse
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -3,9 +3,9 @@
 import pytest
 
 from trimtab.core.time import ms
-from trimtab.live.supervised import Supervised
+from trimtab.live.fly import Supervised
 from trimtab.loop.pilot_script import listening
-from trimtab.loop.supervision import MODES
+from trimtab.loop.supervisor import MODES
 from trimtab.native.compiler import find_compiler
 from trimtab.run.fast_step import fast_step
 from trimtab.scenarios import catalogue

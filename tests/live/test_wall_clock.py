@@ -2,7 +2,7 @@
 
 from time import monotonic_ns
 
-from trimtab.live.wall_clock import MOST, NS, WallClock
+from trimtab.live.real_time import MOST, NS, WallClock
 
 
 class Packets:

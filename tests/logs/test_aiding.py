@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from trimtab.core.time import ms, to_seconds
-from trimtab.logs.aiding import BY_HEADING, BY_POSITION, fixes, unaided, updates
 from trimtab.logs.log import Log
-from trimtab.logs.navigation import innovations, navigation, series
+from trimtab.logs.navigation import BY_HEADING, BY_POSITION, fixes, innovations, navigation, series, unaided, updates
 
 BASE = "estimate.state"
 FIX = f"{BASE}.position_fix"

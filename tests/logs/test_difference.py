@@ -5,8 +5,8 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
-from trimtab.logs.difference import difference
 from trimtab.logs.log import Log
+from trimtab.run.replay import difference
 
 TICKS = np.arange(0, 50_000, 10_000)
 

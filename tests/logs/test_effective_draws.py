@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.logs.effective_draws import effective_draws, judge_average
+from trimtab.logs.consistency import effective_draws, judge_average
 
 
 def test_draws_of_white_and_of_lasting_errors():

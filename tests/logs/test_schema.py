@@ -5,7 +5,7 @@ import numpy as np
 
 from trimtab.core.record import Quantity
 from trimtab.logs.log import Log
-from trimtab.logs.schema import schema_of, topics_of
+from trimtab.logs.messages import schema_of, topics_of
 
 
 def test_topics_are_blocks_and_several_blocks_have_one_each():

@@ -18,9 +18,8 @@ from mcap.reader import make_reader
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
-from trimtab.logs.log import Log
+from trimtab.logs.log import Log, provenance
 from trimtab.logs.mcap import read_mcap, write_mcap
-from trimtab.logs.provenance import provenance
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import start_writer
 
@@ -37,7 +36,7 @@ FLYING = """
 import sys, time
 import numpy as np
 from test_stream import METADATA, SIGNALS, WIDTH, rows_of
-from trimtab.logs.provenance import provenance
+from trimtab.logs.log import provenance
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import start_writer
 ring = Ring.create(columns=WIDTH)

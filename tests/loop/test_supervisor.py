@@ -12,11 +12,9 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, numeric, quantity, record, replace
 from trimtab.core.signals import Estimate, PlanarForce, Sample
 from trimtab.core.time import ms, seconds
-from trimtab.loop.flight_limit import Limit
 from trimtab.loop.pilot_script import PilotScript, script
 from trimtab.loop.structure import strong
-from trimtab.loop.supervision import CAUSES, CHECKS, MODES, REQUESTS, PilotRequest, SupervisorInput
-from trimtab.loop.supervisor import Supervisor
+from trimtab.loop.supervisor import CAUSES, CHECKS, MODES, REQUESTS, Limit, PilotRequest, Supervisor, SupervisorInput
 from trimtab.native.compiler import find_compiler
 from trimtab.run.fast_step import fast_step
 from trimtab.run.simulate import simulate

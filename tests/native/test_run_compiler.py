@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from trimtab.native.run_compiler import run_compiler
+from trimtab.native.compiler import run_compiler
 
 pytestmark = pytest.mark.usefixtures("cache")
 

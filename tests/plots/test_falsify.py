@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.search.falsify import Falsified
-from trimtab.campaign.workers.plan import Plan
+from trimtab.campaign.workers.ready import Plan
 from trimtab.plots.falsify import plot_falsify
 
 

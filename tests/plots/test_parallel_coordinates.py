@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
-from trimtab.plots.parallel_coordinates import MOST_LINES, plot_parallel, short_names, thinned
+from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names, thinned
 
 RNG = np.random.default_rng(0)
 

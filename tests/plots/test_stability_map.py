@@ -3,9 +3,8 @@
 import numpy as np
 
 from trimtab.campaign.search.axes import of_link, of_path
-from trimtab.campaign.search.boundary import trace
 from trimtab.campaign.search.map_theory import Theory
-from trimtab.campaign.search.stability_map import StabilityMap
+from trimtab.campaign.search.stability_map import StabilityMap, trace
 from trimtab.plots.stability_map import plot_stability_map
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.search.tune import Tuned
-from trimtab.campaign.search.tune_search import Step
+from trimtab.campaign.search.tune_gradient import Step
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.plan import Plan
+from trimtab.campaign.workers.ready import Plan
 from trimtab.plots.tune import plot_tune
 
 

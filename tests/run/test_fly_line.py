@@ -6,9 +6,9 @@ from types import SimpleNamespace
 from trimtab.core.time import ms, seconds
 from trimtab.live.exchange import Taken
 from trimtab.live.fly import Flyer
+from trimtab.live.real_time import QUEUE, discard
 from trimtab.live.remote import QUICK_ASKS, Remote
 from trimtab.live.vehicle import Vehicle
-from trimtab.live.wall_clock import QUEUE, discard
 from trimtab.wire.time_sync import TimeSync
 
 OFFSET = 98_765_432

@@ -15,8 +15,7 @@ from trimtab.links.wire import Wire
 from trimtab.loop.world import World
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
-from trimtab.sensors.navigation_errors import NavigationErrors
-from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.sensors.navigation_errors import NavigationErrors, PlanarNavigation
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from trimtab.loop.faults import injected
 from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.run.fast_step import FastStep
 from trimtab.scenarios import catalogue
-from trimtab.wire.events import ArmAsked
 from trimtab.wire.parameters import Parameters
+from trimtab.wire.protocol import ArmAsked
 
 
 @pytest.fixture(scope="module")

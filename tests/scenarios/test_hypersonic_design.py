@@ -11,9 +11,8 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.design import composite
-from trimtab.design.certificate import as_json
+from trimtab.design.certificate import as_json, parsed
 from trimtab.design.certificate_check import check
-from trimtab.design.certificate_file import parsed
 from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible.model import dynamics_of

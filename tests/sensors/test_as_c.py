@@ -14,8 +14,7 @@ from trimtab.loop.structure import strong
 from trimtab.native.build import build, load
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.gyro_dynamics import DelayedGyro
-from trimtab.sensors.imu import Imu
-from trimtab.sensors.imu_errors import GyroErrors
+from trimtab.sensors.imu import GyroErrors, Imu
 from trimtab.sensors.magnetometer import FloorSteel, Magnetometer, RunningMotor
 from trimtab.sensors.tachometer import Tachometer
 

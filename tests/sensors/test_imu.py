@@ -12,10 +12,9 @@ from trimtab.core.rng import key
 from trimtab.core.rotation import from_euler, from_rotation_vector
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms
-from trimtab.environment.earth_rate import earth_rate
+from trimtab.environment.geodetic import earth_rate
 from trimtab.sensors.gyro_dynamics import DelayedGyro, IdentifiedGyro
-from trimtab.sensors.imu import Imu
-from trimtab.sensors.imu_errors import AccelerometerErrors, GyroErrors
+from trimtab.sensors.imu import AccelerometerErrors, GyroErrors, Imu
 
 TICK = ms("6.5536")
 DT = 0.0065536

@@ -10,8 +10,7 @@ from trimtab.core.rng import key
 from trimtab.core.rotation import from_euler, wrap
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
-from trimtab.environment.magnetic import COLLEGE_PARK
-from trimtab.environment.magnetic_heading import magnetic_heading, strength_ratio
+from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading, strength_ratio
 from trimtab.sensors.magnetometer import FloorSteel, Magnetometer, RunningMotor, dipole_field
 
 FIELD = np.array(COLLEGE_PARK)

@@ -5,7 +5,7 @@ from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import PlanarForce
 from trimtab.core.time import ms
-from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.sensors.navigation_errors import PlanarNavigation
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 STATE = HovercraftState(

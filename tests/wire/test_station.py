@@ -10,9 +10,8 @@ from wire.test_parameters import parameters
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
 from trimtab.wire import protocol
-from trimtab.wire.events import ArmAsked, Channels, FlightAsked, ModeAsked, ParameterSet, Sticks
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Result
+from trimtab.wire.protocol import ArmAsked, Channels, FlightAsked, ModeAsked, ParameterSet, Result, Sticks
 from trimtab.wire.station import Station, Status
 from trimtab.wire.streams import Stream, Streams
 

@@ -4,7 +4,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.scenarios import catalogue
-from trimtab.wire.vehicle_type import type_of
+from trimtab.wire.telemetry import type_of
 
 WANTED = {"hovercraft": "SURFACE_BOAT", "hypersonic": "FIXED_WING", "navigation/platform": "GENERIC"}
 

@@ -12,15 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
-from trimtab.campaign.statistics.measure import measured_log
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.store.in_memory import InMemory
-from trimtab.campaign.store.store import Store, block_of, missing, open_store
-from trimtab.campaign.workers.block import flies_c
+from trimtab.campaign.store.store import InMemory, Store, block_of, missing, open_store
+from trimtab.campaign.workers.block import Workers, WorkersLost, flies_c, measured_log
 from trimtab.campaign.workers.local import here
-from trimtab.campaign.workers.lost import Workers, WorkersLost
-from trimtab.campaign.workers.plan import Plan, identity
-from trimtab.campaign.workers.ready import drawn, prepare, scenario_of
+from trimtab.campaign.workers.ready import Plan, drawn, identity, prepare, scenario_of
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log

@@ -10,8 +10,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse, to_seconds
-from trimtab.identify.allan import AllanFit, Coefficient, FilterNoise, allan, filter_noise, octaves
-from trimtab.identify.still import refuse_motion
+from trimtab.identify.allan import AllanFit, Coefficient, FilterNoise, allan, filter_noise, octaves, refuse_motion
 from trimtab.logs.log import Log
 from trimtab.logs.samples import sample_of, samples
 

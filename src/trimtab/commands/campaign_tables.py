@@ -11,8 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign, Result
     from trimtab.campaign.sampling.morris import Morris
+    from trimtab.campaign.statistics.requirement import Verdict
     from trimtab.campaign.statistics.sensitivity import Sensitivity
-    from trimtab.campaign.statistics.verdict import Verdict
 
 SHOWN = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 WIDE = 105
@@ -137,8 +137,7 @@ def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity |
 def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path]:
     """Histograms, convergence, and what the failures have in common; or what matters, of a design."""
     from trimtab.campaign.sampling.points import DESIGNS
-    from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
-    from trimtab.plots.parallel_coordinates import plot_parallel
+    from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_parallel, plot_sensitivity
 
     title, files = found.plan.scenario, []
     if found.plan.sampling in DESIGNS:

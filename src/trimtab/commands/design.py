@@ -85,8 +85,8 @@ def _proved(request: Request) -> tuple["Certificate", "Checked"]:
         if value is not None or request.integral:
             name = "--integral" if value is None else name
             raise InputError(name, "a file is checked as it is", fix=f"leave {name} out, or leave --check out")
+    from trimtab.design.certificate import read
     from trimtab.design.certificate_check import check
-    from trimtab.design.certificate_file import read
 
     assert request.check is not None
     made, written = read(request.check)

@@ -68,8 +68,7 @@ def _supervised(request: Request) -> Mapping[str, str]:
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.live.lockstep import Silence
-    from trimtab.live.lockstep_flight import LockstepPilot
+    from trimtab.live.lockstep import LockstepPilot, Silence
 
     with waiting(f"compiling {scenario.name}"):
         one = LockstepPilot(scenario, end, seed=request.seed)

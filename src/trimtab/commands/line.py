@@ -11,8 +11,7 @@ import click
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.open_link import open_link
-from trimtab.links.uri import parse
+from trimtab.links.open_link import open_link, parse
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import Key, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint

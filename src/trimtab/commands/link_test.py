@@ -65,7 +65,7 @@ def link_test(request: Request, stop: Callable[[], bool] = lambda: False) -> boo
 
 
 def _echo(request: Request, stop: Callable[[], bool]) -> bool:
-    from trimtab.live.link_echo import echo
+    from trimtab.live.link_test import echo
 
     link = open_link(request.uri, listen=request.listen is not False)
     click.echo(f"echoing on {request.uri}; the other end: trimtab link-test {request.uri}", err=True)

@@ -57,7 +57,7 @@ def stability_map(request: Request) -> None:
     use_cache()
     wanted: dict[str, Any] = {"runs": request.runs, "depth": request.depth, "threshold": request.threshold}
     if request.success:
-        from trimtab.campaign.statistics.judge import success_of
+        from trimtab.campaign.search.stability_map import success_of
 
         wanted["success"], wanted["signals"] = success_of(scenario, request.success)
     with waiting(f"flying {scenario.name}"):

@@ -89,8 +89,7 @@ def _real_time(request: Request, scenario: Any, link: Any, end: Any, duration: i
 
 
 def _lockstep(request: Request, scenario: Any, link: Any, end: Any, duration: int | None, log: Path) -> dict[str, Any]:
-    from trimtab.live.lockstep import Silence
-    from trimtab.live.lockstep_flight import LockstepVehicle
+    from trimtab.live.lockstep import LockstepVehicle, Silence
 
     if duration is not None:
         scenario = replace(scenario, duration=duration)

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.elementary import elementary
-from trimtab.compiler.preamble import FREE, INCLUDES, elementary_names
+from trimtab.compiler.elementary import FREE, INCLUDES, elementary, elementary_names
 from trimtab.compiler.routine import Place, Routine
 from trimtab.compiler.scalar_text import literal
 from trimtab.compiler.structs import Member, members, struct

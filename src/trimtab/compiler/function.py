@@ -11,10 +11,10 @@ from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, scalars, small
 from trimtab.compiler.c_functions import C_TYPES
 from trimtab.compiler.dead_code import prune
+from trimtab.compiler.elementary import preamble
 from trimtab.compiler.fold import fold
 from trimtab.compiler.ir import TYPES, Buffer, Builder, Value
 from trimtab.compiler.lower import Lowering
-from trimtab.compiler.preamble import preamble
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.uniform import spread
 from trimtab.compiler.writer import Writer

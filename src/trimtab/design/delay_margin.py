@@ -5,6 +5,26 @@ Offline code: LAPACK and scipy.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
 5.3.3; [2] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, section 2.4.3 for one signal,
 4.9.3 (eigenvalue loci) for several.
+
+The jitter margin: every delay that varies in [0, tau], however it does, leaves the loop stable.
+
+Offline code: LAPACK and scipy. Sufficient, not necessary: what the theorem does not promise may still be stable.
+
+Source: [1] C.-Y. Kao, B. Lincoln, "Simple stability criteria for systems with time-varying delays", Automatica 40
+(2004), theorems 1 and 2; [2] A. Cervin, B. Lincoln, J. Eker, K.-E. Årzén, G. Buttazzo, "The jitter margin and its
+application in the design of real-time control systems", RTCSA 2004; [3] Z. Kulis, "Feedback control of a hovercraft
+over a wireless link", University of Maryland, 2006, section 5.3.3.
+
+How lost packets spread a signal: the mean square of x under control over a link that drops packets.
+
+    x(k+1) = w(k) where the packet came,  a x(k) + w(k) where it was lost;   w white, of variance 1
+
+Control that arrives takes x away within one step; with loss the step runs open. A packet is sent again up to
+`retransmissions` times within its step, each try lost with probability q: with one retransmission the step is lost with
+q^2, and E x^2 stays bounded where |a| q < 1.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
+5.3.3, eqs. 5.2 and 5.3. The number of retransmissions is free here; [1] has one.
 """
 
 import math
@@ -15,6 +35,55 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import Loop
+
+
+def growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
+    """What E x^2 is multiplied by from one step to the next: a^2 q^(1 + retransmissions); bounded where below 1.
+
+    Args:
+        a: the plant's pole, per step; any shape.
+        q: probability that one try is lost, in [0, 1]; of a shape that fits a's.
+        retransmissions: tries after the first.
+    """
+    a, q = np.asarray(a, float), np.asarray(q, float)
+    if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
+        raise InputError("packet_loss", f"a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
+    if retransmissions < 0 or retransmissions != int(retransmissions):
+        raise InputError("packet_loss", f"{retransmissions!r} retransmissions", fix="give a whole number, 0 or more")
+    return a**2 * q ** (1 + retransmissions)
+
+
+def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
+    """E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
+
+    Args:
+        a: the plant's pole, per step.
+        q: probability that one try is lost.
+        steps: how many.
+        start: E x(0)^2.
+        retransmissions: tries after the first.
+    """
+    g = float(growth(a, q, retransmissions=retransmissions))
+    found = np.empty(steps + 1)
+    found[0] = start
+    for k in range(steps):
+        found[k + 1] = g * found[k] + 1
+    return found
+
+
+def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
+    """The limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite where there is none [1, eq. 5.3]."""
+    g = growth(a, q, retransmissions=retransmissions)
+    return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
+
+
+def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
+    """The probability q of a lost try from which on E x^2 grows without bound: 1/|a| with one retransmission.
+
+    1 for plants that are stable by themselves: no loss spreads them.
+    """
+    size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
+    return size ** (-2.0 / (1 + retransmissions))
 
 
 class Crossover(NamedTuple):
@@ -102,3 +171,90 @@ def _with_turns(w: Any, values: Any, function: Callable[[float], float]) -> tupl
             own.append(float(side[i] * near.fun))
     order = np.argsort(at)
     return np.asarray(at)[order], np.asarray(own)[order]
+
+
+PEAKS, CLOSE = 12, 0.7
+"""How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
+
+
+def jitter_margin(loop: Loop, *, delay: float = 0.0) -> float:
+    """tau (s): stable for every delay in [delay, delay + tau] that varies with time.
+
+        |T(j w)| < 1/(tau w) for all w                                                              [1, theorem 1]
+
+    with T = (I + L e)^-1 L e, e = exp(-j w delay), and its largest singular value where there are several signals, all
+    of which take the same delay.
+
+    Args:
+        loop: continuous.
+        delay: the part of the delay that is always there (s).
+
+    Returns:
+        0 where the constant delay alone is too long, or where L passes all frequencies.
+
+    Raises: InputError where the loop is sampled, or not stable without delay.
+    """
+    if not (math.isfinite(delay) and delay >= 0):
+        raise InputError("jitter_margin", f"delay {delay} s", fix="give a constant delay of 0 s or more")
+    limit = delay_margin(loop)
+    if delay >= limit.delay or loop.D.any():
+        return 0.0
+
+    def gain(w: Any) -> Any:
+        return w * _size(loop.response(w) * np.exp(-1j * w * delay)[:, None, None])
+
+    near = np.array([c.frequency for c in limit.crossovers])
+    w = np.unique(np.concatenate([loop.grid(), near, *(near * (1 + s * d) for s in (-1, 1) for d in NEARER)]))
+    far = float(np.linalg.norm(loop.C @ loop.B, 2))  # w T as w grows
+    return 1 / max(_highest(gain, w), far, np.finfo(float).tiny)
+
+
+NEARER = np.geomspace(1e-6, 0.3, 60)
+"""Frequencies beside a crossover, in parts of it: there T peaks when the constant delay is near its margin."""
+
+
+def jitter_margin_samples(loop: Loop) -> float:
+    """N: stable for every whole number of periods in [0, N], varying from sample to sample.
+
+        |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [1, theorem 2]
+
+    Args:
+        loop: sampled, see `Loop.sampled`.
+
+    Returns:
+        The bound as a real number: all whole N below it are safe.
+
+    Raises: InputError where the loop is continuous, or not stable without delay.
+    """
+    if not loop.period:
+        fix = "loop.sampled(period), or jitter_margin for a continuous loop"
+        raise InputError("jitter_margin_samples", "the loop is continuous", fix=fix)
+    loop.require_stable("jitter_margin_samples")
+
+    def gain(w: Any) -> Any:
+        return np.abs(np.exp(1j * w * loop.period) - 1) * _size(loop.response(w))
+
+    return 1 / max(_highest(gain, loop.grid()), np.finfo(float).tiny)
+
+
+def _size(L: Any) -> Any:
+    """Largest singular value of (I + L)^-1 L at each frequency, (k, m, m) -> (k,)."""
+    return np.linalg.norm(np.linalg.solve(np.eye(L.shape[-1]) + L, L), 2, axis=(1, 2))
+
+
+def _highest(gain: Callable[[Any], Any], w: Any) -> float:
+    from scipy.optimize import minimize_scalar
+
+    values = gain(w)
+    inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    best = float(values.max())
+    inner = inner[values[inner] > CLOSE * best]
+    for i in inner[np.argsort(-values[inner])][:PEAKS]:
+        found: Any = minimize_scalar(
+            lambda v: -float(gain(np.array([v]))[0]),
+            bounds=(w[i - 1], w[i + 1]),
+            method="bounded",
+            options={"xatol": 1e-12 * w[i]},
+        )
+        best = max(best, -float(found.fun))
+    return best

@@ -4,6 +4,18 @@ Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth
 the earth and so is not inertial.
 
 Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., table 3.1 and chapter 3.
+
+Normal gravity of WGS84 at a place: what an accelerometer at rest feels, without the local anomaly (< 1 mm/s²).
+
+Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., table 3.4, eqs. 4-1 and 4-3.
+
+The turning of the earth in the local frame, and the Coriolis acceleration: what the plane's navigation leaves out.
+
+On a lab floor both are small: 15 deg/h, and 0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times more. Where that is
+not so, give `earth_rate(latitude)` to the inertial unit and to the navigation.
+
+Source: Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections 2.4 and
+5.4; the rate is that of NIMA TR8350.2, table 3.1.
 """
 
 from typing import Any
@@ -87,3 +99,53 @@ class TangentPlane:
         """Latitude, longitude (rad) and height (m) of north, east, down (3,) (m)."""
         origin = to_ecef(self.latitude, self.longitude, self.height)
         return from_ecef(origin + ned_axes(self.latitude, self.longitude) @ p_W)
+
+
+EQUATOR = 9.7803253359
+"""Normal gravity at the equator (m/s²)."""
+SOMIGLIANA = 0.00193185265241
+"""k = b gp/(a ge) - 1."""
+GM = 3.986004418e14
+RATE = 7.292115e-5
+"""Angular velocity of the earth (rad/s)."""
+M = RATE**2 * SEMI_MAJOR**2 * SEMI_MINOR / GM
+STANDARD = 9.80665
+"""Standard gravity (m/s²), the g of data sheets. Source: 3rd General Conference on Weights and Measures, 1901."""
+
+
+def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
+    """Magnitude (m/s²), centrifugal acceleration included, at a geodetic latitude (rad) and height (m) below 20 km.
+
+    Somigliana's formula on the ellipsoid, and its expansion to second order in height.
+    """
+    s2 = jnp.sin(latitude) ** 2
+    surface = EQUATOR * (1 + SOMIGLIANA * s2) / jnp.sqrt(1 - ECCENTRICITY2 * s2)
+    linear = 2 / SEMI_MAJOR * (1 + FLATTENING + M - 2 * FLATTENING * s2)
+    return surface * (1 - linear * height + 3 / SEMI_MAJOR**2 * height**2)
+
+
+def gravity(latitude: Any, height: Any = 0.0) -> Any:
+    """Gravity vector (3,) (m/s²) in local north-east-down; the plumb line taken normal to the ellipsoid."""
+    g = normal_gravity(latitude, height)
+    return jnp.stack([jnp.zeros_like(g), jnp.zeros_like(g), g])
+
+
+def earth_rate(latitude: Any) -> Any:
+    """Angular velocity of the earth (3,) (rad/s) in local north-east-down, at a geodetic latitude (rad)."""
+    c, s = jnp.cos(latitude), jnp.sin(latitude)
+    return jnp.stack([RATE * c, jnp.zeros_like(c), -RATE * s])
+
+
+def coriolis(earth_rate_W: Any, v_W: Any) -> Any:
+    """Coriolis acceleration -2 Omega × v (3,) (m/s²): what turns a free body aside, seen in the turning frame W."""
+    return -2 * jnp.cross(earth_rate_W, v_W)
+
+
+def transport_rate(latitude: Any, height: Any, v_W: Any) -> Any:
+    """Rate (3,) (rad/s) at which local north-east-down turns as one travels over the ellipsoid at v_W (3,) (m/s).
+
+    Zero for a fixed tangent plane, which does not follow the vehicle. Singular at the poles, where east is not defined.
+    """
+    meridian, normal = curvature_radii(latitude)
+    east = v_W[1] / (normal + height)
+    return jnp.stack([east, -v_W[0] / (meridian + height), -east * jnp.tan(latitude)])

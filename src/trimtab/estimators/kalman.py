@@ -7,15 +7,59 @@ state and covariance bit for bit as they were.
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
 sections 5.2 (update in Joseph's form) and 5.4 (consistency). [5] Schmidt, "Application of state-space methods to
 navigation problems", Advances in control systems 3 (1966): consider states.
+
+Linear models in continuous time made discrete: matrix exponential and Van Loan's integrals, without LAPACK.
+
+Source: Van Loan, "Computing integrals involving the matrix exponential", IEEE Trans. AC 23 (1978); Moler, Van Loan,
+"Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 20 (1978), method 3.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.float64 import jnp
+from trimtab.core.float64 import jax, jnp
 from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
+
+SQUARINGS, TERMS = 6, 12
+"""A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
+
+
+class Discrete(NamedTuple):
+    """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
+
+    Ad: Any
+    Bd: Any
+    Qd: Any
+
+
+def exponential(A: Any) -> Any:
+    """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
+    n = A.shape[0]
+    X, one = A / 2.0**SQUARINGS, jnp.eye(n)
+
+    def taylor(i: Any, E: Any) -> Any:
+        return one + X @ E / (TERMS - i)
+
+    series = jax.lax.fori_loop(0, TERMS, taylor, one)
+    return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
+
+
+def discretise(A: Any, Q: Any, dt: Any) -> Discrete:
+    """x' = A x + b + w over a step.
+
+    Args:
+        A: (n, n).
+        Q: power spectral density of w (n, n), symmetric.
+        dt: length of the step (s); A dt as `exponential` takes it.
+    """
+    n = A.shape[0]
+    zero, one = jnp.zeros((n, n)), jnp.eye(n)
+    moved = exponential(jnp.block([[A, one], [zero, zero]]) * dt)
+    V = exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
+    return Discrete(Ad=moved[:n, :n], Bd=moved[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))
+
 
 NO_GATE = float("inf")
 """A gate through which every finite measurement passes."""

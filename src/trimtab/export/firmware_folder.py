@@ -17,7 +17,7 @@ from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.compiler.block import Exported, export_step
-from trimtab.compiler.preamble import FREE
+from trimtab.compiler.elementary import FREE
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.record import numeric, part, quantity, record, replace

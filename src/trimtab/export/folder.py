@@ -8,7 +8,7 @@ import numpy as np
 
 from trimtab.compiler.block import Exported
 from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.preamble import FREE
+from trimtab.compiler.elementary import FREE
 from trimtab.compiler.structs import Member
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}

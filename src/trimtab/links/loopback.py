@@ -9,9 +9,8 @@ import tempfile
 from pathlib import Path
 
 from trimtab.core.errors import InputError
-from trimtab.links.dial import Answering, Calling
-from trimtab.links.stream import StreamLink
-from trimtab.links.uri import Address
+from trimtab.links.open_link import Address
+from trimtab.links.stream import Answering, Calling, StreamLink
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:

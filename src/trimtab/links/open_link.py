@@ -1,9 +1,84 @@
-"""Open a real transport by its address."""
+"""Open a real transport by its address.
+
+Addresses of links, taken apart: ``SCHEME://PLACE?NAME=VALUE``.
+"""
 
 import importlib
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+from urllib.parse import parse_qsl, urlsplit
 
+from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.uri import parse
+
+EXAMPLES: Mapping[str, str] = MappingProxyType(
+    {
+        "serial": "serial:///dev/ttyUSB0?baud=115200",
+        "udp": "udp://192.168.4.1:14550",
+        "tcp": "tcp://127.0.0.1:5760",
+        "rfcomm": "rfcomm://00:11:22:AA:BB:CC/1",
+        "loopback": "loopback://hovercraft",
+    }
+)
+"""Every scheme, with an example of it."""
+
+LOOPBACK_HOST = "127.0.0.1"
+
+
+class Address(NamedTuple):
+    """An address taken apart; `place` is what stands between ``//`` and the path."""
+
+    text: str
+    scheme: str
+    place: str
+    path: str
+    options: Mapping[str, str]
+
+    def refuse(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
+        """The error that names this address; without a fix, the scheme's example."""
+        return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
+
+    def only(self, *names: str) -> Mapping[str, str]:
+        """Its options; refused where one is not among these names."""
+        for name in self.options:
+            if name not in names:
+                problem = f"{self.scheme} has no option {name!r}"
+                fix = "" if names else f"{self.scheme}://{self.place}{self.path}"
+                raise self.refuse(problem, fix, choices=names)
+        return self.options
+
+    def host_and_port(self) -> tuple[str, int]:
+        """Of ``HOST:PORT``, ``[IPV6]:PORT`` or ``:PORT``, which means this machine only."""
+        host, colon, port = self.place.rpartition(":")
+        number = int(port) if port.isascii() and port.isdigit() else 0
+        if not colon or not 0 < number < 65536 or self.path not in ("", "/"):
+            raise self.refuse(f"{self.place + self.path!r} is not HOST:PORT with a port from 1 to 65535")
+        if host.startswith("[") and host.endswith("]"):
+            host = host[1:-1]
+        elif ":" in host:
+            raise self.refuse(f"the host {host!r} has colons", f"{self.scheme}://[{host}]:{number}")
+        return host or LOOPBACK_HOST, number
+
+
+def parse(uri: str) -> Address:
+    """Take an address apart; refused where the scheme is none of EXAMPLES."""
+    scheme, separator, _ = uri.partition("://")
+    if not separator or scheme not in EXAMPLES:
+        problem = f"it has the scheme {scheme!r}" if separator else "it has no scheme"
+        raise InputError(f"link {uri!r}", problem, choices=EXAMPLES.values(), fix="write an address like the choices")
+    try:
+        parts = urlsplit(uri)
+    except ValueError as error:
+        raise InputError(f"link {uri!r}", str(error), fix=EXAMPLES[scheme]) from None
+    bare = Address(uri, scheme, parts.netloc, parts.path, MappingProxyType({}))
+    if parts.fragment or "@" in parts.netloc:
+        raise bare.refuse("an address holds no '#' and no '@'")
+    pairs = parse_qsl(parts.query, keep_blank_values=True)
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        raise bare.refuse("an option is given twice")
+    return bare._replace(options=MappingProxyType(options))
 
 
 def open_link(uri: str, *, listen: bool = False) -> Link:

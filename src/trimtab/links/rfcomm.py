@@ -5,9 +5,8 @@ import socket
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.links.dial import Answering, Calling
-from trimtab.links.stream import Dialer, StreamLink
-from trimtab.links.uri import Address
+from trimtab.links.open_link import Address
+from trimtab.links.stream import Answering, Calling, Dialer, StreamLink
 
 MOST_CHANNELS = 30
 ANY_ADAPTER = "00:00:00:00:00:00"

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from trimtab.links.open_link import Address
 from trimtab.links.stream import StreamLink
-from trimtab.links.uri import Address
 
 DEFAULT_BAUD = 115200
 DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")

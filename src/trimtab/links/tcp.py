@@ -4,9 +4,8 @@ import contextlib
 import socket
 from typing import Any
 
-from trimtab.links.dial import Answering, Calling
-from trimtab.links.stream import StreamLink
-from trimtab.links.uri import Address
+from trimtab.links.open_link import Address
+from trimtab.links.stream import Answering, Calling, StreamLink
 
 GONE_MS = 5000
 """A peer that acknowledges nothing for this long counts as gone."""

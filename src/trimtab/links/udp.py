@@ -7,11 +7,9 @@ import time
 from typing import Any
 
 from trimtab.core.interfaces import LinkStatistics
-from trimtab.links.counts import Counts
-from trimtab.links.dial import tuned
-from trimtab.links.readiness import ready
+from trimtab.links.open_link import Address
+from trimtab.links.stream import Counts, ready, tuned
 from trimtab.links.tcp import bound, resolve
-from trimtab.links.uri import Address
 
 HEARD_WITHIN = 10.0
 """A peer of which nothing was good for longer (s) is not answered, and not connected."""

@@ -12,9 +12,9 @@ from trimtab.live.exchange import Group, Taken, command_group, sample_groups
 from trimtab.live.world_step import messages
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
+from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import Dialect, dialect_of
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.message import Message
 
 LONGEST_QUEUE = 64
 """Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""

@@ -6,9 +6,9 @@ Source: docs page, Exchange.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.message import Message
 
 HELD = 8
 """Times of which parts may wait for the others: on some lines packets overtake one another."""

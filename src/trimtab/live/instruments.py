@@ -2,6 +2,10 @@
 
 Posture and velocity are the true ones: a ground station is there to see what the vehicle really does.
 Source: docs page, Telemetry.
+
+How a vehicle moves, compiled: its `motion`, for whoever wants to see it and not its state's own numbers.
+
+Source: docs page, Vehicle.
 """
 
 import time
@@ -11,16 +15,47 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.core.record import leaves
+from trimtab.compiler.block import Exported, export_step
+from trimtab.core.float64 import jax
+from trimtab.core.record import leaves, numeric, part, quantity, record
+from trimtab.core.rng import Key
 from trimtab.core.time import ms, seconds
-from trimtab.live.motion_step import motion_step
 from trimtab.live.virtual_vehicle import VirtualVehicle
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
 from trimtab.wire import telemetry
-from trimtab.wire.events import Channels, Event
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import Channels, Event
 from trimtab.wire.streams import Stream, Streams
 from trimtab.wire.telemetry import Health, Seen
+
+
+@record
+class Posture:
+    """What the motion is told of. Source: docs page, Vehicle."""
+
+    t: Any = quantity("100 ns", "Now.", kind="time")
+    truth: Any = part("State of the vehicle.")
+    u: Any = part("What acts on it.")
+
+
+def motion_step(scenario: Scenario, *, name: str = "motion") -> Exported:
+    """The text of a vehicle's motion; its inputs are named as in a world's outputs, but for "actuators."."""
+    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    key = Key(np.uint32(0), np.uint32(0))
+    s, _ = jax.eval_shape(lambda: start(world, autopilot, x, key))
+    state, u = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), (s.x, s.actuated.u))
+    return export_step(
+        name,
+        "How a vehicle moves.",
+        world.vehicle,
+        lambda p: (),
+        lambda p, s, now: (s, p.motion(now.t, now.truth, now.u)),
+        Posture(t=np.int64(0), truth=state, u=u),
+        "f64",
+    )
+
 
 QUICK, MEDIUM, SLOW = ms(250), ms(500), seconds(1)
 WIDEST = 1e100

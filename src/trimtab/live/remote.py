@@ -8,10 +8,9 @@ from collections.abc import Callable
 
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, seconds
-from trimtab.wire.flight_requests import Wanted, requested
+from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.message import Message
-from trimtab.wire.protocol import ModeFlag, Order, Result, VehicleType
+from trimtab.wire.protocol import ModeFlag, Order, Result, VehicleType, Wanted, requested
 from trimtab.wire.time_sync import TimeSync
 
 NO_AUTOPILOT = 8

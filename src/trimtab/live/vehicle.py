@@ -13,17 +13,14 @@ from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
-from trimtab.live.duties import STATION_MODES, Duties
+from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
 from trimtab.live.exchange import Taken
 from trimtab.live.failsafe_step import failsafe_of
 from trimtab.live.flight_log import WRITER_DIED, FlightLog, Source
-from trimtab.live.flight_requests import FlightRequests
-from trimtab.live.histogram import Histogram
 from trimtab.live.instruments import Instruments
-from trimtab.live.real_time import real_time
+from trimtab.live.real_time import NS, Histogram, WallClock, discard, real_time
 from trimtab.live.uplink_step import uplink_step
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.wall_clock import NS, WallClock, discard
 from trimtab.live.world_step import compiled_world
 from trimtab.logs.stream import Written
 from trimtab.loop.fault import DELAYED, slots_for
@@ -32,12 +29,11 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
 from trimtab.run.program import described
 from trimtab.wire.dialect import Dialect, dialect_of
-from trimtab.wire.events import ArmAsked, ParameterSet
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
-from trimtab.wire.protocol import Severity
+from trimtab.wire.protocol import ArmAsked, ParameterSet, Severity
 from trimtab.wire.station import Station
-from trimtab.wire.vehicle_type import type_of
+from trimtab.wire.telemetry import type_of
 
 OWN: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),

@@ -1,16 +1,27 @@
-"""A run as arrays over time: every signal under its dotted path, with its unit and meaning."""
+"""A run as arrays over time: every signal under its dotted path, with its unit and meaning.
+
+What computed a log, for who wants to compute it again.
+"""
 
 import dataclasses
 import json
+import platform
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from trimtab import __version__
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
+
+
+def provenance() -> dict[str, str]:
+    """The version, and the class of machine within which compiled code gives the same bits: processor and system."""
+    return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
+
 
 HALF_TICK = 0.5 / UNITS_PER_SECOND
 

@@ -26,15 +26,16 @@ from trimtab.logs.messages import (
     LAYOUT,
     NS_PER_TICK,
     RUN,
+    Fields,
     layout_of,
     load,
     message_texts,
     quantity_of,
     run_of,
     topics,
+    topics_of,
     values_of,
 )
-from trimtab.logs.schema import Fields, topics_of
 
 if TYPE_CHECKING:  # the library is imported when a file is read or written, not by who only draws
     from mcap.writer import Writer

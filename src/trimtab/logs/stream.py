@@ -15,9 +15,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
-from trimtab.logs.log import Log
+from trimtab.logs.log import Log, provenance
 from trimtab.logs.messages import EVENTS, dump, layout_of, run_of
-from trimtab.logs.provenance import provenance
 from trimtab.logs.ring import Ring
 
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]

@@ -12,8 +12,7 @@ from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.structure import is_finite, tree_where, zeros_of
-from trimtab.loop.supervision import SupervisorInput
-from trimtab.loop.supervisor import Supervisor
+from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 
 @record

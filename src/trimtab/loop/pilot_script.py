@@ -11,7 +11,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.supervision import NO_REQUEST, REQUESTS, PilotRequest
+from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 
 @record

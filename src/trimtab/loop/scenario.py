@@ -11,7 +11,7 @@ from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.checks import check_part, check_values
 from trimtab.loop.world import World
-from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.sensors.navigation_errors import PlanarNavigation
 
 
 @record

@@ -1,6 +1,10 @@
 """Supervisor: whether the autopilot may fly, what it does when it may not, and why. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
+
+A limit of the flight: part of a geofence, or of a speed envelope.
+
+What a supervisor is asked, knows and says: modes, causes, requests and checks, and the records that carry them.
 """
 
 from typing import Any
@@ -14,41 +18,109 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Scalar, leaves, option, part, period, quantity, record
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import FOREVER, ms, seconds, show
-from trimtab.loop.flight_limit import Limit
-from trimtab.loop.supervision import (
-    ARM,
-    ARMED,
-    AUTOMATIC,
-    CHECKS,
-    CLEAR,
-    CLEARED,
-    END,
-    ENDED,
-    ENDED_BY,
-    FAULT,
-    FENCE,
-    FLYING,
-    FOUND,
-    HEALTH,
-    HELD,
-    HOLD,
-    LINK,
-    LOST,
-    NO_ESTIMATE,
-    NO_REQUEST,
-    NOT_FINITE,
-    REQUESTS,
-    RESUME,
-    RESUMED,
-    SPEED,
-    STALE,
-    STANDBY,
-    TO_HOLD,
-    TOO_LONG,
-    SupervisorInput,
-    SupervisorOutput,
-    SupervisorState,
+
+MODES = ("standby", "flying", "hold", "lost", "fault", "ended")
+STANDBY, FLYING, HOLD, LOST, FAULT, ENDED = range(len(MODES))
+REQUESTS = ("none", "arm", "hold", "resume", "end", "clear")
+NO_REQUEST, ARM, TO_HOLD, RESUME, END, CLEAR = range(len(REQUESTS))
+CAUSES = (
+    "start",
+    "arm request",
+    "automatic",
+    "hold request",
+    "resume request",
+    "end request",
+    "clear request",
+    "command not finite",
+    "geofence",
+    "speed envelope",
+    "estimate not valid",
+    "sensor health",
+    "link lost",
+    "estimate stale",
+    "found again",
+    "lost for too long",
 )
+(START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
+LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
+CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
+"""What refused a request to arm or to resume; "mode": it makes no sense in this mode."""
+
+
+@record
+class PilotRequest:
+    """What a pilot asks of the supervisor; a new sample is a new request. Frames: none. Source: docs page."""
+
+    request: Scalar = quantity("1", "What to do.", kind="mode", modes=REQUESTS)
+
+
+@record
+class SupervisorInput:
+    """What the supervisor judges. Frames: the estimate's. Source: docs page, Supervisor."""
+
+    estimate: Estimate = part("The estimate of this instant.")
+    arrived: Scalar = quantity("1", "Whether a new sample came over the link.", kind="flag")
+    finite: Scalar = quantity("1", "Whether the command that the law asks for is a number.", kind="flag")
+    pilot: Any = part("Sample of a PilotRequest; None where nobody asks.", default=None)
+
+
+@record
+class SupervisorState:
+    """What the supervisor remembers. Frames: none. Source: docs page, Supervisor."""
+
+    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
+    since: Scalar = quantity("100 ns", "When the mode was entered.", kind="time")
+    back: Scalar = quantity("1", "Where to go when what was lost is found.", kind="mode", modes=MODES)
+    heard: Scalar = quantity("100 ns", "When a sample last came over the link.", kind="time")
+    refused: Scalar = quantity("1", "Why the last request was refused.", kind="mode", modes=CHECKS)
+    refusals: Scalar = quantity("1", "How many requests were.", kind="count")
+    transitions: Scalar = quantity("1", "How often the mode has changed.", kind="count")
+
+
+@record
+class SupervisorOutput:
+    """What the supervisor says. Frames: none. Source: docs page, Supervisor."""
+
+    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
+    transitions: Scalar = quantity("1", "How often the mode has changed.", kind="count")
+    refused: Scalar = quantity("1", "Why the last request was refused.", kind="mode", modes=CHECKS)
+    refusals: Scalar = quantity("1", "How many requests were.", kind="count")
+    check: Scalar = quantity("1", "What would refuse to arm now.", kind="mode", modes=CHECKS)
+    law: Scalar = quantity("1", "Whether the law's command is sent.", kind="flag")
+    sends: Scalar = quantity("1", "Whether a command is sent at all: the law's, or neutral.", kind="flag")
+
+
+@record
+class Limit:
+    """A number of the estimate, or the length of a vector of them, that has to stay between two bounds.
+
+        low <= x <= high    of one field;    low <= sqrt(x^2 + y^2 + …) <= high    of several
+
+    What is not a number is outside.
+
+    Frames:  the estimate's.    Source:  docs page, Supervisor.
+    """
+
+    fields: tuple[str, ...] = option("Fields of the estimated state, e.g. ('north',) or ('north', 'east').")
+    low: Scalar = quantity("1", "Least value, in the field's unit.", default=-1e9)
+    high: Scalar = quantity("1", "Greatest value, in the field's unit.", default=1e9)
+    kind: str = option("What it belongs to.", default="geofence", choices=("geofence", "envelope"))
+
+    def check(self) -> None:
+        """Refuse bounds between which nothing lies."""
+        if not self.fields:
+            raise InputError("fields", "names no field of the estimate", fix="write e.g. fields=('north', 'east')")
+        if not float(self.low) < float(self.high):
+            problem = f"low, {float(self.low):g}, is not below high, {float(self.high):g}"
+            raise InputError("low", problem, fix="exchange them")
+
+    def breached(self, state: Any) -> Any:
+        """Whether a state is outside."""
+        numbers = [jnp.asarray(getattr(state, name)) for name in self.fields]
+        x = numbers[0] if len(numbers) == 1 else jnp.sqrt(sum(n * n for n in numbers))
+        return ~((self.low <= x) & (x <= self.high))
 
 
 @record

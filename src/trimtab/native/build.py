@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trimtab.core.errors import InputError
 from trimtab.native.cache import MAKE_ROOM, alone, anywhere, find, lookup, store, work_folder
-from trimtab.native.compiler import NEEDED, REQUIRED, SUFFIX, Compiler, NoCompiler, cpu, search
-from trimtab.native.run_compiler import Outcome, run_compiler
+from trimtab.native.compiler import NEEDED, REQUIRED, SUFFIX, Compiler, NoCompiler, Outcome, cpu, run_compiler, search
 
 if TYPE_CHECKING:
     import ctypes

@@ -8,8 +8,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, children, is_record, leaves
 from trimtab.core.time import timetable, to_seconds
-from trimtab.logs.log import Log
-from trimtab.logs.provenance import provenance
+from trimtab.logs.log import Log, provenance
 from trimtab.run.library import Flown, fly, rows_of
 
 

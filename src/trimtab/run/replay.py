@@ -1,4 +1,9 @@
-"""replay: a recorded run's autopilot once more, over the frames that it was given; its outputs are compared."""
+"""replay: a recorded run's autopilot once more, over the frames that it was given; its outputs are compared.
+
+Where two logs of the same run part: the first sample that differs, and whether a switch on data came before it.
+
+The control steps that a log holds: which of its rows they are, and what the autopilot was given in each.
+"""
 
 from typing import Any, NamedTuple
 
@@ -9,18 +14,175 @@ from trimtab.core.float64 import jax
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
-from trimtab.core.time import to_seconds
+from trimtab.core.time import show, to_seconds
 from trimtab.export.export_c import Block, Outputs, autopilot_step, paths_of
-from trimtab.logs.difference import difference
-from trimtab.logs.log import Log
-from trimtab.logs.provenance import provenance
+from trimtab.logs.log import Log, provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import like, strong
 from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
 from trimtab.run.prepare import use_c
 from trimtab.run.program import check_seed
-from trimtab.run.recorded_steps import Steps, recorded_steps
+
+COUNTERS = ("log.dropped", "log.unwritten")
+"""What a flight's log counts: rows that it lacks."""
+
+
+class Steps(NamedTuple):
+    """Control steps, from the first on and without a gap.
+
+    rows: of the log (n,).  inputs: float64 (n, width), what each step was given.  rest: why it ends, or nothing.
+    """
+
+    rows: Any
+    inputs: Any
+    rest: str
+
+
+def recorded_steps(log: Log, frames: list[str], period: int) -> Steps:
+    """The steps of a log, as far as it holds all of them.
+
+    Args:
+        log: of a simulation, or of a flight, whose rows are its steps.
+        frames: paths of the inputs, ``t`` and ``samples.…``, in order.
+        period: between two control instants.
+
+    Raises:
+        InputError: a log whose rows are not the control instants from the first on, or that lacks a signal.
+    """
+    if not len(log):
+        raise InputError("replay", "the log holds no step", fix="give a log with at least one row")
+    rows, rest = _flown(log) if COUNTERS[0] in log else _simulated(log, period)
+    if log.metadata.get("truncated") and not rest:
+        rest = f"the log is cut at {log.t[-1]:g} s"
+    columns = [np.asarray(_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
+    return Steps(rows, np.concatenate(columns, axis=1), rest)
+
+
+def _column(log: Log, path: str) -> Any:
+    if path == "t":
+        return log.ticks
+    name = "downlink" + path.removeprefix("samples")
+    if name not in log:
+        problem = f"the log lacks {name!r}, which the autopilot reads"
+        fix = "record with all signals, or fly an autopilot that reads what was recorded"
+        sensors = sorted({p.split(".")[1] for p in log.paths if p.startswith("downlink.")})
+        raise InputError("replay", problem, choices=sensors, fix=fix)
+    return log[name]
+
+
+def _flown(log: Log) -> tuple[Any, str]:
+    """Every row is a step; where rows are missing, what follows can't be repeated."""
+    missing = np.sum([log[name] for name in COUNTERS if name in log], axis=0)
+    if missing[0]:
+        raise InputError("replay", f"the log lacks its first {missing[0]} steps", fix="give a log from the start on")
+    whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
+    rest = f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
+    return np.arange(whole), rest
+
+
+def _simulated(log: Log, period: int) -> tuple[Any, str]:
+    """Of each control instant there must be a row."""
+    rows = np.flatnonzero(log.ticks % period == 0)
+    ticks = log.ticks[rows]
+    if log.ticks[0] != 0:
+        problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, when the state is not known"
+        raise InputError("replay", problem, fix="give the log from the start of the run on")
+    if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
+        usual = int(np.median(np.diff(log.ticks)))
+        problem = f"the log has a row each {show(usual)}, the autopilot makes a step each {show(period)}"
+        raise InputError("replay", problem, fix=f"record again with --log-period '{show(period)}'")
+    return rows, ""
+
+
+ROUNDINGS = 8
+"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
+Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
+DISCRETE = ("mode", "flag", "count", "word", "time")
+
+
+class Difference(NamedTuple):
+    """Two logs beside each other.
+
+    instants: how many are the same in time.  switch: (time, path, one, other) of the first whole number or truth value
+    that differs, or None: from there on two sound backends may part, since a rounding tipped a threshold.
+    number: the same of the first real number before that which is off by more than the tolerance, or None.
+    worst: path -> largest difference before the switch, as a part of the signal's largest size.
+    """
+
+    instants: int
+    switch: tuple[float, str, float, float] | None
+    number: tuple[float, str, float, float] | None
+    worst: dict[str, float]
+
+    @property
+    def equal(self) -> bool:
+        """Whether all real numbers agree up to the first switch."""
+        return self.number is None
+
+
+def difference(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
+    """Compare two logs signal by signal.
+
+    Args:
+        one, other: logs of the same instants and signals.
+        tolerance: of real numbers, as a part of the largest size that the signal has in `one` (or of 1e-3, if larger).
+            A signal may also be off by ROUNDINGS of the largest in the same unit: it may be the difference of two such.
+
+    Raises:
+        InputError: logs of other instants or other signals.
+    """
+    if not np.array_equal(one.ticks, other.ticks):
+        raise InputError("difference", "the logs have other instants", fix="log both with the same log_period")
+    if one.paths != other.paths:
+        apart = sorted({*one.paths} ^ {*other.paths})
+        raise InputError("difference", f"only one of the logs has {apart[0]!r}", fix="log the same signals")
+    real = [p for p in one.paths if one[p].dtype.kind == "f"]
+    whole = [p for p in one.paths if p not in real]
+    switch = _first(one, other, [(p, _apart(one[p], other[p])) for p in whole], len(one))
+    until = len(one) if switch is None else int(np.searchsorted(one.t, switch[0]))
+    worst, off, largest = {}, [], _largest(one, real)
+    for path in real:
+        gap = _gap(one[path][:until], other[path][:until])
+        size = max(float(np.nanmax(np.abs(one[path]), initial=0.0)), 1e-3)
+        worst[path] = float(gap.max(initial=0.0)) / size
+        rounding = ROUNDINGS * float(np.spacing(largest[one.unit(path)]))
+        off.append((path, gap > max(tolerance * size, rounding)))
+    return Difference(until, switch, _first(one, other, off, until), worst)
+
+
+def _largest(log: Log, paths: list[str]) -> dict[str, float]:
+    """Unit -> largest finite size of the signals that have it."""
+    found: dict[str, float] = {}
+    for path in paths:
+        finite = np.abs(log[path][np.isfinite(log[path])])
+        found[log.unit(path)] = max(found.get(log.unit(path), 0.0), float(finite.max(initial=0.0)))
+    return found
+
+
+def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Largest difference at each instant; NaN equals NaN and nothing else."""
+    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    with np.errstate(invalid="ignore"):
+        gap = np.where(same, 0.0, np.abs(a - b))
+    return np.where(np.isnan(gap), np.inf, gap).reshape(len(a), -1).max(axis=1, initial=0.0)
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a != b).reshape(len(a), -1).any(axis=1)
+
+
+def _first(
+    one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int
+) -> tuple[float, str, float, float] | None:
+    found = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
+    if not found:
+        return None
+    k, path = min(found)
+    a, b = np.ravel(one[path][k]), np.ravel(other[path][k])
+    j = int(np.argmax(a != b))
+    return float(one.t[k]), path, float(a[j]), float(b[j])
+
 
 TOLERANCE = 1e-10
 """Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
@@ -60,7 +222,7 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     """Fly a scenario's autopilot over the frames of a log.
 
     On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
-    within TOLERANCE (`logs.difference`).
+    within TOLERANCE (`run.replay`).
 
     Args:
         log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.

@@ -3,8 +3,8 @@
 from typing import Any
 
 from trimtab.compiler.c_functions import C_TYPES
+from trimtab.compiler.elementary import preamble
 from trimtab.compiler.ir import Buffer, Value
-from trimtab.compiler.preamble import preamble
 from trimtab.compiler.uniform import spread
 from trimtab.compiler.writer import Writer, defined
 

@@ -8,7 +8,7 @@ from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, measured
 from trimtab.core.time import ms
-from trimtab.environment.magnetic_heading import magnetic_heading
+from trimtab.environment.magnetic import magnetic_heading
 from trimtab.sensors.late_fix import LateFix, LateState
 from trimtab.sensors.magnetometer import Magnetometer
 

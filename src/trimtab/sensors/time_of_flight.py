@@ -15,8 +15,7 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion
-from trimtab.environment.acoustics import Air, speed_of_sound
-from trimtab.environment.ultrasonic_cone import CONE, off_axis, range_ratio
+from trimtab.environment.acoustics import CONE, Air, off_axis, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
 """Streams of the draws."""

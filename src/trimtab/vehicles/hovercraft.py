@@ -74,7 +74,7 @@ class Hovercraft:
     friction: Any = part("Friction, or None for the source's frictionless model.", default=None)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """What it says it is to ground stations, see `wire.vehicle_type`."""
+    """What it says it is to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """The derivative of x (SI) under the force u at the rudder pivot."""

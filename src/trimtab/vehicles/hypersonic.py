@@ -89,7 +89,7 @@ class Hypersonic:
     disturbance: Any = part("Disturbance from outside, or None.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """What it says it is to ground stations, see `wire.vehicle_type`."""
+    """What it says it is to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
         """The derivative of x at time t (s) under fuel ratio and elevator."""

@@ -56,7 +56,7 @@ class RotatingPlatform:
     lean: Scalar = quantity("rad", "Direction to which its upper end leans, from north.", default=0.0, kind="angle")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """What it says it is to ground stations, see `wire.vehicle_type`."""
+    """What it says it is to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
         """The derivative of x (SI) under the commanded rate."""

@@ -5,8 +5,11 @@
 The tag is the first 48 bits of SHA-256 over the key and all that stands before it. Zeros at the end of a payload are
 left out. Nothing that is heard raises: what is refused is counted.
 Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/guide/message_signing.html.
+
+What one end of a line has sent, taken and refused.
 """
 
+import dataclasses
 import hashlib
 import hmac
 import struct
@@ -15,12 +18,42 @@ from typing import Any
 
 from trimtab.core.errors import InputError, closest
 from trimtab.wire.checksum import checksum
-from trimtab.wire.counts import Counts
-from trimtab.wire.definitions import Definition
+from trimtab.wire.definitions import Definition, Message, arrange, fitted
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import Key
-from trimtab.wire.message import Message, arrange, fitted
 from trimtab.wire.stamps import Stamps
+
+
+@dataclasses.dataclass
+class Counts:
+    """Frames, except where it says bytes, since the end was opened."""
+
+    sent: int = 0
+    accepted: int = 0
+    lost: int = 0
+    """Frames that never came, told by the gaps in their senders' sequence numbers."""
+    checksum: int = 0
+    """Wrong checksum: damaged, or of a sender with other definitions."""
+    unknown: int = 0
+    """No such message in this dialect."""
+    unsigned: int = 0
+    downgraded: int = 0
+    """Frames of MAVLink 1, which cannot be signed."""
+    wrong_signature: int = 0
+    replayed: int = 0
+    """Signed rightly but not new."""
+    reflected: int = 0
+    """This end's own, sent back."""
+    garbage: int = 0
+    """Bytes that belong to no frame."""
+    clamped: int = 0
+    """Messages packed with a number that its type could not hold."""
+
+    @property
+    def refused(self) -> int:
+        """Frames that came whole and were not taken."""
+        return self.unknown + self.unsigned + self.downgraded + self.wrong_signature + self.replayed + self.reflected
+
 
 VERSION_2, VERSION_1 = 0xFD, 0xFE
 SIGNED = 1

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import TIME, Dialect
-from trimtab.wire.message import Message
 
 
 class _Spread(NamedTuple):

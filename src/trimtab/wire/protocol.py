@@ -1,6 +1,79 @@
-"""Numbers of MAVLink's common dialect that the vehicle's end speaks. Source: https://mavlink.io/en/messages/common.html."""
+"""Numbers of MAVLink's common dialect that the vehicle's end speaks. Source: https://mavlink.io/en/messages/common.html.
+
+What is asked of a vehicle over the wire; the vehicle's process acts upon it. `asked_by`: (system, component).
+
+What ground stations send to have an autopilot hold, go on, or end its flight.
+
+    hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
+    resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
+    end      MAV_CMD_NAV_LAND (21), wherever that is asked for
+
+Source: https://mavlink.io/en/messages/common.html.
+
+What a pilot's receiver or joystick says, in SI units. Source: https://mavlink.io/en/messages/common.html.
+"""
 
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+from trimtab.wire.definitions import Message
+
+Who = tuple[int, int]
+
+
+class ArmAsked(NamedTuple):
+    """Arm or disarm; arming comes only while nothing speaks against it."""
+
+    armed: bool
+    asked_by: Who
+
+
+class ModeAsked(NamedTuple):
+    """Change to a mode, by its number; only modes that are known and open come."""
+
+    mode: int
+    asked_by: Who
+
+
+class FlightAsked(NamedTuple):
+    """The autopilot is to "hold", to "resume" or to "end" its flight; comes only while there is one to be asked."""
+
+    request: str
+    asked_by: Who
+
+
+class ParameterSet(NamedTuple):
+    """A number of the leaf at `path` has been given another value, which was found to be allowed."""
+
+    path: str
+    slot: int
+    value: float
+    asked_by: Who
+
+
+class Channels(NamedTuple):
+    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a channel that isn't there.
+
+    override: they come from a ground station in the receiver's place, and are to be trusted less.
+    """
+
+    pulses: tuple[float, ...]
+    override: bool
+    asked_by: Who
+
+
+class Sticks(NamedTuple):
+    """A joystick: forward, right, up, turn from -1 to 1, NaN where there is none; buttons as bits."""
+
+    surge: float
+    sway: float
+    heave: float
+    yaw: float
+    buttons: int
+    asked_by: Who
+
+
+Event = ArmAsked | ModeAsked | FlightAsked | ParameterSet | Channels | Sticks
 
 
 class VehicleType(IntEnum):
@@ -79,3 +152,63 @@ GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
 """The number of SET_MODE, which is what its acknowledgement names."""
+
+
+HOLD, RESUME, END = "hold", "resume", "end"
+DENIED = ""
+GOTO_HOLD, GOTO_CONTINUE = 0, 1
+HERE = 0, 2
+"""Where to hold: not said, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
+
+
+class Wanted(NamedTuple):
+    """A command and its first two parameters."""
+
+    command: int
+    first: float
+    second: float
+
+
+ORDERS = {
+    HOLD: Wanted(Order.OVERRIDE_GOTO, GOTO_HOLD, 2),
+    RESUME: Wanted(Order.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
+    END: Wanted(Order.LAND, 0, 0),
+}
+"""How one end of the line asks the other."""
+
+
+def requested(wanted: Wanted) -> str | None:
+    """What a command asks for; DENIED where that can't be done; None for a command that asks for none of it."""
+    command, first, second = wanted
+    if command == Order.LAND:
+        return END
+    if command == Order.PAUSE_CONTINUE:
+        return PAUSES.get(first, DENIED)
+    if command == Order.OVERRIDE_GOTO:
+        if first == GOTO_HOLD:
+            return HOLD if second in HERE else DENIED
+        return RESUME if first == GOTO_CONTINUE else DENIED
+    return None
+
+
+CHANNELS = 18
+NAN = float("nan")
+ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
+"""Values that mean: no such channel; to be let alone; given back to the receiver."""
+
+
+def channels(message: Message) -> Channels:
+    """Pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
+    fields = message.fields()
+    many = fields.get("chancount", CHANNELS)
+    raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
+    pulses = (NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
+    override = message.name == "RC_CHANNELS_OVERRIDE"
+    return Channels(tuple(pulses), override, (message.system, message.component))
+
+
+def sticks(message: Message) -> Sticks:
+    """A joystick from MANUAL_CONTROL; what lies outside of +-1000 is an axis that isn't there."""
+    surge, sway, heave, yaw = (v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr"))
+    return Sticks(surge, sway, heave, yaw, message.get("buttons"), (message.system, message.component))

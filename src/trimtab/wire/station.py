@@ -10,26 +10,30 @@ from typing import Any, NamedTuple
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
-from trimtab.wire.events import ArmAsked, Event, FlightAsked, ModeAsked, Who
-from trimtab.wire.flight_requests import Wanted, requested
+from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.message import Message
-from trimtab.wire.parameter_service import ParameterService
-from trimtab.wire.parameters import Parameters
-from trimtab.wire.pilot import channels, sticks
+from trimtab.wire.parameters import Parameters, ParameterService
 from trimtab.wire.protocol import (
     GENERIC_AUTOPILOT,
     SET_MODE_MESSAGE,
+    ArmAsked,
+    Event,
+    FlightAsked,
+    ModeAsked,
     ModeFlag,
     Order,
     Result,
     Severity,
     State,
     VehicleType,
+    Wanted,
+    Who,
+    channels,
+    requested,
+    sticks,
 )
-from trimtab.wire.streams import Streams
-from trimtab.wire.texts import Texts
-from trimtab.wire.versions import version_fields
+from trimtab.wire.streams import Streams, Texts
+from trimtab.wire.telemetry import version_fields
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENS_FOR = seconds(10)

@@ -2,12 +2,46 @@
 
 Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
+
+The fields of AUTOPILOT_VERSION. Source: https://mavlink.io/en/messages/common.html.
+
+What a vehicle says it is: MAV_TYPE, as its record declares it.
+
+Source: https://mavlink.io/en/messages/common.html#MAV_TYPE.
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from enum import IntFlag
 from typing import Any, NamedTuple
+
+from trimtab import __version__
+from trimtab.core.errors import InputError
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import Capability, VehicleType
+
+
+def type_of(vehicle: Any) -> VehicleType:
+    """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
+    name = getattr(vehicle, "MAV_TYPE", VehicleType.GENERIC.name)
+    if name not in VehicleType.__members__:
+        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
+        choices = tuple(VehicleType.__members__)
+        raise InputError("world.vehicle", problem, choices=choices, fix='write MAV_TYPE = "GENERIC", or leave it out')
+    return VehicleType[name]
+
+
+def version_fields(endpoint: Endpoint) -> dict[str, Any]:
+    """What an end can do, trimtab's version, and the fingerprint of its dialect."""
+    numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
+    return {
+        "capabilities": Capability.COMMAND_INT | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT,
+        "flight_sw_version": int.from_bytes(bytes([*numbers, 0])),
+        "flight_custom_version": endpoint.dialect.fingerprint,
+        "uid": endpoint.system,
+    }
+
 
 Vector = Sequence[float]
 Fields = Mapping[str, Any]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.search.boundary import trace
+from trimtab.campaign.search.stability_map import trace
 from trimtab.core.errors import InputError
 
 

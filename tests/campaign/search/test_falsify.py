@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import trimtab.commands.falsify as command
-from trimtab.campaign.search.falsify import falsify
-from trimtab.campaign.search.margin import margin, margins, with_margin
+from trimtab.campaign.search.falsify import falsify, margin, margins, with_margin
 from trimtab.campaign.statistics.condition import parse_condition
-from trimtab.campaign.statistics.measure import measured_log
 from trimtab.campaign.statistics.metrics import Rows, parse_metric
+from trimtab.campaign.workers.block import measured_log
 from trimtab.campaign.workers.ready import prepare
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf

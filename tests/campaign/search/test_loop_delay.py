@@ -5,7 +5,7 @@ import pytest
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import changed, of_link
-from trimtab.campaign.search.loop_delay import loop_delay
+from trimtab.campaign.search.map_theory import loop_delay
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds

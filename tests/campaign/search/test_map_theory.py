@@ -8,14 +8,11 @@ from design import hovercraft_loops as loops
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import changed, of_link, of_path
-from trimtab.campaign.search.boundary import trace
-from trimtab.campaign.search.loop_delay import loop_delay
-from trimtab.campaign.search.map_theory import linear_loop, theory
-from trimtab.campaign.search.stability_map import StabilityMap, values_at
+from trimtab.campaign.search.map_theory import linear_loop, loop_delay, theory
+from trimtab.campaign.search.stability_map import StabilityMap, trace, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.design.delay_margin import delay_margin
-from trimtab.design.jitter_margin import jitter_margin
+from trimtab.design.delay_margin import delay_margin, jitter_margin
 from trimtab.design.loop_transfer import of_gain, of_law
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.scenarios import catalogue

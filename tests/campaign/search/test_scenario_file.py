@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.box_search import levels
+from trimtab.campaign.search.falsify import levels
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.workers.plan import Plan
-from trimtab.campaign.workers.ready import parameters_at, prepare, scenario_at
+from trimtab.campaign.workers.ready import Plan, parameters_at, prepare, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.scenarios.build import build

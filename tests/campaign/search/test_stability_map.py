@@ -5,7 +5,7 @@ import pytest
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import changed, of_link, of_path
-from trimtab.campaign.search.loop_delay import loop_delay
+from trimtab.campaign.search.map_theory import loop_delay
 from trimtab.campaign.search.stability_map import on_target, stability_map, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace

@@ -9,13 +9,10 @@ from scipy import stats
 
 import trimtab.commands.tune as command
 from trimtab.campaign.search.cost import cost_of, parse_cost, running
-from trimtab.campaign.search.gains import parse_gain
-from trimtab.campaign.search.tune import UNSEEN, tune
-from trimtab.campaign.search.tune_gradient import combined, descend, fold, smoothed
-from trimtab.campaign.search.tune_search import merit, search
+from trimtab.campaign.search.tune import UNSEEN, parse_gain, tune
+from trimtab.campaign.search.tune_gradient import combined, descend, fold, merit, search, smoothed
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.plan import Plan
-from trimtab.campaign.workers.ready import prepare
+from trimtab.campaign.workers.ready import Plan, prepare
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms, seconds, to_seconds

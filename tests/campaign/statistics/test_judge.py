@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.statistics.judge import success_of
+from trimtab.campaign.search.stability_map import success_of
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, seconds
 from trimtab.run.batch import simulate_batch

@@ -8,9 +8,8 @@ from scipy import special, stats
 
 from trimtab.campaign.statistics.anytime import ranks_anytime
 from trimtab.campaign.statistics.quantiles import ranks
-from trimtab.campaign.statistics.requirement import requirement
+from trimtab.campaign.statistics.requirement import judge, requirement
 from trimtab.campaign.statistics.stopping import TAILS, narrowed, stopping
-from trimtab.campaign.statistics.verdict import judge
 from trimtab.core.errors import InputError
 
 

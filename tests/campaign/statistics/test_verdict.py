@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.statistics.requirement import requirement
-from trimtab.campaign.statistics.verdict import judge
+from trimtab.campaign.statistics.requirement import judge, requirement
 from trimtab.core.errors import InputError
 
 

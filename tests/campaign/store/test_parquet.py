@@ -9,7 +9,7 @@ from campaign.small import BLOCK, assert_same, small
 
 from trimtab.campaign.store.parquet import dataset, read_parquet, write_columns, write_parquet
 from trimtab.campaign.store.store import read_store
-from trimtab.campaign.workers.plan import plan_of
+from trimtab.campaign.workers.ready import plan_of
 from trimtab.core.errors import InputError
 
 COLUMNS = {

@@ -11,8 +11,7 @@ from campaign.small import BLOCK, assert_same, small
 
 from trimtab.campaign.store.store import read_store
 from trimtab.campaign.workers import cluster as of_cluster
-from trimtab.campaign.workers.cluster import cluster
-from trimtab.campaign.workers.fly_rows import about, fly_rows
+from trimtab.campaign.workers.cluster import about, cluster, fly_rows
 from trimtab.core.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")

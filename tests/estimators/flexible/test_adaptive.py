@@ -21,11 +21,22 @@ from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Frame, measured
 from trimtab.core.time import ms
-from trimtab.estimators.flexible.adaptive import APART, LEAST, SHARE, AdaptiveFlexibleModeFilter, weighed
+from trimtab.estimators.flexible.adaptive import (
+    APART,
+    LEAST,
+    SHARE,
+    AdaptiveFlexibleModeFilter,
+    adapted,
+    bending,
+    jolt,
+    mixture,
+    moved,
+    stretch,
+    unstretched,
+    weighed,
+)
 from trimtab.estimators.flexible.discrete import FlexibleModeFilter
-from trimtab.estimators.flexible.frequencies import adapted
 from trimtab.estimators.flexible.model import FlexibleFlight, ModalFrequencies, RigidFlight, dynamics_of, forcing
-from trimtab.estimators.flexible.stretched import bending, jolt, mixture, moved, stretch, unstretched
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
 from trimtab.vehicles.hypersonic import Hypersonic

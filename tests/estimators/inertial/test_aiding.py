@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from trimtab.estimators.inertial.aiding import fixes, ranges
+from trimtab.estimators.inertial.aided import fixes, ranges
 from trimtab.estimators.inertial.measurement_history import POSITION, RANGES
 
 

@@ -13,8 +13,7 @@ from trimtab.core.time import ms
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
-from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial
-from trimtab.estimators.inertial.gyro_compensator import GyroCompensator
+from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial, GyroCompensator
 from trimtab.loop.structure import strong
 from trimtab.sensors.gyro_dynamics import IdentifiedGyro
 

@@ -12,7 +12,7 @@ import pytest
 
 from studies.hovercraft2006.gyro_compensation import TABLE_6_5
 from trimtab.compiler.function import lowered
-from trimtab.estimators.inertial.gyro_compensator import GyroCompensator
+from trimtab.estimators.inertial.gyro_compensated import GyroCompensator
 from trimtab.sensors.gyro_dynamics import IdentifiedGyro
 
 DT = 0.0065536

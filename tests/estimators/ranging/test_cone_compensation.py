@@ -3,8 +3,8 @@ import pytest
 
 from trimtab.compiler.function import lowered
 from trimtab.core.float64 import jax
-from trimtab.environment.ultrasonic_cone import range_ratio
-from trimtab.estimators.ranging.cone_compensation import TOP, compensate
+from trimtab.environment.acoustics import range_ratio
+from trimtab.estimators.ranging.range_model import TOP, compensate
 
 HEIGHT = 2.7048
 

@@ -12,8 +12,7 @@ from trimtab.estimators.inertial.preintegration import Motion
 from trimtab.estimators.ranging import particle_cloud as pc
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import predicted
-from trimtab.estimators.ranging.range_update import Geometry
+from trimtab.estimators.ranging.range_model import Geometry, predicted
 
 G = Geometry(SQUARE, np.array([0.2, 0.0]), 0.0, True)
 

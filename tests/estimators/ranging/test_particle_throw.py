@@ -5,8 +5,7 @@ import numpy as np
 
 from trimtab.core.record import numeric, replace
 from trimtab.core.rng import key
-from trimtab.estimators.ranging.particle import Particle
-from trimtab.estimators.ranging.particle_throw import thrown
+from trimtab.estimators.ranging.particle import Particle, thrown
 from trimtab.estimators.ranging.position import SQUARE
 
 FORM = numeric(Particle(N=120))

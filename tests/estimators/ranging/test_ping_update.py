@@ -7,8 +7,8 @@ import pytest
 
 from trimtab.compiler.function import lowered
 from trimtab.core.record import numeric, replace
-from trimtab.estimators.ranging.ping_update import agreeing, either, learns, tracked
 from trimtab.estimators.ranging.range_model import predicted
+from trimtab.estimators.ranging.start import agreeing, either, learns, tracked
 from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
 
 FORM = numeric(TightlyCoupled(begins="given"))

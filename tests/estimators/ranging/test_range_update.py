@@ -7,8 +7,7 @@ import pytest
 from trimtab.compiler.function import lowered
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import predicted
-from trimtab.estimators.ranging.range_update import Geometry, linearised, place_information, swept
+from trimtab.estimators.ranging.range_model import Geometry, linearised, place_information, predicted, swept
 
 G = Geometry(SQUARE, np.array([0.2, 0.1]), 0.05, True)
 X = np.array([0.7, 0.1, 0.2, 0.3, -0.2, 0.01, 0.1, -0.1, 0.003, 0.01, -0.02, 0.03, 0.0])

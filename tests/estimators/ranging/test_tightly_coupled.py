@@ -25,9 +25,9 @@ from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.measurement_history import newest
 from trimtab.estimators.inertial.mechanisation import InertialStart
-from trimtab.estimators.ranging.ping_update import tracked
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
+from trimtab.estimators.ranging.start import tracked
 from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.logs.consistency import CONSISTENT, chi_square_bounds, nees_verdict
 from trimtab.loop.structure import strong

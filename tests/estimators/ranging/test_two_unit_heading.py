@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from trimtab.compiler.function import lowered
-from trimtab.estimators.ranging.two_unit_heading import assisted_heading, heading_error, two_unit_heading
+from trimtab.estimators.ranging.multilateration import assisted_heading, heading_error, two_unit_heading
 
 A, B = np.array([0.2, 0.0]), np.array([-0.2, 0.0])
 

@@ -10,27 +10,181 @@ with words that no candidate had.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
 for the search by robustness; docs page, Falsify.
+
+What a falsifier has tried in the box of a spread: points flown, their margins, and where to start next.
+
+How far a run is from failing: one number, below 0 for a failure, with a slope among successes and failures.
+
+Each condition has its room, in parts of the room that it allows, and a run has that of its worst condition:
+
+    settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
+    first_reach:s <= T   1 - min |e|/band, over the rows up to T
+    any other <= b       (b - x)/|b|, or b - x where b = 0
+    >= and >             the same with the other sign
+    margin               min of room/(1 + |room|), in (-1, 1);  a run that ran away: -2 + t/T of the row where it did
+
+so that a signal that never settles is not just infinitely late, but so far from its band; and one that settles has the
+room that is left of it. A margin is negative where a condition does not hold, and only there.
+
+Source: Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time signals", Theoretical
+Computer Science 410 (2009), definition 13: "always from T on in the band" and "once until T" as least and largest room.
 """
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import special
 
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.box_search import TOGETHER, Search, levels
 from trimtab.campaign.search.ends import check_ends, refuse_options
 from trimtab.campaign.search.evolution import evolve
-from trimtab.campaign.search.margin import margins, with_margin
-from trimtab.campaign.statistics.measure import measured_log
-from trimtab.campaign.workers.plan import Plan
-from trimtab.campaign.workers.ready import Ready, parameters_at, prepare, scenario_at
+from trimtab.campaign.statistics.condition import Condition
+from trimtab.campaign.statistics.metrics import Metric, Rows
+from trimtab.campaign.workers.block import fly_points, measured_log
+from trimtab.campaign.workers.ready import Plan, Ready, parameters_at, prepare, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
+
+NAME = "margin"
+LEAST = 1e-12
+"""Of the margin of a condition that does not hold by less than can be told."""
+
+
+def with_margin(ready: Ready) -> Ready:
+    """The same campaign with one more column, `margin`."""
+    of = {m.name: m for m in ready.metrics}
+    signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
+    more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))
+    return ready._replace(metrics=(*(m for m in ready.metrics if m.name != NAME), more))
+
+
+def margins(columns: Mapping[str, Any]) -> Any:
+    """Margins (n,) of a campaign's columns; a run whose last state is no number failed, whatever its metrics say."""
+    return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
+
+
+def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, Metric]) -> Any:
+    """Margins (n,) of some runs.
+
+    Args:
+        rows: of the runs.
+        conditions: all of which must hold.
+        metrics: by name, those of the conditions.
+    """
+    found = np.min([_one(rows, c, metrics[c.metric]) for c in conditions], axis=0)
+    wrong = [~np.isfinite(v).reshape(*v.shape[:2], -1).all(axis=2) for v in rows.signals.values()]
+    bad = np.any(wrong, axis=0)
+    late = rows.t[np.argmax(bad, axis=1)] / max(rows.t[-1], 1e-9)
+    return np.where(bad.any(axis=1), -2.0 + late, found)
+
+
+def _one(rows: Rows, condition: Condition, metric: Metric) -> Any:
+    """Margins of one condition: of the sign that the condition itself has."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        value = np.asarray(metric.of(rows), np.float64)
+        room = _room(rows, condition, value)
+        squashed = np.where(np.isinf(room), np.sign(room), room / (1 + np.abs(room)))
+    holds = condition.holds(value)
+    squashed = np.where(np.isnan(squashed), np.where(holds, 1.0, -1.0), squashed)
+    return np.where(holds, np.maximum(squashed, 0.0), np.minimum(squashed, -LEAST))
+
+
+def _room(rows: Rows, condition: Condition, value: Any) -> Any:
+    kind, _, path = condition.metric.partition(":")
+    sign = 1.0 if condition.compare in ("<", "<=") else -1.0
+    if kind in ("settling", "first_reach"):
+        side = "right" if condition.compare in ("<=", ">") else "left"
+        last = max(int(np.searchsorted(rows.t - rows.t[0], condition.bound, side)) - 1, 0)
+        share = np.abs(rows.error(path)) / rows.band(path)
+        return sign * (1 - (share[:, last:].max(axis=1) if kind == "settling" else share[:, : last + 1].min(axis=1)))
+    return sign * (condition.bound - value) / (abs(condition.bound) or 1.0)
+
+
+TAIL = float(special.ndtr(-3.0))
+"""What is left out at each end of a distribution without bounds."""
+TOGETHER = 64
+"""Runs that fly at once, at least: fewer would not fill the lanes."""
+APART = 0.3
+"""How far apart, in the largest coordinate, two starts lie."""
+
+
+def levels(ready: Ready, x: Any) -> Any:
+    """Points u of the spread at points x in [0, 1]^d: tails of what has no bounds are left out."""
+    tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
+    return np.clip(tail + (1 - 2 * tail) * x, 2.0**-54, 1 - 2.0**-53)
+
+
+class Search:
+    """What has been flown; called with points (n, d) it flies them and gives what is to be small, (n,)."""
+
+    def __init__(self, ready: Ready, words: int, over: Callable[[Any], Any], how: Mapping[str, Any]) -> None:
+        self.ready, self.words, self.over, self.how = ready, words, over, how
+        self.restart = -1
+        self.points: list[Any] = []
+        self.margins: list[Any] = []
+        self.restarts: list[Any] = []
+        self.firsts: list[Any] = []
+        self.failed = False
+        self.starts: list[Any] = []
+
+    def __call__(self, x: Any) -> Any:
+        """What is to be small at points x (n, d): all fly with the same words."""
+        return self.over(self.fly(x, np.zeros(len(x), np.uint32)))
+
+    def fly(self, x: Any, first: Any) -> Any:
+        """Margins (n, words) at points x (n, d), each with so many words from its first (n,) on."""
+        u = np.repeat(levels(self.ready, x), self.words, axis=0)
+        words = first[:, None] + np.arange(self.words, dtype=np.uint32)
+        found = margins(fly_points(self.ready, u, words.ravel(), **self.how)).reshape(words.shape)
+        self.points.append(x)
+        self.margins.append(found)
+        self.firsts.append(first)
+        self.restarts.append(np.full(len(x), self.restart))
+        self.failed |= bool((found < 0).any())
+        return found
+
+    def harden(self, n: int) -> None:
+        """Fly the worst candidate n times more, each time with words that are new."""
+        x, m = np.concatenate(self.points), self.over(np.concatenate(self.margins))
+        first = self.words * np.arange(1, n + 1, dtype=np.uint32)
+        self.restart += 1
+        self.fly(np.repeat(x[[np.argmin(m)]], n, axis=0), first)
+
+    def left(self, runs: int) -> int:
+        """Candidates that may still fly."""
+        return runs // self.words - sum(map(len, self.points))
+
+    def cover(self, n: int, until_first: bool) -> None:
+        """Sobol points over the whole box, in parts."""
+        from scipy.stats import qmc
+
+        d = len(self.ready.spread.factors)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # about balance: any number of points will do
+            points = qmc.Sobol(d, rng=np.random.default_rng(self.ready.plan.seed)).random(n)
+        for part in np.array_split(points, max(n * self.words // 512, 1)):
+            self(part)
+            if self.failed and until_first:
+                return
+
+    def start(self, restart: int) -> Any:
+        """Where the next start is: the worst candidate of all that is not near an earlier start."""
+        self.restart = restart
+        x, m = np.concatenate(self.points), self.over(np.concatenate(self.margins))
+        for i in np.argsort(m, kind="stable"):
+            if all(np.abs(x[i] - s).max() > APART for s in self.starts):
+                self.starts.append(x[i])
+                return x[i]
+        rng = np.random.default_rng(self.ready.plan.seed + len(self.starts))
+        self.starts.append(rng.random(x.shape[1]))
+        return self.starts[-1]
+
 
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
 FIRST, LAST = 0.15, 0.1

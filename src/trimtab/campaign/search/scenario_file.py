@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.workers.plan import Plan
+from trimtab.campaign.workers.ready import Plan
 from trimtab.core.errors import InputError
 from trimtab.logs.mcap import replacing
-from trimtab.scenarios.recorded_links import LINKS
+from trimtab.scenarios.build import LINKS
 
 BODY = '''
 import numpy as np

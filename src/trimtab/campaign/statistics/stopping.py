@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.statistics.quantiles import quantile
-from trimtab.campaign.statistics.requirement import LEVEL, read_level, read_statistic
-from trimtab.campaign.statistics.verdict import share
+from trimtab.campaign.statistics.requirement import LEVEL, read_level, read_statistic, share
 from trimtab.core.errors import InputError, closest
 
 FORMS = ("width(success) <= 0.01 @ 95%", "width(p95(METRIC)) <= 0.5 @ 95%")

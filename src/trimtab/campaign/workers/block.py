@@ -1,18 +1,96 @@
-"""Runs flown together, those of a campaign or at points that a search asks for, and what the metrics say of them."""
+"""Runs flown together, those of a campaign or at points that a search asks for, and what the metrics say of them.
+
+Metrics of runs that were flown.
+
+Who flies the blocks of a campaign: this process (`here`) or others (`cluster`).
+"""
 
 import itertools
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Generator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.campaign.sampling.spread import arrays_of, values_of
-from trimtab.campaign.statistics.measure import measured
+from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.workers.ready import Ready, drawn, options_of, variant
+from trimtab.core.errors import InputError
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+from trimtab.loop.scenario import Scenario
 from trimtab.native.compiler import NoCompiler, search
 from trimtab.run import compiled
-from trimtab.run.batch import simulate_batch
+from trimtab.run.batch import Batch, simulate_batch
 from trimtab.run.prepare import inputs, prepared, use_c
+from trimtab.run.program import Column
+
+Blocks = list[tuple[int, int]]
+Flown = Generator[tuple[int, dict[str, Any]], None, None]
+Workers = Callable[[Ready, Blocks, str], Flown]
+"""Flies blocks, each (first, last + 1), on the backend "c" or "jax": first run and columns of each, in any order."""
+
+
+class WorkersLost(Exception):
+    """Those who fly are gone; the campaign says how many runs are kept. part, fix: as of an InputError."""
+
+    def __init__(self, part: str, problem: str, fix: str) -> None:
+        super().__init__(problem)
+        self.part, self.fix = part, fix
+
+
+class Flights(NamedTuple):
+    """Of some runs: ticks of the rows, signals (n, rows, …), last values of the truth (n, …), what the columns are."""
+
+    ticks: Any
+    log: Mapping[str, Any]
+    final: Mapping[str, Any]
+    columns: list[Column]
+
+
+TOGETHER = 128
+"""Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
+
+
+def rows_of(scenario: Scenario, batch: Flights | Batch, which: slice = slice(None)) -> Rows:
+    """What metrics see of some runs."""
+    angles = frozenset(c.path for c in batch.columns if c.declared is not None and c.declared.kind == "angle")
+    log = {path: signal[which] for path, signal in batch.log.items()}
+    return Rows(to_seconds(batch.ticks), log, tuple(scenario.targets), angles)
+
+
+def measured(ready: Ready, batch: Flights | Batch) -> dict[str, Any]:
+    """Metrics, success and lost of some runs, each (n,)."""
+    n = len(next(iter(batch.final.values())))
+    found: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
+    for first in range(0, n, TOGETHER):
+        some = slice(first, min(first + TOGETHER, n))
+        rows = rows_of(ready.scenario, batch, some)
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
+            for metric in ready.metrics:
+                found[metric.name][some] = _column(metric, rows, some.stop - first)
+    ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in batch.final.values()])
+    lost = ~np.isfinite(ends).all(axis=0)
+    success = ~lost
+    for condition in ready.success:
+        success &= condition.holds(found[condition.metric])
+    return {**found, "success": success, "lost": lost}
+
+
+def measured_log(ready: Ready, log: Log) -> dict[str, Any]:
+    """The same of the log of one run."""
+    columns = [Column(path, (), "float64", declared) for path, declared in log.declared.items()]
+    one = {path: signal[None] for path, signal in log.signals.items()}
+    final = {path: np.asarray(value)[None] for path, value in log.final.items()}
+    return measured(ready, Flights(log.ticks, one, final, columns))
+
+
+def _column(metric: Metric, rows: Rows, n: int) -> Any:
+    column = np.asarray(metric.of(rows), np.float64)
+    if column.shape != (n,):
+        raise InputError(
+            f"--metric {metric.name}", f"gave shape {column.shape}, wanted is {(n,)}", fix="one number a run"
+        )
+    return column
 
 
 def fly_block(

@@ -4,22 +4,187 @@ A worker is sent the name of a function of trimtab and plain data, the plan and 
 itself, and says so where its rows would not be bit-equal to those of the campaign's own machine.
 
 Source: docs page, A campaign on several machines.
+
+Where the scheduler of a cluster is, with which certificates it is spoken to, and whether it can be.
+
+Source: Rescorla, "The transport layer security (TLS) protocol version 1.3", RFC 8446.
+
+What a worker on another machine does: rows of a plan, bit-equal to those of the machine that asks, or an error.
 """
 
 import contextlib
+import functools
+import hashlib
 import importlib.util
+import ipaddress
+import json
 import logging
+import re
+import socket
+import ssl
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from trimtab.campaign.workers.fly_rows import about, fly_rows
-from trimtab.campaign.workers.lost import Blocks, Flown, Workers, WorkersLost
-from trimtab.campaign.workers.ready import Ready
-from trimtab.campaign.workers.scheduler import REACHED, Place, greet, place_of
+from trimtab.campaign.workers.block import Blocks, Flown, Workers, WorkersLost, flies_c, fly_block
+from trimtab.campaign.workers.ready import Ready, identity, plan_of, prepare
 from trimtab.core.errors import InputError
+from trimtab.run.library import threads_of
+
+_one_prepares = threading.Lock()
+
+
+def about(ready: Ready, backend: str) -> dict[str, str]:
+    """What must be equal on two machines for their rows to be."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
+    return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _code()}
+
+
+@functools.cache
+def _code() -> str:
+    """Digest of trimtab's own source: a version that is being worked on has many."""
+    root, digest = Path(__file__).parents[2], hashlib.sha256()
+    for file in sorted(root.rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@functools.lru_cache(maxsize=1)
+def _prepared(text: str, backend: str) -> tuple[Ready, dict[str, str]]:
+    """The plan's last preparation, and what this machine says of it."""
+    ready = prepare(plan_of(json.loads(text)))
+    can = "c" if backend == "c" and flies_c(ready, "auto") else "jax"
+    return ready, about(ready, can)
+
+
+def fly_rows(plain: Mapping[str, Any], told: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
+    """Rows first … last - 1, by name (n,).
+
+    Args:
+        plain: of the plan.
+        told: what the asking machine says of itself, `about`.
+        first, last: which rows.
+
+    Raises: InputError where this machine's rows would be others.
+    """
+    try:
+        with _one_prepares:
+            ready, here = _prepared(json.dumps(plain, sort_keys=True), told["backend"])
+    except InputError as error:
+        part = f"worker {_address()}: {error.part}"
+        raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
+    apart = [name for name in told if here.get(name) != told[name]]
+    if apart:
+        shown = "; ".join(f"{name}: {here.get(name)} there, {told[name]} here" for name in apart)
+        same = "have the same trimtab, packages and files there, and start the worker anew"
+        fix = "install a C compiler there" if apart == ["backend"] else same
+        raise InputError(f"worker {_address()}", f"would not give the same rows: {shown}", fix=fix)
+    return fly_block(ready, first, last, backend=told["backend"], threads=_threads())
+
+
+def _address() -> str:
+    """The worker's address, as the scheduler knows it."""
+    from distributed import get_worker
+
+    try:
+        return str(get_worker().address)
+    except ValueError:
+        return "here"
+
+
+def _threads() -> int:
+    """This worker's share of the machine: it may fly several blocks at once."""
+    from distributed import get_worker
+
+    try:
+        return max(1, threads_of(None) // get_worker().state.nthreads)
+    except ValueError:
+        return threads_of(None)
+
+
+REACHED = 10.0
+"""Seconds in which a scheduler answers a call."""
+PLACE = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
+
+
+class Place(NamedTuple):
+    """Where the scheduler is, and with what this machine shows who it is; no files for plain TCP."""
+
+    uri: str
+    host: str
+    port: int
+    files: tuple[str, str, str] | None
+
+
+def place_of(uri: str, files: dict[str, str]) -> Place:
+    """Refuse what is no address, and plain TCP between machines."""
+    found = PLACE.fullmatch(uri.strip())
+    if not found or found[1] not in ("tls", "tcp") or not 0 < int(found[3]) < 2**16:
+        raise InputError("--cluster", f"{uri!r} is not tls://HOST:PORT", fix="--cluster tls://10.0.0.1:8786")
+    host, port = found[2].strip("[]"), int(found[3])
+    flags = "--tls-ca ca.pem --tls-cert me.pem --tls-key me.key"
+    if found[1] == "tcp":
+        if not _loopback(host):
+            problem = f"{uri}: without TLS anyone who reaches the port runs programs on every machine of the cluster"
+            raise InputError("--cluster", problem, fix=f"--cluster tls://{found[2]}:{port} {flags}")
+        if any(files.values()):
+            raise InputError("--cluster", f"{uri} uses no certificates", fix=f"--cluster tls://{found[2]}:{port}")
+        return Place(uri, host, port, None)
+    for flag, name in files.items():
+        if not name:
+            raise InputError(flag, "tls:// needs an authority, a certificate and its key", fix=f"{flags}")
+        if not Path(name).is_file():
+            raise InputError(flag, f"there is no file {name!r}", fix=f"{flag} with a PEM file")
+    place = Place(f"tls://{found[2]}:{port}", host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"]))
+    _context(place)
+    return place
+
+
+def _loopback(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+def _context(place: Place) -> ssl.SSLContext:
+    """What distributed makes of the files too; refuses those that are none or don't belong together."""
+    ca, cert, key = place.files or ("", "", "")
+    try:
+        context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
+        context.check_hostname = False
+        context.load_cert_chain(cert, key)
+    except (ssl.SSLError, OSError) as error:
+        problem = f"{ca}, {cert} and {key} can't be used: {error.reason if isinstance(error, ssl.SSLError) else error}"
+        raise InputError("--tls-ca, --tls-cert, --tls-key", problem, fix="see the page, certificates") from None
+    return context
+
+
+def greet(place: Place) -> None:
+    """Refuse a scheduler that isn't there or isn't trusted, or that doesn't trust; distributed says "timed out"."""
+    part = f"--cluster {place.uri}"
+    try:
+        with socket.create_connection((place.host, place.port), REACHED) as plain:
+            if place.files is None:
+                return
+            with _context(place).wrap_socket(plain) as safe:
+                if not safe.recv(1):  # a scheduler speaks first, to those whose certificate it takes
+                    raise ssl.SSLError("it closed the line")
+    except ssl.SSLCertVerificationError as error:
+        problem = f"its certificate is not of the authority in {place.files and place.files[0]}: {error.verify_message}"
+        raise InputError(part, problem, fix="--tls-ca with the ca.pem that the scheduler was started with") from None
+    except ssl.SSLError as error:
+        problem = f"it refuses the certificate: {error.reason or error}"
+        fix = "--tls-cert and --tls-key signed by the authority that the scheduler was started with"
+        raise InputError(part, problem, fix=fix) from None
+    except OSError as error:
+        problem = f"no scheduler is reached there: {error.strerror or error}"
+        scheme = "tls" if place.files else "tcp"
+        fix = f"on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
+        raise InputError(part, problem, fix=fix) from None
+
 
 SILENCE = 15.0
 """Seconds after which a scheduler that says nothing is asked, and in which it has to answer."""

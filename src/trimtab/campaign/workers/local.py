@@ -10,8 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.campaign.workers.block import fly_block
-from trimtab.campaign.workers.lost import Blocks, Flown, Workers
+from trimtab.campaign.workers.block import Blocks, Flown, Workers, fly_block
 from trimtab.campaign.workers.ready import FEWEST, Ready
 
 AHEAD = 2

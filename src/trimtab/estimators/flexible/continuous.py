@@ -12,7 +12,6 @@ from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible.model import (
     RigidFlight,
@@ -25,6 +24,7 @@ from trimtab.estimators.flexible.model import (
     stepped,
     unmeasured,
 )
+from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5

@@ -12,7 +12,6 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new
 from trimtab.core.time import ms, show, to_seconds
 from trimtab.estimators import kalman
-from trimtab.estimators.discretise import discretise
 from trimtab.estimators.flexible.model import (
     RigidFlight,
     Unmeasured,
@@ -25,6 +24,7 @@ from trimtab.estimators.flexible.model import (
     unmeasured,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)

@@ -23,7 +23,7 @@ from trimtab.estimators.inertial.mechanisation import DIMENSION
 from trimtab.estimators.inertial.preintegration import Motion
 from trimtab.estimators.kalman import update
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_update import Geometry, linearised
+from trimtab.estimators.ranging.range_model import Geometry, linearised
 
 
 @record

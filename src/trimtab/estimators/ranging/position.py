@@ -15,15 +15,15 @@ from trimtab.core.rng import Key
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import FOREVER, ms, to_seconds
-from trimtab.estimators.ranging.cone_compensation import compensate
 from trimtab.estimators.ranging.multilateration import (
     Solution,
     bancroft,
     least_squares,
     leave_one_out,
     two_ranges,
+    two_unit_heading,
 )
-from trimtab.estimators.ranging.two_unit_heading import two_unit_heading
+from trimtab.estimators.ranging.range_model import compensate
 
 NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
 MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")

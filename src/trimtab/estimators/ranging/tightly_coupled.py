@@ -16,8 +16,7 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate_with
-from trimtab.estimators.inertial.aiding import ranges
+from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate_with, ranges
 from trimtab.estimators.inertial.coupled import (
     SIGNS,
     coupled_noise,
@@ -28,11 +27,20 @@ from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, mechanise
 from trimtab.estimators.inertial.navigation_state import HeadingFix, fuse, no_heading_fix
 from trimtab.estimators.inertial.sensor_watch import NEVER, plus
-from trimtab.estimators.ranging.ping_update import agreeing, either, learns, started, tracked
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel, RangeFix, no_range_fix
-from trimtab.estimators.ranging.range_update import Geometry
-from trimtab.estimators.ranging.start import RangingStart, carried, nothing, pointed
+from trimtab.estimators.ranging.range_model import Geometry
+from trimtab.estimators.ranging.start import (
+    RangingStart,
+    agreeing,
+    carried,
+    either,
+    learns,
+    nothing,
+    pointed,
+    started,
+    tracked,
+)
 
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
 

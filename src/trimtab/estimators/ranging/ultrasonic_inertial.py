@@ -15,14 +15,13 @@ from trimtab.core.rng import Key
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import to_seconds
-from trimtab.environment.magnetic import COLLEGE_PARK
-from trimtab.environment.magnetic_heading import magnetic_heading
+from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading
 from trimtab.estimators.inertial.aided import InertialState
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.estimators.inertial.measurement_history import state_before
 from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import RangingPosition, RangingPositionState
-from trimtab.estimators.ranging.two_unit_heading import two_unit_heading
 
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
 """Two units on the body's axis, fore and aft (m)."""

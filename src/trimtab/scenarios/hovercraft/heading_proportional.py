@@ -2,9 +2,8 @@
 
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hovercraft._heading import Initial, heading_flight
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervised
+from trimtab.scenarios.hovercraft._thesis import Initial, Links, Supervised, heading_flight
 
 
 def scenario(

@@ -13,11 +13,11 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.design.certificate import Certificate, certify
-from trimtab.design.linear_normal_form import linear_normal_form
 from trimtab.design.linearise import Linear
 from trimtab.design.lmi import LmiGain, lmi_gain
 from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr, with_integrals
 from trimtab.design.model import Model, of_vehicle
+from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import Trim, trim
 from trimtab.laws.adaptive_robust import SIZES
 from trimtab.laws.path_inversion import InputLimits

@@ -16,14 +16,12 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.once import QUICKLY
 from trimtab.core.record import replace
-from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, residual
-from trimtab.design.sylvester import filter_matrix, following
+from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, filter_matrix, following, residual
 from trimtab.laws.internal_preview import FadingModes, PreviewInternal
-from trimtab.laws.internal_sylvester import SylvesterInternal
-from trimtab.laws.internal_table import InternalTable
-from trimtab.laws.path_checks import INTERNAL_SIZES
+from trimtab.laws.internal_quasi_static import InternalTable, SylvesterInternal
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates
+from trimtab.laws.stable_inversion import INTERNAL_SIZES
 from trimtab.scenarios.hypersonic._level import LevelTrim, accepted, internal_linear, level, level_trim, static
 from trimtab.vehicles.hypersonic import Hypersonic
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.time import seconds, to_seconds
-from trimtab.environment.gravity import STANDARD
+from trimtab.environment.geodetic import STANDARD
 from trimtab.environment.magnetic import COLLEGE_PARK
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled

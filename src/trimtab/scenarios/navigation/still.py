@@ -13,7 +13,7 @@ from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
 from trimtab.sensors.imu import Imu
-from trimtab.sensors.planar_navigation import PlanarNavigation
+from trimtab.sensors.navigation_errors import PlanarNavigation
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 TICK = ms(5)
