@@ -22,7 +22,7 @@ from paired import row
 
 from trimtab.export.boards import TARGETS, emulate, missing_tools, read_vectors
 from trimtab.export.export_c import export_c
-from trimtab.export.verify import compare
+from trimtab.export.verify import compare_samples
 
 COMMAND = "python benchmarks/board.py"
 FLIGHT = Path(__file__).parents[1] / "tests" / "export" / "inertial_flight.py"
@@ -64,7 +64,7 @@ def main():
         vectors = read_vectors(Path(folder), a.steps)
         about = json.loads((Path(folder) / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
-    first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)[1]
+    first = compare_samples(flown.outputs, flown.expected_outputs, about["outputs"], tolerance)[1]
     verdict = "agree" if first is None else f"WRONG from {first}"
     print(f"{a.steps} steps on {a.target}, {TARGETS[a.target].real}: {verdict}")
     print(f"flash {flown.flash_bytes} B, RAM {flown.ram_bytes} B, stack {flown.stack_bytes} B")

@@ -22,8 +22,8 @@ import numpy as np
 from paired import Program, Ratio, load, machine, ratio, rounds, row
 
 from trimtab.campaign.campaign import Campaign
-from trimtab.campaign.sampling.spread import arrays_of
-from trimtab.campaign.workers.ready import drawn
+from trimtab.campaign.sampling.spread import spread_arrays
+from trimtab.campaign.workers.ready import draw_runs
 from trimtab.core.time import seconds
 from trimtab.run.batch import simulate_batch
 
@@ -63,8 +63,8 @@ def stored(runs: int, seed: int) -> Any:
 def worlds(runs: int, seed: int) -> tuple[Any, Any, Any, Any]:
     """Scenario, words of the keys, spread and signals: what the campaign would draw."""
     ready = campaign(runs, seed).ready
-    of, values = drawn(ready, 0, runs)
-    return ready.scenario, of.words, arrays_of(ready.spread, ready.scenario, values), ready.wanted
+    of, values = draw_runs(ready, 0, runs)
+    return ready.scenario, of.words, spread_arrays(ready.spread, ready.scenario, values), ready.logged_signals
 
 
 class Raw:
@@ -131,8 +131,8 @@ def main() -> None:
     p.add_argument("--markdown", action="store_true", help="print the rows for the documentation's table at the end")
     p.add_argument("--once", type=int, help=argparse.SUPPRESS)
     a = p.parse_args()
-    if a.once:
-        once(a.once)
+    if a.memoise:
+        once(a.memoise)
         return
     print(f"{machine('jax', 'zarr')}\n{load()}")
     runs = 300 if a.quick else a.runs

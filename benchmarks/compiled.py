@@ -11,9 +11,9 @@ import workload
 
 from trimtab.core.rng import Key
 from trimtab.core.time import Timetable, ms, timetable
-from trimtab.native.compiler import find_compiler, lanes
+from trimtab.native.compiler import find_compiler, lane_count
 from trimtab.run import compiled
-from trimtab.run.library import fly, rows_of
+from trimtab.run.library import fly_runs, row_numbers
 
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""
@@ -44,35 +44,37 @@ def parts(signals: tuple[str, ...] = ()) -> Loop:
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
     whole = (world, autopilot, x, Key(np.uint32(spec.KEY0), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], ms(spec.N), world.max_step)
-    of = compiled.structure(whole, table.always, signals or NOTHING)
-    flight = compiled.lowered(of)
-    names = [(c.path, int(np.prod(c.shape))) for c in compiled.last(flight)]
+    of = compiled.program_structure(whole, table.always, signals or NOTHING)
+    flight = compiled.lower_structure(of)
+    names = [(c.path, int(np.prod(c.shape))) for c in compiled.final_columns(flight)]
     starts = dict(zip([n for n, _ in names], np.cumsum([0, *(size for _, size in names)]).tolist(), strict=False))
     sizes = dict(names)
     at = np.concatenate([np.arange(starts[n], starts[n] + sizes[n]) for n in ENDS])
     widths = flight.width, sum(sizes.values())
-    return Loop(whole, table, of, at, widths, rows_of(np.full(len(table.t), bool(signals))))
+    return Loop(whole, table, of, at, widths, row_numbers(np.full(len(table.t), bool(signals))))
 
 
 @cache
 def inputs() -> tuple[Any, list[int]]:
     """The inputs of a single run, and where gains and key stand in them."""
     whole = parts().whole
-    places = [compiled.position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")]
-    return compiled.flat(whole), places
+    places = [
+        compiled.input_position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")
+    ]
+    return compiled.flat_inputs(whole), places
 
 
 @cache
 def library(signals: tuple[str, ...] = ()) -> Path:
     """The scalar library; the first call compiles it."""
-    return compiled.library(parts(signals).of)
+    return compiled.build_walk_library(parts(signals).of)
 
 
 def _flown(loop: Loop, path: Path, gains: Any, key: Any, log: bool) -> Any:
     shared, places = inputs()
     mine = shared.copy()
     mine[places] = *gains, *key
-    return fly(path, mine, np.empty((1, 0)), loop.table, loop.row, loop.widths, log=log)
+    return fly_runs(path, mine, np.empty((1, 0)), loop.table, loop.row, loop.widths, log=log)
 
 
 def single(gains: Any, key: Any) -> Any:
@@ -90,7 +92,7 @@ def logged(gains: Any, key: Any) -> Any:
 def width() -> int:
     """Runs that fly side by side in a vector register; 1 where there is none."""
     compiler = find_compiler("c++")
-    return lanes(compiler) if compiler else 1
+    return lane_count(compiler) if compiler else 1
 
 
 def _own(loop: Loop) -> frozenset[int]:
@@ -101,20 +103,20 @@ def _own(loop: Loop) -> frozenset[int]:
 def text(lanes: int) -> str:
     """C of a single run, or C++ of a campaign over lanes."""
     loop = parts()
-    flight = compiled.lowered(loop.of)
+    flight = compiled.lower_structure(loop.of)
     return flight.text(lanes, _own(loop)) if lanes else flight.text()
 
 
 def campaign_inputs() -> Any:
     """The inputs that all runs of a campaign share."""
     loop = parts()
-    return compiled.flat(loop.whole, _own(loop))
+    return compiled.flat_inputs(loop.whole, _own(loop))
 
 
 def campaign(runs: int, threads: int) -> Any:
     """The 14 numbers of each of many runs, over lanes and threads."""
     loop, n = parts(), width()
-    path = compiled.library(loop.of, n if n > 1 else 0, _own(loop))
+    path = compiled.build_walk_library(loop.of, n if n > 1 else 0, _own(loop))
     numbers = np.arange(runs, dtype=np.float64)[:, None]
-    flown = fly(path, campaign_inputs(), numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
+    flown = fly_runs(path, campaign_inputs(), numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
     return flown.final[:, loop.at] * SCALE

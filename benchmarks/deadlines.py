@@ -19,8 +19,8 @@ from paired import Ratio, load, machine, row
 
 from trimtab.core.time import seconds, to_seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.fly import Flight, Flyer
-from trimtab.run.fast_step import fast_step
+from trimtab.live.fly import LiveAutopilot, LiveFlightSummary
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 
@@ -43,22 +43,22 @@ def vehicle(line):
         process.wait(60)
 
 
-def fly(scenario, line, step, duration, log) -> Flight:
+def fly(scenario, line, step, duration, log) -> LiveFlightSummary:
     """One flight."""
     link = open_link(line)
     try:
         step.reset()
-        flyer = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, unsigned=True), step=step)
+        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, unsigned=True), step=step)
         flyer.connect(120.0)
         return flyer.fly(duration=duration, log=log)
     finally:
         link.close()
 
 
-def rounds(count: int, duration: int) -> tuple[list[tuple[Flight, Flight]], float]:
+def rounds(count: int, duration: int) -> tuple[list[tuple[LiveFlightSummary, LiveFlightSummary]], float]:
     """Pairs of flights, with and without a log, in an order drawn anew; and the period (s)."""
-    scenario, rng, pairs = catalogue.load(SCENARIO)[0], random.Random(0), []
-    line, step = f"loopback://benchmark-{os.getpid()}", fast_step(scenario)
+    scenario, rng, pairs = catalogue.load_scenario(SCENARIO)[0], random.Random(0), []
+    line, step = f"loopback://benchmark-{os.getpid()}", compile_autopilot(scenario)
     with tempfile.TemporaryDirectory() as folder, vehicle(line):
         for k in range(count):
             logs = {"with": Path(folder) / f"{k}.mcap", "without": None}
@@ -102,7 +102,7 @@ if __name__ == "__main__":
     works = [[flight.deadlines.work.summary().p50 for flight in both] for both in pairs]
     shares = spread([100 * (one - other) / period for one, other in works])
     tails = spread([100 * both[0].deadlines.step.summary().p999 / period for both in pairs])
-    print(f"logging: {shares} % of the period of {1e3 * period:g} ms; {pairs[0][0].granted}")
+    print(f"logging: {shares} % of the period of {1e3 * period:g} ms; {pairs[0][0].grant}")
     print(f"compiled step, 99.9 %: {tails} % of the period\n{load()}")
     if a.markdown:
         print(row("real time, 1 kHz: work added by logging everything, % of the period", shares, "≤ 5", COMMAND))

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from paired import Program, load, machine, ratio, rounds, row, show
 
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.dual_filter import InertialNoise
@@ -47,7 +47,7 @@ START = InertialStart(sigma_heading=np.sqrt(1.6e-4), sigma_position=np.sqrt(5.6e
 
 def setting():
     """The numbers of the INS, as filters_np.py reads them."""
-    start = numeric(START)
+    start = to_arrays(START)
     return {
         "dt": DT,
         "every": EVERY,
@@ -76,7 +76,7 @@ def flight(n, seed):
 def inertial(n):
     """trimtab's feed-forward INS over a flight, compiled: the form's own steps, without its history of late fixes."""
     intake = Intake(gate_heading=OPEN, gate_position=OPEN, patience_position=0)
-    form = numeric(AidedInertialFeedforward(intake=intake, noise=NOISE, start=START))
+    form = to_arrays(AidedInertialFeedforward(intake=intake, noise=NOISE, start=START))
 
     def fly(form, felt, headings, positions):
         def tick(node, given):

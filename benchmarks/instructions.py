@@ -26,7 +26,7 @@ from paired import difference, machine, row
 from references import CC, CXX, HAND_C, HAND_SLP, KNOWN, SOURCES, sh
 
 from trimtab.native.build import FLAGS
-from trimtab.run.walk_text import JOB
+from trimtab.run.walk_text import JOB_TEXT
 
 MARCH, LANES = "-march=x86-64-v3", 4
 
@@ -74,7 +74,7 @@ def generated(lanes: int) -> Counted:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "text").write_text(compiled.text(lanes))
-        (folder / "job.h").write_text(f"#include <stdint.h>\n{JOB}")
+        (folder / "job.h").write_text(f"#include <stdint.h>\n{JOB_TEXT}")
         arrays = (shared, own, np.asarray(table.t, np.int64), np.asarray(table.h, np.int64), loop.row)
         (folder / "input").write_bytes(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
         files = ["-x", language, f"{name}/text", str(SOURCES / "callgrind_flight.c"), "-o", f"{name}/program"]

@@ -10,11 +10,11 @@ import jax
 import numpy as np
 from paired import Ratio, load, machine, row
 
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
 from trimtab.loop.walk import start
-from trimtab.run.fast_step import fast_step
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.scenarios import catalogue
 
 ROUNDS, CALLS = 21, 2000
@@ -22,8 +22,8 @@ ROUNDS, CALLS = 21, 2000
 
 def programs():
     """Functions of no argument that make one step each."""
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
-    world, autopilot, x = (numeric(v) for v in (scenario.world, scenario.autopilot, scenario.initial))
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
+    world, autopilot, x = (to_arrays(v) for v in (scenario.world, scenario.autopilot, scenario.initial))
     key = Key(np.uint32(0), np.uint32(0))
     state, flying = jax.eval_shape(lambda: start(world, autopilot, x, key))
     zeros = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), (Frame(np.int64(0), state.received), flying))
@@ -33,7 +33,7 @@ def programs():
         frame, s = zeros
         jax.block_until_ready(step(np.int64(10_000), s, frame))
 
-    compiled = fast_step(scenario)
+    compiled = compile_autopilot(scenario)
     return {"compiled C": compiled.step, "jax.jit": jitted}
 
 

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.record import Scalar, numeric, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import planar
-from trimtab.core.signals import Motion, PlanarForce, PlanarState, Sample, measured
+from trimtab.core.signals import Motion, PlanarForce, PlanarState, Sample, new_sample
 from trimtab.core.time import ms, timetable
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.loop.autopilot import Autopilot
@@ -79,7 +79,7 @@ class Navigator:
         due = (k % spec.FIX_TICKS == 0) & (k > 0)
         s = jax.lax.cond(due, lambda: fix(s, k, motion.p_WB[:2], motion.attitude[2]), lambda: s)
         v = planar(s.hx[0]).T @ s.nx[2:4]
-        return s, measured(t, PlanarState(v[0], v[1], s.om, s.hx[0]))
+        return s, new_sample(t, PlanarState(v[0], v[1], s.om, s.hx[0]))
 
 
 def imu(s: Filters, k: Any, true: Any) -> Filters:
@@ -257,7 +257,7 @@ def loop(gains: Any) -> tuple[World, Autopilot, HovercraftState]:
     autopilot = Autopilot(estimator=Passthrough(), law=law, allocation=Polar())
     px, py, h, X, Y, psi = spec.X0
     x = HovercraftState(px / spec.M, py / spec.M, h / spec.J, X, Y, psi)
-    return numeric(world), numeric(autopilot), numeric(x)
+    return to_arrays(world), to_arrays(autopilot), to_arrays(x)
 
 
 def fly(gains: Any, key: Any, wanted: tuple[str, ...], n: int = spec.N) -> Any:

@@ -6,7 +6,7 @@ from trimtab.core.time import ms
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 
-scenario, _ = catalogue.load("hovercraft/forward")
+scenario, _ = catalogue.load_scenario("hovercraft/forward")
 
 log = simulate(scenario, seed=1)
 print(log)

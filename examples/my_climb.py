@@ -10,13 +10,13 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.run.simulate import simulate
-from trimtab.scenarios.hypersonic import flight
+from trimtab.scenarios.hypersonic import hypersonic_scenario
 
 
 def scenario(filter="tuned"):
     """Up 2 000 ft and 300 ft/s faster, a little quicker than the catalogue's climbs, with noise."""
     climb = FilteredClimb(dh=2000.0, dV=300.0, wh=0.08, wV=0.08)
-    return flight("my-climb", climb, 60.0, filter=filter, noise="on")
+    return hypersonic_scenario("my-climb", climb, 60.0, filter=filter, noise="on")
 
 
 if __name__ == "__main__":
@@ -27,6 +27,6 @@ if __name__ == "__main__":
         shake = np.rad2deg(np.std(np.diff(elevator)))
         print(f"{name:9s} altitude {np.sqrt(np.mean(error**2)):.4f} ft rms, elevator {shake:.3f} deg from row to row")
     try:
-        flight("too-quick", FilteredClimb(dh=2000.0, dV=300.0, wh=0.5, wV=0.5), 60.0).check()
+        hypersonic_scenario("too-quick", FilteredClimb(dh=2000.0, dV=300.0, wh=0.5, wV=0.5), 60.0).check()
     except InputError as refused:
         print(refused)

@@ -23,13 +23,13 @@ class Erratum(NamedTuple):
     section: str
     place: str
     kind: Kind
-    printed: str
-    here: str
+    printed_text: str
+    replacement: str
     why: str
     code: tuple[str, ...] = ()
 
 
-def sections(errata: Iterable[Erratum]) -> dict[str, list[Erratum]]:
+def errata_by_section(errata: Iterable[Erratum]) -> dict[str, list[Erratum]]:
     """Heading -> its entries, in the order given."""
     found: dict[str, list[Erratum]] = {}
     for entry in errata:
@@ -37,11 +37,11 @@ def sections(errata: Iterable[Erratum]) -> dict[str, list[Erratum]]:
     return found
 
 
-def table(errata: Iterable[Erratum]) -> str:
+def errata_table(errata: Iterable[Erratum]) -> str:
     """Entries as a table in Markdown."""
     lines = ["| where | kind | printed | here | why | code |", "|---|---|---|---|---|---|"]
     for e in errata:
         code = ", ".join(f"`{module}`" for module in e.code) or "–"
-        cells = (e.place, e.kind, e.printed, e.here, e.why, code)
+        cells = (e.place, e.kind, e.printed_text, e.replacement, e.why, code)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     return "\n".join(lines)

@@ -2,22 +2,22 @@
 
 from collections.abc import Iterable
 
-from studies.row import Row, shown
+from studies.row import Row, format_value
 
 HEADINGS = ("figure", "printed", "computed", "accepted", "unit", "verdict", "where", "")
 
 
-def table(rows: Iterable[Row]) -> str:
+def rows_table(rows: Iterable[Row]) -> str:
     """One line a row; a star marks what is no number or statement of the publication itself (see Row.basis)."""
-    lines = [_line(HEADINGS), _line("---" for _ in HEADINGS)]
+    lines = [_table_line(HEADINGS), _table_line("---" for _ in HEADINGS)]
     for row in rows:
-        printed = shown(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")
+        printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")
         unit = "" if row.unit == "1" else row.unit
         verdict = "holds" if row.holds else f"**{row.verdict}**"
-        cells = (row.what, printed, shown(row.computed), row.tolerance, unit, verdict, row.citation, row.note)
-        lines.append(_line(cell.replace("|", "\\|") for cell in cells))
+        cells = (row.what, printed, format_value(row.computed), row.tolerance, unit, verdict, row.citation, row.note)
+        lines.append(_table_line(cell.replace("|", "\\|") for cell in cells))
     return "\n".join(lines)
 
 
-def _line(cells: Iterable[str]) -> str:
+def _table_line(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"

@@ -94,7 +94,7 @@ class Row:
     def as_json(self) -> dict[str, Any]:
         """The row as plain values; what is infinite or not a number becomes null."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return _finite(fields | {"tolerance": self.tolerance, "verdict": self.verdict})
+        return _replace_infinite(fields | {"tolerance": self.tolerance, "verdict": self.verdict})
 
 
 def within(
@@ -158,12 +158,12 @@ def same(id: str, what: str, printed: Any, computed: Any, citation: str, **about
     return Row(id, what, printed, computed, citation, "same", **about)
 
 
-def missing(id: str, what: str, printed: Any, citation: str, *, note: str, **about: Any) -> Row:
+def missing_row(id: str, what: str, printed: Any, citation: str, *, note: str, **about: Any) -> Row:
     """Nothing here can give this figure; the note says why."""
     return Row(id, what, printed, None, citation, "none", must_hold=False, note=note, **about)
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value as it stands in a table: four figures of a number, a pair as a range, - for none."""
     if value is None:
         return "-"
@@ -174,13 +174,13 @@ def shown(value: Any) -> str:
     if isinstance(value, tuple) and all(isinstance(v, int) for v in value):
         return " x ".join(map(str, value))
     if isinstance(value, tuple):
-        return " … ".join(shown(v) for v in value)
+        return " … ".join(format_value(v) for v in value)
     return str(value)
 
 
-def _finite(value: Any) -> Any:
+def _replace_infinite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
+        return {k: _replace_infinite(v) for k, v in value.items()}
     if isinstance(value, tuple):
-        return [_finite(v) for v in value]
+        return [_replace_infinite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

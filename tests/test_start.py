@@ -35,7 +35,7 @@ target = Target("yaw_rate", 0.0, 0.1)
 found = metrics(log, [target], ["yaw_rate"])
 assert found["yaw_rate"]["settling_s"] == 0.024, found
 assert mode_switches(log) == 0
-assert len(trimtab.plots.run.panels_of(log.between(0, 0.02))) == 2
+assert len(trimtab.plots.run.select_panels(log.between(0, 0.02))) == 2
 absent(*HEAVY)
 listed = CliRunner().invoke(trimtab.cli.main, ["list", "--json"])
 assert "hovercraft/spin" in listed.stdout

@@ -11,7 +11,7 @@ import click
 
 from trimtab import __version__
 from trimtab.commands import campaign_cli, live_cli
-from trimtab.commands.live_cli import FAULT, JSON, SCENARIO, pairs
+from trimtab.commands.live_cli import FAULT, JSON, SCENARIO, parse_pairs
 from trimtab.core.errors import InputError
 from trimtab.scenarios import catalogue
 
@@ -68,10 +68,10 @@ def demo(seed: int, out: Path) -> None:
 
     Zero velocity with the source's settings and its measured Bluetooth latencies; writes trimtab-demo.png.
     """
-    from trimtab.commands.fly_scenario import Request, fly
+    from trimtab.commands.fly_scenario import RunRequest, fly_scenario
 
-    fly(
-        Request(
+    fly_scenario(
+        RunRequest(
             scenario="hovercraft/zero-velocity",
             settings={"links": "measured"},
             seed=seed,
@@ -94,18 +94,18 @@ def list_(scenario: str | None, as_json: bool) -> None:
     if scenario is None:
         from trimtab.commands.tables import print_scenarios
 
-        print_scenarios(catalogue.names(), as_json)
+        print_scenarios(catalogue.scenario_names(), as_json)
         return
     from trimtab.commands.tables import print_settings
 
-    built, _ = catalogue.load(scenario)
-    print_settings(scenario, built, catalogue.arguments(scenario), as_json)
+    built, _ = catalogue.load_scenario(scenario)
+    print_settings(scenario, built, catalogue.scenario_choices(scenario), as_json)
 
 
 @main.command()
 @SCENARIO
 @click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting; repeatable."
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=parse_pairs, help="Change a setting; repeatable."
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
@@ -149,21 +149,23 @@ def run(
     trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
     trimtab run hovercraft/forward --fault 'uplink off @ 5 s for 2 s' --plot cut.png
     """
-    from trimtab.commands.fly_scenario import Request, fly
-    from trimtab.core.time import parse
+    from trimtab.commands.fly_scenario import RunRequest, fly_scenario
+    from trimtab.core.time import parse_time
 
     if duration is not None:
         settings["duration"] = duration
     if navigation is not None:
         settings["navigation"] = navigation
-    rows = parse(log_period)
-    fly(Request(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows, number))
+    rows = parse_time(log_period)
+    fly_scenario(
+        RunRequest(scenario, settings, without, seed, ideal, plot, out, as_json, backend, faults, rows, number)
+    )
 
 
 @main.command()
 @SCENARIO
 @click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting; repeatable."
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=parse_pairs, help="Change a setting; repeatable."
 )
 @NAVIGATION
 @click.option("--without", multiple=True, metavar="FAULT", help="Leave one imperfection out of it all; repeatable.")
@@ -184,12 +186,12 @@ def budget(navigation: str | None, as_json: bool, **asked: Any) -> None:
     trimtab budget hovercraft/zero-velocity --navigation ins --runs 40 --plot budget.png
     trimtab budget hovercraft/spin --only navigation-error --only uplink-delay --json
     """
-    from trimtab.commands.budget import Request
+    from trimtab.commands.budget import BudgetRequest
     from trimtab.commands.budget import budget as carry_out
 
     if navigation is not None:
         asked["settings"]["navigation"] = navigation
-    carry_out(Request(**asked, as_json=as_json))
+    carry_out(BudgetRequest(**asked, as_json=as_json))
 
 
 @main.command()
@@ -209,7 +211,7 @@ def budget(navigation: str | None, as_json: bool, **asked: Any) -> None:
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
 @click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
 @click.option("--verify", "check", type=click.Path(path_type=Path), metavar="DIR", help="Check an exported folder.")
-@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting.")
+@click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", callback=parse_pairs, help="Change a setting.")
 @click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 @JSON
 def export(as_json: bool, **asked: Any) -> None:
@@ -222,10 +224,10 @@ def export(as_json: bool, **asked: Any) -> None:
     trimtab export hovercraft/zero-velocity --target cortex-m7 --run
     trimtab export hovercraft/spin --part loop --out whole-loop
     """
-    from trimtab.commands.export import Request
+    from trimtab.commands.export import ExportRequest
     from trimtab.commands.export import export as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(ExportRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
@@ -245,10 +247,10 @@ def reproduce(study: str | None, only: tuple[str, ...], out: Path | None, as_jso
     trimtab reproduce hovercraft2006 --only inertia --json
     trimtab reproduce hovercraft2006 --out figures/
     """
-    from trimtab.commands.reproduce import Request
+    from trimtab.commands.reproduce import ReproduceRequest
     from trimtab.commands.reproduce import reproduce as carry_out
 
-    if not carry_out(Request(study, only, out, as_json)):
+    if not carry_out(ReproduceRequest(study, only, out, as_json)):
         sys.exit(1)
 
 
@@ -274,10 +276,10 @@ def design(as_json: bool, **asked: Any) -> None:
     trimtab design hypersonic --check gain.json
     trimtab design hypersonic --method lmi --filter printed --json
     """
-    from trimtab.commands.design import Request
+    from trimtab.commands.design import DesignRequest
     from trimtab.commands.design import design as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(DesignRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
@@ -311,9 +313,9 @@ def noise(as_json: bool, **asked: Any) -> None:
     trimtab calibrate noise still/run.mcap --plot allan.png
     trimtab calibrate noise bench.csv --signal gyro_z --shortest '20 ms' --json
     """
-    from trimtab.commands.calibrate import Request, calibrate_noise
+    from trimtab.commands.calibrate import CalibrateRequest, calibrate_noise
 
-    calibrate_noise(Request(**asked, as_json=as_json))
+    calibrate_noise(CalibrateRequest(**asked, as_json=as_json))
 
 
 for verb in ("vehicle", "fly", "inject", "link_test", "replay", "firmware", "live_faults"):

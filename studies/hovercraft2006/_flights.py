@@ -26,7 +26,7 @@ LITERAL: Settings = (*REST, ("autopilot.law.form", "literal"))
 
 
 @dataclasses.dataclass(frozen=True)
-class Flown:
+class TruthSignals:
     """Many runs. t: (samples,) in s.  signals: of the truth, path -> (runs, samples)."""
 
     t: Any
@@ -37,36 +37,36 @@ class Flown:
         return self.signals[f"truth.{signal}"]
 
 
-def scenario(name: str, settings: Settings = ()) -> Scenario:
+def load_scenario(name: str, settings: Settings = ()) -> Scenario:
     """A hovercraft scenario with settings."""
-    built, rest = catalogue.load(f"hovercraft/{name}", dict(settings))
+    built, rest = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     return with_settings(built, rest)
 
 
 @cache
-def real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings: Settings = ()) -> Flown:
+def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings: Settings = ()) -> TruthSignals:
     """SEEDS of a scenario with all faults but those named, every 10 ms; reading: of the navigation noise."""
-    flown = scenario(name, settings)
+    flown = load_scenario(name, settings)
     for fault in without:
         flown = flown.without(fault)
     if reading != "C":
         sensors = {"navigation": NavigationErrors.reading(reading)}
         flown = replace(flown, world=replace(flown.world, sensors=sensors))
     batch = simulate_batch(flown, seeds=SEEDS, signals=("truth",), log_period=ms(10), log=True)
-    return Flown(to_seconds(batch.ticks), batch.log)
+    return TruthSignals(to_seconds(batch.ticks), batch.log)
 
 
 @cache
-def ideal(name: str, settings: Settings = ()) -> Log:
+def fly_ideal(name: str, settings: Settings = ()) -> Log:
     """The ideal twin, every millisecond."""
-    return simulate(scenario(name, settings).ideal())
+    return simulate(load_scenario(name, settings).ideal())
 
 
 @cache
-def heading_from_anywhere(form: str) -> Mapping[str, Any]:
+def fly_random_starts(form: str) -> Mapping[str, Any]:
     """The ideal proportional law over the last 10 of 60 s, from 200 random starts: path -> (200, samples)."""
     settings = (*REST, ("autopilot.law.form", form))
-    flown = replace(scenario("heading-proportional", settings).ideal(), duration=seconds(60))
+    flown = replace(load_scenario("heading-proportional", settings).ideal(), duration=seconds(60))
     draws = np.random.default_rng(0)
     u, v, r = draws.uniform(-1, 1, (3, 200)) * [[1.0], [1.0], [5.0]]
     start = {"surge_velocity": u, "sway_velocity": v, "yaw_rate": r, "heading": 1 + draws.uniform(-np.pi, np.pi, 200)}
@@ -80,31 +80,31 @@ def heading_from_anywhere(form: str) -> Mapping[str, Any]:
 def slow_manifold_slope() -> float:
     """Slope (s) of 1/(2 r²) over 1000 to 2000 s of the ideal rest law; steps of 10 ms, as the motion is slow."""
     slow = (("autopilot.period", "10 ms"), ("world.max_step", "10 ms"))
-    flown = scenario("zero-velocity", slow).ideal()
+    flown = load_scenario("zero-velocity", slow).ideal()
     log = simulate(flown, duration=seconds(2000), log_period=seconds(1), signals=("truth.yaw_rate",))
     late = log.t > 1000
     return float(np.polyfit(log.t[late], 1 / (2 * log["truth.yaw_rate"][late] ** 2), 1)[0])
 
 
-def first(t: Any, holds: Any) -> Any:
+def first_time(t: Any, holds: Any) -> Any:
     """Per run the first time (s) at which a condition (runs, samples) holds; infinite where it never does."""
     return np.where(holds.any(axis=-1), t[holds.argmax(axis=-1)], np.inf)
 
 
-def settled(t: Any, holds: Any) -> Any:
+def settling_time(t: Any, holds: Any) -> Any:
     """Per run the time (s) from which on a condition (runs, samples) holds; infinite where it doesn't at the end."""
     last = holds.shape[-1] - 1 - (~holds)[..., ::-1].argmax(axis=-1)
     after = np.where(holds.all(axis=-1), 0, last + 1)
     return np.where(holds[..., -1], t[np.minimum(after, len(t) - 1)], np.inf)
 
 
-def drawn(figure: str, name: str, folder: Path, settings: Settings = ()) -> Path:
+def draw_figure(figure: str, name: str, folder: Path, settings: Settings = ()) -> Path:
     """A figure's picture, ideal beside real of the first seed."""
     from trimtab.plots.run import plot_run
 
-    flown = scenario(name, settings)
+    flown = load_scenario(name, settings)
     path = folder / f"{figure}.png"
     folder.mkdir(parents=True, exist_ok=True)
     title = f"[1] {figure.replace('-', '. ', 1).replace('-', ', ', 1)}: {flown.name}"
-    plot_run(simulate(flown), ideal(name, settings), path, title=title, targets=flown.targets)
+    plot_run(simulate(flown), fly_ideal(name, settings), path, title=title, targets=flown.targets)
     return path

@@ -42,18 +42,18 @@ class Errors(NamedTuple):
 
 
 @cache
-def flown(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
+def fly_rig(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
     """SEEDS of a scenario of the rig, every millisecond."""
-    scenario, rest = catalogue.load(f"navigation/{name}", dict(settings))
+    scenario, rest = catalogue.load_scenario(f"navigation/{name}", dict(settings))
     signals = SIGNALS + (UNITS if name == "platform-cricket" else ())
     scenario = with_settings(scenario, rest)
     return simulate_batch(scenario, seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
 
 
 @cache
-def errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
+def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
     """Of a scenario of the rig."""
-    batch = flown(name, settings)
+    batch = fly_rig(name, settings)
     t, found = to_seconds(batch.ticks), []
     late = t > SETTLED
     for run in range(len(batch.seeds)):
@@ -63,23 +63,23 @@ def errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors
         place = (told["north"] - true["north"]) + 1j * (told["east"] - true["east"])
         found.append(
             (
-                np.degrees(_rms(_wrapped(told["heading"] - true["heading"]))),
+                np.degrees(_rms(_wrap_angle(told["heading"] - true["heading"]))),
                 np.degrees(_rms(told["yaw_rate"] - true["yaw_rate"])),
                 100 * _rms(place),
-                100 * _rms(_velocity(told) - _velocity(true)),
+                100 * _rms(_world_velocity(told) - _world_velocity(true)),
             )
         )
     return Errors(*(float(x) for x in np.median(found, axis=0)))
 
 
 @cache
-def two_units(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
+def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
     """Error (deg, rms) of the heading of two ultrasonic units, as it is and with inertial assistance.
 
     Taken where unit B's fix arrives, 100 ms after that of unit A. What the vehicle moved in between is what its
     navigation says of these two times of arrival.
     """
-    batch = flown("platform-cricket", settings)
+    batch = fly_rig("platform-cricket", settings)
     t, (a, b), found = to_seconds(batch.ticks), UNITS, []
     levers = np.zeros(2), np.array([0.0, BASE])
     direct = jax.vmap(lambda p, q: two_unit_heading(p, q, *levers))
@@ -92,19 +92,19 @@ def two_units(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, f
         places = [np.stack([log[f"{u}.value.north"], log[f"{u}.value.east"]], 1)[came] for u in UNITS]
         r = np.stack([log["estimate.state.north"], log["estimate.state.east"]], 1)
         both = direct(*places), assisted(*places, r[came] - r[before])
-        found.append([np.degrees(_rms(_wrapped(np.asarray(h) - log["truth.heading"][came]))) for h in both])
+        found.append([np.degrees(_rms(_wrap_angle(np.asarray(h) - log["truth.heading"][came]))) for h in both])
     raw, helped = np.median(found, axis=0)
     return float(raw), float(helped)
 
 
 @cache
-def network(rate: str) -> tuple[float, float]:
+def network_errors(rate: str) -> tuple[float, float]:
     """What the simulated ultrasonic network gives on the rig at a rate (deg/s), with nothing fitted, over eight runs.
 
     Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
     the error (deg, rms) of the heading of both units when the replies to unit B are in.
     """
-    scenario, _ = catalogue.load("navigation/platform-cricket", {"rate": rate})
+    scenario, _ = catalogue.load_scenario("navigation/platform-cricket", {"rate": rate})
     units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])
     ranging = UltrasonicRanging(units=units, clients=2)
     locate = RangingPosition(units=units, beacons=np.asarray(ranging.beacons.map))
@@ -117,17 +117,17 @@ def network(rate: str) -> tuple[float, float]:
     signals = ("truth.heading", "estimate.age", "estimate.fresh", f"{path}.heading", f"{path}.unit")
     batch = simulate_batch(scenario, seeds=range(8), signals=signals, log_period=ms(1), log=True)
     came = batch.log["estimate.fresh"].astype(bool) & (to_seconds(batch.ticks) > SETTLED)
-    error = np.degrees(_wrapped(batch.log[f"{path}.heading"] - batch.log["truth.heading"]))
+    error = np.degrees(_wrap_angle(batch.log[f"{path}.heading"] - batch.log["truth.heading"]))
     late = float(batch.log["estimate.age"][came].mean())
     return late, float(_rms(error[came & (batch.log[f"{path}.unit"] == 1)]))
 
 
-def _velocity(state: dict[str, Any]) -> Any:
+def _world_velocity(state: dict[str, Any]) -> Any:
     """Velocity in W as a complex number."""
     return (state["surge_velocity"] + 1j * state["sway_velocity"]) * np.exp(1j * state["heading"])
 
 
-def _wrapped(angle: Any) -> Any:
+def _wrap_angle(angle: Any) -> Any:
     return np.angle(np.exp(1j * angle))
 
 

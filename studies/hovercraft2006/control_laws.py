@@ -12,7 +12,13 @@ from studies.hovercraft2006._flights import slow_manifold_slope
 from studies.row import Row, at_most, same, within
 from trimtab.core.float64 import jax
 from trimtab.core.signals import Estimate, PlanarState
-from trimtab.laws.spin import ConstantSpin, limit_point_value, provision, switching_energy, switching_energy_sharp
+from trimtab.laws.spin import (
+    ConstantSpin,
+    limit_point_value,
+    safe_reference_bound,
+    switching_energy,
+    switching_energy_sharp,
+)
 from trimtab.laws.velocity import ForwardMomentum, ReverseMomentum, ZeroVelocity, slow_manifold_rate
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
@@ -132,7 +138,7 @@ def _identities() -> Iterator[Row]:
         "spin, W′": ("2.37", ConstantSpin(0.7, 3.1, -2.2), -0.7 * u**2 - 3.1 * (v - ARM * (r + 2.2)) ** 2),
     }
     for name, (equation, law, closed_form) in wanted.items():
-        worst = np.abs(_decay(law)(x) - closed_form).max()
+        worst = np.abs(_lyapunov_rate(law)(x) - closed_form).max()
         what = f"law {name}: closed form at 2000 states; largest difference"
         yield within(f"decay/{equation}", what, 0.0, worst, f"[1] eq. {equation}", tolerance=1e-9, unit="W")
 
@@ -150,7 +156,7 @@ def _limit_points() -> Iterator[Row]:
     )
     note = "The source bounds two roots by one; kept apart they allow this much more."
     yield within("spin/eps-sharp", "sharp bound over ε", 1.74321, sharp / eps, "[1] eq. 2.47", note=note, **derived)
-    coefficient = provision(CRAFT, 0.0, 1.0)
+    coefficient = safe_reference_bound(CRAFT, 0.0, 1.0)
     yield within(
         "spin/provision",
         "coefficient of the smaller reference",
@@ -163,7 +169,7 @@ def _limit_points() -> Iterator[Row]:
     draws = np.random.default_rng(0)
     reference, W = draws.uniform(-6, 6, 100_000), draws.uniform(0, 3, 100_000)
     safe = (J + ARM**2 * M) * reference**2 / 2 > W
-    wrong = int(((np.asarray(provision(CRAFT, W, reference)) < np.abs(reference)) != safe).sum())
+    wrong = int(((np.asarray(safe_reference_bound(CRAFT, W, reference)) < np.abs(reference)) != safe).sum())
     yield same(
         "spin/provision-safe",
         "v < |reference| without W < W_bad, or the reverse, of 100 000",
@@ -193,7 +199,7 @@ def _slow_manifold() -> Iterator[Row]:
     )
 
 
-def _rate(law: Any) -> Any:
+def _closed_loop_rate(law: Any) -> Any:
     def rate(x: Any) -> Any:
         estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=PlanarState(x[0], x[1], x[2], 0.0))
         demand = law.step(0, (), estimate)[1].demand
@@ -203,12 +209,12 @@ def _rate(law: Any) -> Any:
     return rate
 
 
-def _decay(law: Any) -> Any:
+def _lyapunov_rate(law: Any) -> Any:
     """Rate of the law's Lyapunov function at states (n, 3), by automatic differentiation along the motion."""
     value = lambda x: law.lyapunov(PlanarState(x[0], x[1], x[2], 0.0))  # noqa: E731
-    return jax.jit(jax.vmap(lambda x: jnp.dot(jax.grad(value)(x), _rate(law)(x))))
+    return jax.jit(jax.vmap(lambda x: jnp.dot(jax.grad(value)(x), _closed_loop_rate(law)(x))))
 
 
 def _eigenvalues(law: Any, at: HovercraftState) -> Any:
-    A = jax.jacfwd(_rate(law))(jnp.array([at.surge_velocity, at.sway_velocity, at.yaw_rate], float))
+    A = jax.jacfwd(_closed_loop_rate(law))(jnp.array([at.surge_velocity, at.sway_velocity, at.yaw_rate], float))
     return np.linalg.eigvals(np.asarray(A))

@@ -18,7 +18,7 @@ SECTION = "6.2.1.0"
 PLACE = "[1] table 6.5"
 
 
-class Measured(NamedTuple):
+class GyroResponse(NamedTuple):
     """A row of [1] table 6.5.
 
     frequency: Hz.  gain, phase: without compensation, rad.  gain_after, phase_after: with it.  delay: difference of the
@@ -34,20 +34,20 @@ class Measured(NamedTuple):
 
 
 TABLE_6_5 = (
-    Measured(5, 1.05, -0.65, 1.03, -0.38, -8.59),
-    Measured(10, 0.98, -1.05, 1.06, -0.51, -8.59),
-    Measured(15, 0.93, -1.95, 1.20, -1.17, -8.28),
-    Measured(20, 0.90, -2.39, 1.48, -1.45, -7.48),
-    Measured(30, 0.67, -3.55, 1.80, -2.52, -5.46),
-    Measured(40, 0.47, -4.61, 1.87, -3.70, -3.62),
-    Measured(50, 0.33, -5.29, 1.74, -4.58, -2.26),
+    GyroResponse(5, 1.05, -0.65, 1.03, -0.38, -8.59),
+    GyroResponse(10, 0.98, -1.05, 1.06, -0.51, -8.59),
+    GyroResponse(15, 0.93, -1.95, 1.20, -1.17, -8.28),
+    GyroResponse(20, 0.90, -2.39, 1.48, -1.45, -7.48),
+    GyroResponse(30, 0.67, -3.55, 1.80, -2.52, -5.46),
+    GyroResponse(40, 0.47, -4.61, 1.87, -3.70, -3.62),
+    GyroResponse(50, 0.33, -5.29, 1.74, -4.58, -2.26),
 )
 
 
 def rows() -> Iterator[Row]:
     """Gain, phase and delay of the inverse at each frequency; the gyro that is flown on the rig."""
     for m in TABLE_6_5:
-        H = compensation(m.frequency)
+        H = compensation_gain(m.frequency)
         turn, at = float(np.angle(H)), f"{m.frequency:g} Hz"
         name = f"table-6.5/{m.frequency:g}"
         gain = m.gain_after / m.gain
@@ -59,7 +59,7 @@ def rows() -> Iterator[Row]:
         what = f"difference of the delays, {at}"
         yield within(f"{name}/delay", what, m.delay, -turn / w * 1e3, PLACE, tolerance=tolerance, unit="ms")
     for m in TABLE_6_5:
-        G = abs(_gyro(m.frequency))
+        G = abs(_gyro_gain(m.frequency))
         yield within(
             f"table-6.5/{m.frequency:g}/gyro",
             f"gain of the gyro flown on the rig, {m.frequency:g} Hz",
@@ -71,13 +71,13 @@ def rows() -> Iterator[Row]:
         )
 
 
-def compensation(frequency: Any) -> Any:
+def compensation_gain(frequency: Any) -> Any:
     """Complex gain of the inverse of [1, eq. 6.2], as identified, at frequencies (Hz)."""
     s = GyroCompensator(normalised=False).section()
     return frequency_response((s.b0, s.b1, s.b2), (), frequency, to_seconds(TICK))
 
 
-def _gyro(frequency: Any) -> Any:
+def _gyro_gain(frequency: Any) -> Any:
     return frequency_response(*DelayedGyro().coefficients(), frequency, to_seconds(TICK))
 
 
@@ -89,7 +89,7 @@ def figures(folder: Path) -> Iterator[Path]:
     f, printed = np.linspace(1, 55, 200), np.array(TABLE_6_5)
     figure = Figure(figsize=(10, 4), layout="constrained")
     gain, phase = figure.subplots(1, 2)
-    gyro, both = _gyro(f), _gyro(f) * compensation(f)
+    gyro, both = _gyro_gain(f), _gyro_gain(f) * compensation_gain(f)
     for H, columns, words in ((gyro, (1, 2), "without"), (both, (3, 4), "with")):
         (line,) = gain.plot(f, np.abs(H), label=f"{words} compensation, model")
         gain.plot(printed[:, 0], printed[:, columns[0]], "o", color=line.get_color(), label=f"{words}, table 6.5")

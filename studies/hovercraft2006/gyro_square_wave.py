@@ -8,7 +8,7 @@ numbers stands on 166 deg/s, 2 s and 0.07 s, which are choices. Covariances as p
 import math
 from collections.abc import Iterator
 
-from studies.hovercraft2006._rig import LITERAL, Errors, errors
+from studies.hovercraft2006._rig import LITERAL, Errors, navigation_errors
 from studies.row import Row, direction, within
 
 SECTION = "6.2.1.1"
@@ -19,7 +19,7 @@ PRINTED = {"yes": ("compensated", 0.20, 1.1), "no": ("not compensated", 0.30, 2.
 def rows() -> Iterator[Row]:
     """Rate and heading errors with and without the gyro's inverse, and that it helps."""
     settings = {c: (*LITERAL, ("compensated", c)) for c in PRINTED}
-    found = {c: errors("platform-square-wave", s) for c, s in settings.items()}
+    found = {c: navigation_errors("platform-square-wave", s) for c, s in settings.items()}
     for c, (words, rate, _) in PRINTED.items():
         yield within(
             f"rate/{c}",
@@ -49,7 +49,10 @@ def rows() -> Iterator[Row]:
         )
     ratio = found["yes"].heading / found["no"].heading
     yield direction("heading/ratio", "heading error, compensated over not", words, ratio, PLACE, below=1.0)
-    mended = {c: errors("platform-square-wave", (("covariance", "consistent"), ("compensated", c))) for c in PRINTED}
+    mended = {
+        c: navigation_errors("platform-square-wave", (("covariance", "consistent"), ("compensated", c)))
+        for c in PRINTED
+    }
     yield direction(
         "heading/ratio-consistent",
         "the same with the units of the covariance mended",
@@ -59,10 +62,10 @@ def rows() -> Iterator[Row]:
         below=0.5,
         note="Where the filter trusts its gyro, the gyro's dynamics count.",
     )
-    yield from _mended(mended)
+    yield from _mended_covariance_rows(mended)
 
 
-def _mended(found: dict[str, Errors]) -> Iterator[Row]:
+def _mended_covariance_rows(found: dict[str, Errors]) -> Iterator[Row]:
     """Both errors with the units of the covariance mended, which the source's were not."""
     for c, (name, rate, heading) in PRINTED.items():
         pairs = (

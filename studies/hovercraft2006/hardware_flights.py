@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from studies.hovercraft2006._flights import first, ideal, real, scenario
-from studies.row import Row, direction, missing, within
+from studies.hovercraft2006._flights import first_time, fly_ideal, fly_real, load_scenario
+from studies.row import Row, direction, missing_row, within
 from trimtab.core.record import replace
 from trimtab.logs.log import Log
 from trimtab.run.simulate import simulate
@@ -22,7 +22,7 @@ TORQUE = 0.24
 
 def rows() -> Iterator[Row]:
     """The spin that came out slow, and that friction in yaw explains it together with two other observations."""
-    flown = real("spin")
+    flown = fly_real("spin")
     mean = np.median(flown["yaw_rate"][:, flown.t > 22 * 2 / 3].mean(axis=1))
     why = "The source's model has no friction; with it (below) the spin is as slow as observed."
     yield within(
@@ -36,7 +36,7 @@ def rows() -> Iterator[Row]:
         must_hold=False,
         note=why,
     )
-    spin, rest = _with_friction("spin"), _with_friction("zero-velocity")
+    spin, rest = _fly_with_friction("spin"), _fly_with_friction("zero-velocity")
     against = "Friction of this size contradicts the way in which J was measured; off by default (errata)."
     rate = spin["truth.yaw_rate"][-1]
     yield within(
@@ -53,7 +53,9 @@ def rows() -> Iterator[Row]:
     yield direction(
         "friction/sway", "its sway velocity", "small, negative", sway, PLACE, above=-0.1, below=0.0, unit="m/s"
     )
-    stops = [float(first(log.t, np.abs(log["truth.yaw_rate"]) < 0.32)) for log in (rest, ideal("zero-velocity"))]
+    stops = [
+        float(first_time(log.t, np.abs(log["truth.yaw_rate"]) < 0.32)) for log in (rest, fly_ideal("zero-velocity"))
+    ]
     yield direction(
         "friction/stop",
         "time to stop turning, with over without friction",
@@ -63,12 +65,12 @@ def rows() -> Iterator[Row]:
         below=1.0,
     )
     plot = "A plot of one flight of the real vehicle: no number is printed."
-    yield missing("reverse/error", "steady error of surge velocity in reverse", "present", PLACE, note=plot)
-    yield missing("heading/270-to-90", "turn from 270° to 90°, both algorithms", "similar", PLACE, note=plot)
+    yield missing_row("reverse/error", "steady error of surge velocity in reverse", "present", PLACE, note=plot)
+    yield missing_row("heading/270-to-90", "turn from 270° to 90°, both algorithms", "similar", PLACE, note=plot)
 
 
-def _with_friction(name: str) -> Log:
+def _fly_with_friction(name: str) -> Log:
     """The ideal twin on a vehicle with friction in yaw."""
-    flown = scenario(name).ideal()
+    flown = load_scenario(name).ideal()
     vehicle = replace(flown.world.vehicle, friction=Friction(torque_viscous=TORQUE))
     return simulate(replace(flown, world=replace(flown.world, vehicle=vehicle)), signals=("truth",))

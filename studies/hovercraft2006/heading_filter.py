@@ -7,7 +7,7 @@ the source's covariances as printed (`literal`). Medians over 20 seeds.
 
 from collections.abc import Iterator
 
-from studies.hovercraft2006._rig import LITERAL, errors, network, two_units
+from studies.hovercraft2006._rig import LITERAL, navigation_errors, network_errors, two_unit_errors
 from studies.row import Row, band, within
 
 SECTION = "6.2.1"
@@ -22,7 +22,7 @@ RATE = (
 
 def rows() -> Iterator[Row]:
     """Heading and rate with the magnetometer, heading with ultrasound at three rates, and from two units."""
-    found = errors("platform-magnetometer")
+    found = navigation_errors("platform-magnetometer")
     yield band(
         "heading/magnetometer",
         "magnetometer, -166 deg/s, heading error",
@@ -49,7 +49,7 @@ def rows() -> Iterator[Row]:
         "heading/consistent",
         "the same with the units of the covariance mended, heading error",
         0.13,
-        errors("platform-magnetometer", (("covariance", "consistent"),)).heading,
+        navigation_errors("platform-magnetometer", (("covariance", "consistent"),)).heading,
         PLACE,
         tolerance=0.03,
         unit="deg",
@@ -60,18 +60,18 @@ def rows() -> Iterator[Row]:
             f"heading/cricket{rate}",
             f"ultrasound, {rate} deg/s, heading error",
             printed,
-            errors("platform-cricket", (*LITERAL, ("rate", rate))).heading,
+            navigation_errors("platform-cricket", (*LITERAL, ("rate", rate))).heading,
             PLACE,
             low=low,
             high=high,
             unit="deg",
             note="One latency, 87 ms, fitted to the three.",
         )
-    yield from _units()
+    yield from _two_unit_rows()
 
 
-def _units() -> Iterator[Row]:
-    raw, helped = two_units((*LITERAL, ("rate", "-115")))
+def _two_unit_rows() -> Iterator[Row]:
+    raw, helped = two_unit_errors((*LITERAL, ("rate", "-115")))
     yield band(
         "two-units/raw",
         "two units located 100 ms apart, -115 deg/s, heading error",
@@ -96,7 +96,7 @@ def _units() -> Iterator[Row]:
         basis="text",
         note="What is left is mostly the latency.",
     )
-    late, error = network("-115")
+    late, error = network_errors("-115")
     yield band(
         "network/raw",
         "two units of the simulated ultrasonic network, -115 deg/s, heading error",

@@ -12,7 +12,7 @@ from studies.row import Row, within
 from trimtab.actuators.rudder import DEG, RudderGeometry
 from trimtab.core.integrate import rk4
 from trimtab.core.signals import PlanarForce
-from trimtab.identify.inertia import SpinUpTrial, fit_slope, inertia, lateral_force, trial_inertia
+from trimtab.identify.inertia import SpinUpTrial, fit_slope, lateral_force, moment_of_inertia, trial_inertia
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 SECTION = "4.3.3"
@@ -21,7 +21,7 @@ CRAFT = Hovercraft()
 PSI = RudderGeometry().force_angle
 
 
-class Trial(NamedTuple):
+class PrintedTrial(NamedTuple):
     """A row of [1] table 4.2: rudder and force angle (deg), thrust and lateral force (N), slope (rad/s²), J (kg m²)."""
 
     theta: float
@@ -32,7 +32,7 @@ class Trial(NamedTuple):
     J: float
 
 
-TRIALS = (Trial(-20, 14.6, 1.1, -0.28, 0.9412, 0.0952), Trial(25, -17.4, 1.05, 0.31, -1.026, 0.0967))
+TRIALS = (PrintedTrial(-20, 14.6, 1.1, -0.28, 0.9412, 0.0952), PrintedTrial(25, -17.4, 1.05, 0.31, -1.026, 0.0967))
 
 
 def rows() -> Iterator[Row]:
@@ -45,7 +45,7 @@ def rows() -> Iterator[Row]:
         yield within(f"table-4.2/FY-{n}", f"lateral force, trial {n}", trial.FY, FY, PLACE, tolerance=0.005, unit="N")
         what = f"J, trial {n}, lateral force rounded as printed"
         yield within(f"table-4.2/J-{n}", what, trial.J, J, PLACE, tolerance=1e-4, unit="kg m²")
-        exact = inertia(CRAFT.arm, lateral_force(trial.force, trial.psi * DEG), trial.slope)
+        exact = moment_of_inertia(CRAFT.arm, lateral_force(trial.force, trial.psi * DEG), trial.slope)
         note = "The printed J follows only from the lateral force rounded to two digits."
         yield within(
             f"table-4.2/J-{n}-exact",
@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
     mean, text = float(np.mean(found)), "[1] section 4.3.3"
     yield within("J/mean", "mean of both trials", 0.096, mean, text, tolerance=5e-4, unit="kg m²")
     yield within("J/pounds", "2.3 lb ft²", 0.096, 2.3 * 0.45359237 * 0.3048**2, text, tolerance=1e-3, unit="kg m²")
-    slope, back = _spin_up()
+    slope, back = _fly_spin_up()
     fig = "[1] fig. 4.6"
     what = "slope of a spin-up at 1.0 N, rudder -30°"
     yield within("fig-4.6/slope", what, 1.2397, slope, fig, tolerance=5e-5, unit="rad/s²", basis="reference")
@@ -69,7 +69,7 @@ def rows() -> Iterator[Row]:
     yield within("fig-4.6/J", what, CRAFT.inertia, back, fig, tolerance=1e-9, unit="kg m²", basis="reference")
 
 
-def _spin_up() -> tuple[float, float]:
+def _fly_spin_up() -> tuple[float, float]:
     """Slope of the simulated yaw rate, and the J that follows from it by the source's method."""
     psi = PSI(-30 * DEG)
     FY = lateral_force(1.0, psi)
@@ -78,4 +78,4 @@ def _spin_up() -> tuple[float, float]:
         x = rk4(lambda t, x: CRAFT.dynamics(t, x, push), 0.0, x, h)
         rate.append(float(x.yaw_rate))
     fit = fit_slope(h * np.arange(1, 26), np.array(rate))
-    return float(fit.slope), float(inertia(CRAFT.arm, FY, fit.slope))
+    return float(fit.slope), float(moment_of_inertia(CRAFT.arm, FY, fit.slope))

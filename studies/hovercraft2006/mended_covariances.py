@@ -6,7 +6,7 @@ Not the source's filters: what they would have given, beside its numbers. Median
 
 from collections.abc import Iterator
 
-from studies.hovercraft2006._rig import LITERAL, errors
+from studies.hovercraft2006._rig import LITERAL, navigation_errors
 from studies.row import Row, band, direction
 
 SECTION = "6.2.1"
@@ -24,10 +24,10 @@ LATE = "Late fixes are what these errors are made of, whatever the covariances."
 
 def rows() -> Iterator[Row]:
     """Encoder and ultrasound, and ultrasound with each fix used at its own time."""
-    late = {"literal": errors("platform-cricket", (*LITERAL, *ARM))}
-    late["consistent"] = errors("platform-cricket", (*MENDED, *ARM))
+    late = {"literal": navigation_errors("platform-cricket", (*LITERAL, *ARM))}
+    late["consistent"] = navigation_errors("platform-cricket", (*MENDED, *ARM))
     for name, key, printed, found, note in (
-        ("encoder, -166 deg/s", "encoder", ENCODER, errors("platform-encoder", MENDED), LEAN),
+        ("encoder, -166 deg/s", "encoder", ENCODER, navigation_errors("platform-encoder", MENDED), LEAN),
         ("ultrasound, -115 deg/s", "cricket", CRICKET, late["consistent"], LATE),
     ):
         for what, (value, low, high) in printed.items():
@@ -35,7 +35,7 @@ def rows() -> Iterator[Row]:
             about = {"low": low, "high": high, "unit": unit, "must_hold": key == "cricket", "note": note}
             yield band(f"{key}/{what}-consistent", words, value, getattr(found, what), PLACE, **about)
     for covariance, settings in (("literal", LITERAL), ("consistent", MENDED)):
-        found = errors("platform-cricket", (*settings, *STAMPED))
+        found = navigation_errors("platform-cricket", (*settings, *STAMPED))
         for what, unit in UNITS.items():
             yield direction(
                 f"cricket-stamped/{what}-{covariance}",

@@ -6,7 +6,7 @@ The same flights as in the groups of the two filters; how much of each figure wa
 
 from collections.abc import Iterator
 
-from studies.hovercraft2006._rig import LITERAL, errors
+from studies.hovercraft2006._rig import LITERAL, navigation_errors
 from studies.hovercraft2006.heading_filter import RATE
 from studies.row import Row, band
 
@@ -31,7 +31,7 @@ BANDS = {
 
 def rows() -> Iterator[Row]:
     """Eight errors, two experiments."""
-    flights = errors("platform-encoder"), errors("platform-cricket", (*LITERAL, ("rate", "-115")))
+    flights = navigation_errors("platform-encoder"), navigation_errors("platform-cricket", (*LITERAL, ("rate", "-115")))
     for (name, printed), found in zip(BANDS.items(), flights, strict=True):
         computed = found._asdict() | {"rate": found.yaw_rate}
         for what, (value, low, high, unit) in printed.items():

@@ -10,10 +10,10 @@ import numpy as np
 
 from studies.row import Row, at_most, band, within
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
-from trimtab.links.bluetooth import TABLE, bluetooth
+from trimtab.links.bluetooth import TABLE, bluetooth_link
 from trimtab.links.delay_chain import DelayChain
 
 SECTION = "5.3"
@@ -24,7 +24,7 @@ PLACE = "[1] table 5.1"
 def rows() -> Iterator[Row]:
     """Every column of the table of latencies against drawn packets, and the loop's delay."""
     for pair, paths in TABLE.items():
-        drawn = {path: _drawn(pair, path) for path in ("up", "down")}
+        drawn = {path: _draw_latencies(pair, path) for path in ("up", "down")}
         for path in ("up", "down"):
             yield from _path(f"{pair} {path}", paths[path], drawn[path])
         yield from _round_trip(f"{pair} round trip", paths["round trip"], drawn["up"] + drawn["down"])
@@ -66,8 +66,8 @@ def _round_trip(name: str, row: Any, drawn: Any) -> Iterator[Row]:
     yield at_most(f"{where}/range", what, "none", out, PLACE, high=0.05, basis="text")
 
 
-def _drawn(pair: str, path: str) -> Any:
+def _draw_latencies(pair: str, path: str) -> Any:
     """Latencies in ms, (DRAWS,)."""
-    link, own = numeric(bluetooth(pair, path)), key(1 if path == "up" else 2)
+    link, own = to_arrays(bluetooth_link(pair, path)), key(1 if path == "up" else 2)
     latency, _ = jax.jit(jax.vmap(lambda k: link.draw(own, k)))(np.arange(DRAWS))
     return np.asarray(latency) * 1e3

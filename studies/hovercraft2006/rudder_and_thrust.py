@@ -12,7 +12,7 @@ from trimtab.actuators.lookup import BilinearTable, forward_speed_table, full_sp
 from trimtab.actuators.rudder import DEG, RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 
 SECTION = "4.2"
 RATIO = {6: 0.2313, 8: 0.3685, 10: 0.4304, 12: 0.4638}
@@ -52,7 +52,7 @@ def _rudder() -> Iterator[Row]:
 
 
 def _thrust() -> Iterator[Row]:
-    fan = numeric(Thruster())
+    fan = to_arrays(Thruster())
     for krpm, ratio in RATIO.items():
         what = f"reverse over forward thrust at {krpm} krpm"
         got = fan.ratio(np.float64(1000 * krpm))
@@ -92,7 +92,7 @@ def _tables() -> Iterator[Row]:
     theta = draws.uniform(-35, 30, ROUND_TRIPS) * DEG
     force = draws.uniform(-0.55, 1.1, ROUND_TRIPS)
     at = jax.jit(jax.vmap(BilinearTable.at, in_axes=(None, 0, 0)))
-    error = np.abs(np.asarray(at(numeric(back), theta, at(numeric(full), theta, force))) - force).max()
+    error = np.abs(np.asarray(at(to_arrays(back), theta, at(to_arrays(full), theta, force))) - force).max()
     note = "Demands that the fan can give at every rudder angle; next to its top speed a cell mixes the limit in."
     yield within(
         "table/round-trip",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hovercraft2006._flights import drawn, first, ideal, real, settled
+from studies.hovercraft2006._flights import draw_figure, first_time, fly_ideal, fly_real, settling_time
 from studies.row import Row, band, direction, overlaps, within
 
 SECTION = "6.1"
@@ -63,11 +63,11 @@ def rows() -> Iterator[Row]:
 def figures(folder: Path) -> Iterator[Path]:
     """Figures 6.7 to 6.10, ideal beside real."""
     for figure, name in FIGURES.items():
-        yield drawn(figure, name, folder)
+        yield draw_figure(figure, name, folder)
 
 
 def _ideal_extremes(figure: str, signals: dict[str, tuple[Any, Any]]) -> Iterator[Row]:
-    log = ideal(FIGURES[figure])
+    log = fly_ideal(FIGURES[figure])
     for signal, wanted in signals.items():
         values = log[f"truth.{signal}"]
         for end, value, got in zip(("least", "greatest"), wanted, (values.min(), values.max()), strict=True):
@@ -87,8 +87,8 @@ def _ideal_extremes(figure: str, signals: dict[str, tuple[Any, Any]]) -> Iterato
 
 def _rest() -> Iterator[Row]:
     fig = "[1] fig. 6.7, section 6.1"
-    log, flown = ideal("zero-velocity"), real("zero-velocity")
-    stop = float(first(log.t, np.abs(log["truth.yaw_rate"]) < STOPPED))
+    log, flown = fly_ideal("zero-velocity"), fly_real("zero-velocity")
+    stop = float(first_time(log.t, np.abs(log["truth.yaw_rate"]) < STOPPED))
     s: dict[str, Any] = {"unit": "s"}
     yield within(
         "fig-6.7/ideal-stop",
@@ -101,7 +101,7 @@ def _rest() -> Iterator[Row]:
         **s,
     )
     slow = np.abs(flown["yaw_rate"]) < STOPPED
-    later = float(np.median(first(flown.t, slow))) - stop
+    later = float(np.median(first_time(flown.t, slow))) - stop
     yield direction(
         "fig-6.7/stops-later", "real stops turning later than ideal, by", "later", later, fig, above=2.5, below=6.0, **s
     )
@@ -118,7 +118,7 @@ def _rest() -> Iterator[Row]:
         note=weak,
         **s,
     )
-    time = float(np.median(settled(flown.t, slow)))
+    time = float(np.median(settling_time(flown.t, slow)))
     why = "By one measure longer (staying below 0.32 rad/s), by another shorter (reaching it); the source gives none."
     yield within(
         "fig-6.7/settling",
@@ -140,9 +140,9 @@ def _rest() -> Iterator[Row]:
 
 def _forward() -> Iterator[Row]:
     fig = "[1] fig. 6.8, section 6.1"
-    flown = real("forward")
+    flown = fly_real("forward")
     late = flown.t > 8
-    rise = np.median(first(flown.t, flown["surge_velocity"] >= 1.05))
+    rise = np.median(first_time(flown.t, flown["surge_velocity"] >= 1.05))
     yield band("fig-6.8/rise", "real, first at 1.05 m/s", 5.0, rise, fig, low=4.2, high=6.5, unit="s", basis="text")
     off = np.abs(flown["surge_velocity"][:, late] - 2.8 / 2.6)
     spread = np.median(np.quantile(off, 0.95, axis=1))
@@ -173,8 +173,8 @@ def _forward() -> Iterator[Row]:
     yield band(
         "fig-6.8/sd-sway", "real after 8 s, deviation of sway velocity", 0.10, sway, fig, low=0.06, high=0.15, **about
     )
-    quiet = real("forward", without=("navigation-error",))["sway_velocity"][:, late].std(axis=1)
-    prompt = real("forward", without=("downlink-delay", "uplink-delay"))["sway_velocity"][:, late].std(axis=1)
+    quiet = fly_real("forward", without=("navigation-error",))["sway_velocity"][:, late].std(axis=1)
+    prompt = fly_real("forward", without=("downlink-delay", "uplink-delay"))["sway_velocity"][:, late].std(axis=1)
     words = "navigation noise is the main cause"
     yield direction(
         "fig-6.8/noise-off",
@@ -196,8 +196,8 @@ def _forward() -> Iterator[Row]:
 
 
 def _reverse() -> Iterator[Row]:
-    flown = real("reverse")
-    rise = np.median(first(flown.t, flown["surge_velocity"] <= -0.74))
+    flown = fly_real("reverse")
+    rise = np.median(first_time(flown.t, flown["surge_velocity"] <= -0.74))
     yield band(
         "fig-6.9/rise",
         "real, first at -0.74 m/s",
@@ -213,13 +213,13 @@ def _reverse() -> Iterator[Row]:
 
 def _spin() -> Iterator[Row]:
     fig = "[1] fig. 6.10, section 6.1"
-    log, flown = ideal("spin"), real("spin")
+    log, flown = fly_ideal("spin"), fly_real("spin")
     mean = np.median(flown["yaw_rate"][:, flown.t > 22 * 2 / 3].mean(axis=1))
     yield band(
         "fig-6.10/mean", "real, mean yaw rate of the last third", 3.0, mean, fig, low=2.85, high=3.2, unit="rad/s"
     )
-    prompt = float(first(log.t, log["truth.yaw_rate"] >= 2.85))
-    slow = float(np.median(first(flown.t, flown["yaw_rate"] >= 2.85)))
+    prompt = float(first_time(log.t, log["truth.yaw_rate"] >= 2.85))
+    slow = float(np.median(first_time(flown.t, flown["yaw_rate"] >= 2.85)))
     note = "The text finds the times to reach 3 rad/s about equal; by every measure tried the real run takes longer."
     yield within(
         "fig-6.10/rise",
@@ -235,7 +235,7 @@ def _spin() -> Iterator[Row]:
 
 
 def _extremes(figure: str, signal: str, reading: str) -> tuple[Any, Any]:
-    y = real(FIGURES[figure], reading=reading)[signal]
+    y = fly_real(FIGURES[figure], reading=reading)[signal]
     least, most = (np.quantile(e, [0.02, 0.98]) for e in (y.min(axis=1), y.max(axis=1)))
     return least, most
 
@@ -248,14 +248,14 @@ def _axes() -> Iterator[Row]:
                 for k, at in enumerate(bands):
                     if at is None:
                         continue
-                    row = _end(figure, signal, k, at, _extremes(figure, signal, reading)[k])
+                    row = _axis_end_row(figure, signal, k, at, _extremes(figure, signal, reading)[k])
                     met[reading] += row.holds
                     if reading == "C":
                         yield row
     yield from _readings(met)
 
 
-def _end(figure: str, signal: str, k: int, at: tuple[float, float], got: Any) -> Row:
+def _axis_end_row(figure: str, signal: str, k: int, at: tuple[float, float], got: Any) -> Row:
     end = ("least", "greatest")[k]
     what = f"real, {end} {signal.replace('_', ' ')}, 2 … 98 % of runs"
     citation = f"[1] {figure.replace('-', '. ')}, axis"

@@ -12,11 +12,11 @@ import numpy as np
 from studies.hovercraft2006._flights import (
     LITERAL,
     REST,
-    drawn,
-    first,
-    heading_from_anywhere,
-    ideal,
-    real,
+    draw_figure,
+    first_time,
+    fly_ideal,
+    fly_random_starts,
+    fly_real,
 )
 from studies.row import Row, band, direction, inside, within
 from trimtab.laws.heading import TURN
@@ -39,22 +39,22 @@ def rows() -> Iterator[Row]:
     """How each algorithm ends, ideal; the axes of figure 6.12; figure 6.11."""
     yield from _bang_bang()
     yield from _proportional()
-    yield from _side_by_side()
-    yield from _from_anywhere()
+    yield from _comparison_rows()
+    yield from _random_start_rows()
     yield from _axes()
-    yield from _moving()
+    yield from _moving_start_rows()
 
 
 def figures(folder: Path) -> Iterator[Path]:
     """Figures 6.11 (out of a slide) and 6.12 (from rest), both algorithms, the proportional one as published."""
-    yield drawn("fig-6.11-bang-bang", "heading-bang-bang", folder)
-    yield drawn("fig-6.11-proportional", "heading-proportional", folder, FORM)
-    yield drawn("fig-6.12-bang-bang", "heading-bang-bang", folder, REST)
-    yield drawn("fig-6.12-proportional", "heading-proportional", folder, LITERAL)
+    yield draw_figure("fig-6.11-bang-bang", "heading-bang-bang", folder)
+    yield draw_figure("fig-6.11-proportional", "heading-proportional", folder, FORM)
+    yield draw_figure("fig-6.12-bang-bang", "heading-bang-bang", folder, REST)
+    yield draw_figure("fig-6.12-proportional", "heading-proportional", folder, LITERAL)
 
 
 def _bang_bang() -> Iterator[Row]:
-    log = ideal("heading-bang-bang", REST)
+    log = fly_ideal("heading-bang-bang", REST)
     error = np.abs(log["law.heading_error"][log.t > 30]).mean()
     about: dict[str, Any] = {"basis": "reference"}
     yield band(
@@ -96,7 +96,7 @@ def _bang_bang() -> Iterator[Row]:
 
 
 def _proportional() -> Iterator[Row]:
-    log = ideal("heading-proportional", LITERAL)
+    log = fly_ideal("heading-proportional", LITERAL)
     about: dict[str, Any] = {"basis": "reference"}
     error = abs(log["law.heading_error"][-1])
     note = "It ends at the bad limit point of a reference that stands still (errata)."
@@ -125,9 +125,9 @@ def _proportional() -> Iterator[Row]:
     )
 
 
-def _side_by_side() -> Iterator[Row]:
-    bang, prop = ideal("heading-bang-bang", REST), ideal("heading-proportional", LITERAL)
-    times = [float(first(log.t, np.abs(log["law.heading_error"]) <= TOLERANCE)) for log in (bang, prop)]
+def _comparison_rows() -> Iterator[Row]:
+    bang, prop = fly_ideal("heading-bang-bang", REST), fly_ideal("heading-proportional", LITERAL)
+    times = [float(first_time(log.t, np.abs(log["law.heading_error"]) <= TOLERANCE)) for log in (bang, prop)]
     about: dict[str, Any] = {"basis": "reference", "tolerance": 0.1, "unit": "s"}
     yield within("fig-6.12/bang-time", "ideal bang-bang, first within 1°", 1.1, times[0], FIG, **about)
     yield within("fig-6.12/prop-time", "ideal proportional, first within 1°", 3.3, times[1], FIG, **about)
@@ -145,9 +145,9 @@ def _side_by_side() -> Iterator[Row]:
     )
 
 
-def _from_anywhere() -> Iterator[Row]:
+def _random_start_rows() -> Iterator[Row]:
     place = "[1] section 2.3.3, step 8"
-    late = heading_from_anywhere("literal")
+    late = fly_random_starts("literal")
     error = np.degrees(np.abs(late["law.heading_error"]))
     still = np.abs(late["truth.yaw_rate"]).max(axis=1) < 0.05
     frozen = still & (late["law.mode"][:, -1] == TURN) & (error[:, -1] > 1)
@@ -165,7 +165,7 @@ def _from_anywhere() -> Iterator[Row]:
     about["unit"] = "deg"
     yield within("heading/freezes-at", "as published: median |error|", 16.0, median, place, tolerance=3.0, **about)
     yield within("heading/freezes-within", "as published: 95 % of |error|", 29.0, most, place, tolerance=3.0, **about)
-    error = np.degrees(np.abs(heading_from_anywhere("floored")["law.heading_error"]))
+    error = np.degrees(np.abs(fly_random_starts("floored")["law.heading_error"]))
     about["note"] = "The default form, which keeps the reference at 0.8 rad/s or more, from the same starts."
     yield within(
         "heading/floored", "floored: 95 % of |error|", 1.0, np.quantile(error, 0.95), place, tolerance=0.05, **about
@@ -176,7 +176,7 @@ def _axes() -> Iterator[Row]:
     at = FIG + ", axis"
     for name, settings in (("heading-bang-bang", REST), ("heading-proportional", LITERAL)):
         short = name.removeprefix("heading-")
-        log, flown = ideal(name, settings), real(name, settings=settings)
+        log, flown = fly_ideal(name, settings), fly_real(name, settings=settings)
         for signal, (narrow, (low, high)) in AXES.items():
             words, y = signal.replace("_", " "), log[f"truth.{signal}"]
             ident = f"fig-6.12/{short}-{signal}"
@@ -188,11 +188,13 @@ def _axes() -> Iterator[Row]:
             yield direction(f"{ident}-real", what, "the run shown is", share, at, above=0.05, basis="axis")
 
 
-def _moving() -> Iterator[Row]:
+def _moving_start_rows() -> Iterator[Row]:
     place = "[1] fig. 6.11"
     note = "The first state is not printed; this one is reconstructed and not the only one that fits (errata)."
     about: dict[str, Any] = {"unit": "rad", "note": note}
-    bang, prop = (ideal(*run)["truth.heading"][-1] for run in (("heading-bang-bang",), ("heading-proportional", FORM)))
+    bang, prop = (
+        fly_ideal(*run)["truth.heading"][-1] for run in (("heading-bang-bang",), ("heading-proportional", FORM))
+    )
     yield within("fig-6.11/bang-bang", "ideal bang-bang, last heading", 5.0, bang, place, tolerance=0.1, **about)
     what = "ideal proportional, last heading, up to where 95 % of its runs freeze"
     yield within("fig-6.11/proportional", what, 5.0, prop, place, tolerance=np.radians(29.0), **about)

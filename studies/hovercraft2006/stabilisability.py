@@ -11,7 +11,7 @@ import numpy as np
 from studies.row import Row, same
 from trimtab.core.float64 import jax
 from trimtab.core.signals import PlanarForce
-from trimtab.design.stabilisability import brockett, byrnes_isidori, reaches
+from trimtab.design.stabilisability import brockett, byrnes_isidori, is_reachable
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 jnp = jax.numpy
@@ -27,15 +27,15 @@ def rows() -> Iterator[Row]:
     yield same("byrnes-isidori/rank-f2", "rank of ∂f2/∂x1 at the origin", 3, found.rank_f2, PLACE)
     yield same("byrnes-isidori/rank-inputs", "independent inputs, of 3 momenta", 2, found.rank_inputs, PLACE)
     yield same(
-        "byrnes-isidori/excluded", "position and heading: smooth stabiliser excluded", True, found.excluded, PLACE
+        "byrnes-isidori/excluded", "position and heading: smooth stabiliser excluded", True, found.is_excluded, PLACE
     )
-    turning = brockett(_turning, 4, 2)
+    turning = brockett(_turning_dynamics, 4, 2)
     rank = turning.controllability_rank
     yield same("brockett/rank", "controllability rank of momenta and heading, of 4", 3, rank, PLACE, basis="reference")
-    yield same("brockett/excluded", "momenta and heading: smooth stabiliser excluded", True, turning.excluded, PLACE)
+    yield same("brockett/excluded", "momenta and heading: smooth stabiliser excluded", True, turning.is_excluded, PLACE)
     draws = np.random.default_rng(3).uniform(-1e-2, 1e-2, (5, 3))
-    on = sum(reaches(_turning, [b1, b2, -ARM * b2, 0.0], 2) for b1, b2, _ in draws)
-    off = sum(reaches(_turning, [b1, b2, -ARM * b2 + b3, 0.0], 2) for b1, b2, b3 in draws)
+    on = sum(is_reachable(_turning_dynamics, [b1, b2, -ARM * b2, 0.0], 2) for b1, b2, _ in draws)
+    off = sum(is_reachable(_turning_dynamics, [b1, b2, -ARM * b2 + b3, 0.0], 2) for b1, b2, b3 in draws)
     yield same("brockett/on-line", "right-hand sides with b3 = -d b2 reached, of 5", 5, int(on), PLACE)
     yield same("brockett/off-line", "right-hand sides off that line reached, of 5", 0, int(off), PLACE)
 
@@ -56,6 +56,6 @@ def _f2(x1: Any, x2: Any) -> Any:
     return _derivative(x1, x2, jnp.zeros(2))[1]
 
 
-def _turning(x: Any, u: Any) -> Any:
+def _turning_dynamics(x: Any, u: Any) -> Any:
     x1, x2 = _derivative(x[:3], jnp.array([x[3], 0.0, 0.0]), u)
     return jnp.concatenate([x1, x2[:1]])

@@ -8,7 +8,7 @@ printed (`literal`), fixes once a second, medians over 20 seeds.
 from collections.abc import Iterator
 from typing import Any
 
-from studies.hovercraft2006._rig import LITERAL, errors
+from studies.hovercraft2006._rig import LITERAL, navigation_errors
 from studies.row import Row, band, direction, within
 
 SECTION = "6.2.1"
@@ -18,7 +18,7 @@ UPRIGHT = (*LITERAL, ("world.vehicle.tilt", "0"))
 
 def rows() -> Iterator[Row]:
     """Encoder with and without the lean of the axis; ultrasound as it was, and with its fixes stamped."""
-    leaning, upright = errors("platform-encoder"), errors("platform-encoder", UPRIGHT)
+    leaning, upright = navigation_errors("platform-encoder"), navigation_errors("platform-encoder", UPRIGHT)
     fitted = "One tilt of the axis, 0.49 deg, fitted to position and velocity."
     place: dict[str, Any] = {"unit": "cm"}
     speed: dict[str, Any] = {"unit": "cm/s"}
@@ -34,12 +34,12 @@ def rows() -> Iterator[Row]:
         yield within(
             f"encoder/{key}-upright", what, printed, computed, PLACE, tolerance=tolerance, basis="reference", **about
         )
-    found, name = errors("platform-cricket", (*LITERAL, ("rate", "-115"))), "ultrasound, -115 deg/s"
+    found, name = navigation_errors("platform-cricket", (*LITERAL, ("rate", "-115"))), "ultrasound, -115 deg/s"
     fitted = "A second latency, 120 ms, fitted to position and velocity; the same tilt."
     yield band("cricket/position", f"{name}, position error", 8.1, found.position, PLACE, low=6.0, high=10.5, **place)
     what = f"{name}, velocity error"
     yield band("cricket/velocity", what, 16.8, found.velocity, PLACE, low=12.0, high=21.0, note=fitted, **speed)
-    stamped = errors("platform-cricket", (*LITERAL, ("rate", "-115"), ("stamped", "measurement")))
+    stamped = navigation_errors("platform-cricket", (*LITERAL, ("rate", "-115"), ("stamped", "measurement")))
     yield direction(
         "cricket/stamped",
         "the same with each fix used at its own time, velocity error over that without",

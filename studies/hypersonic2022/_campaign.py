@@ -20,8 +20,8 @@ from trimtab.laws.path_inversion import InputLimits
 from trimtab.laws.stable_inversion import FitRange
 from trimtab.loop.scenario import Scenario
 from trimtab.run.batch import simulate_batch
-from trimtab.scenarios.hypersonic._flight import flight
-from trimtab.scenarios.hypersonic._level import level, static
+from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
+from trimtab.scenarios.hypersonic._level import level_points, quasi_static_states
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
 
 NOMINAL = Hypersonic()
@@ -65,44 +65,44 @@ SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "law.outside")
 CHUNK = 2048
 
 
-class Outcome(NamedTuple):
+class FlightOutcomes(NamedTuple):
     """Of each run (n,). untrimmed: no level trim within limits and fit at one end: no law could fly that plant.
 
     lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  saturated: an input at its limit in the last 20 s.
     h, V: largest errors then (ft, ft/s), infinite where they are no numbers.
     """
 
-    untrimmed: Any
+    lacks_trim: Any
     lost: Any
-    saturated: Any
+    is_saturated: Any
     h: Any
     V: Any
 
     @property
-    def off(self) -> Any:
+    def is_off(self) -> Any:
         """Whether it ended further away than OFF."""
         return (self.h > OFF[0]) | (OFF[1] < self.V)
 
     @property
-    def success(self) -> Any:
+    def is_success(self) -> Any:
         """Whether a run is none of these."""
-        return ~(self.untrimmed | self.lost | self.saturated | self.off)
+        return ~(self.lacks_trim | self.lost | self.is_saturated | self.is_off)
 
 
 @cache
-def scenario(integral: bool, Q: tuple[float, ...] = TUNED_Q) -> Scenario:
+def build_scenario(integral: bool, Q: tuple[float, ...] = TUNED_Q) -> Scenario:
     """What flies, before anything is spread; Q: of the filter."""
     plant = replace(NOMINAL, disturbance=Disturbance())
-    made = flight("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
+    made = hypersonic_scenario("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
     return replace(made, autopilot=replace(made.autopilot, estimator=replace(made.autopilot.estimator, Q=Q)))
 
 
-def drawn(size: float, runs: int, seed: int) -> Any:
+def draw_factors(size: float, runs: int, seed: int) -> Any:
     """Factors of the coefficients (runs, 37), independent and uniform in 1 +- size."""
     return 1 + size * np.random.default_rng(seed).uniform(-1, 1, (runs, len(COEFFICIENTS)))
 
 
-def crafts(factors: Any) -> Hypersonic:
+def build_plants(factors: Any) -> Hypersonic:
     """The plants as one record of arrays (n,), nominal values times factors (n, 37)."""
     values = dict(zip(COEFFICIENTS, np.asarray(factors).T, strict=True))
     parts: dict[str, Any] = {}
@@ -115,7 +115,9 @@ def crafts(factors: Any) -> Hypersonic:
     return replace(parts[""], forces=replace(NOMINAL.forces, **below), modes=parts["modes."])
 
 
-def fly(factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple[float, ...] = TUNED_Q) -> Outcome:
+def fly_plants(
+    factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple[float, ...] = TUNED_Q
+) -> FlightOutcomes:
     """Fly each plant.
 
     Args:
@@ -128,17 +130,19 @@ def fly(factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple
     factors, kinds = np.asarray(factors), np.asarray(kinds)
     seeds = np.arange(len(factors)) if seeds is None else np.asarray(seeds)
     parts = [slice(a, a + CHUNK) for a in range(0, len(factors), CHUNK)]
-    found = [_flown(scenario(integral, Q), crafts(factors[p]), kinds[p], seeds[p]) for p in parts]
-    return Outcome(untrimmed(crafts(factors)), *(np.concatenate(values) for values in zip(*found, strict=True)))
+    found = [_fly_chunk(build_scenario(integral, Q), build_plants(factors[p]), kinds[p], seeds[p]) for p in parts]
+    return FlightOutcomes(
+        find_untrimmed(build_plants(factors)), *(np.concatenate(values) for values in zip(*found, strict=True))
+    )
 
 
-def untrimmed(craft: Hypersonic) -> Any:
+def find_untrimmed(craft: Hypersonic) -> Any:
     """Whether plants (n,) lack a level trim within inputs' limits and fit where the command begins or ends."""
     limits, fit, n = InputLimits(), FitRange(), len(np.asarray(craft.m))
     end = CLIMB.at(LENGTH)
     without = np.zeros(n, bool)
     for h, V in ((CLIMB.h0, CLIMB.V0), (float(end.h), float(end.V))):
-        zeta, u, found = static(craft, level(np.full(n, h), np.full(n, V)))
+        zeta, u, found = quasi_static_states(craft, level_points(np.full(n, h), np.full(n, V)))
         Phi = (limits.Phi_low <= u[0]) & (u[0] <= limits.Phi_high)
         delta = (limits.delta_low <= u[1]) & (u[1] <= limits.delta_high)
         alpha = (fit.alpha[0] <= zeta[0]) & (zeta[0] <= fit.alpha[1])
@@ -146,7 +150,7 @@ def untrimmed(craft: Hypersonic) -> Any:
     return without
 
 
-def _flown(flown: Scenario, craft: Hypersonic, kinds: Any, seeds: Any) -> tuple[Any, Any, Any, Any]:
+def _fly_chunk(flown: Scenario, craft: Hypersonic, kinds: Any, seeds: Any) -> tuple[Any, Any, Any, Any]:
     spread: dict[str, Any] = {}
     for path in COEFFICIENTS:
         value: Any = craft
@@ -156,7 +160,7 @@ def _flown(flown: Scenario, craft: Hypersonic, kinds: Any, seeds: Any) -> tuple[
     for name in ("moment", "along", "normal", "start", "duration"):
         sizes = np.array([float(getattr(d, name)) for d in DISTURBANCES.values()])
         spread[f"world.vehicle.disturbance.{name}"] = sizes[kinds]
-    eta1, eta2 = craft.modes.static(flown.initial.alpha, flown.world.actuators.neutral_input.delta_e)
+    eta1, eta2 = craft.modes.static_displacements(flown.initial.alpha, flown.world.actuators.neutral_input.delta_e)
     spread |= {"initial.eta1": eta1, "initial.eta2": eta2}
     batch = simulate_batch(flown, seeds=seeds, spread=spread, signals=SIGNALS, log_period=ms(100), log=True)
     late = to_seconds(batch.ticks) >= LENGTH - LATE

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._campaign import KINDS, NAMES
-from studies.hypersonic2022._campaign_ranking import indices, thresholds
+from studies.hypersonic2022._campaign_ranking import failure_thresholds, sobol_indices
 from studies.hypersonic2022._trade import BETTER
-from studies.hypersonic2022.further_work import EACH, RANKED, SIZES, flown, succeeded
+from studies.hypersonic2022.further_work import EACH, RANKED, SIZES, fly_size, success_proportion
 from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION
 
 SHOWN = 12
@@ -25,12 +25,12 @@ def draw_success(folder: Path) -> Path:
     figure = Figure(figsize=(8.0, 5.0), dpi=DPI, facecolor="white", layout="constrained")
     axes: Any = figure.add_subplot()
     cases = (
-        (BLUE, "with integral action", 0.0, [flown(x, True) for x in SIZES], SIZES),
-        (VERMILION, "without integral action, as shipped", 0.0, [flown(x, False) for x in SIZES], SIZES),
-        (GREEN, f"with integral action, Qacc {BETTER.name}", 0.3, *_other()),
+        (BLUE, "with integral action", 0.0, [fly_size(x, True) for x in SIZES], SIZES),
+        (VERMILION, "without integral action, as shipped", 0.0, [fly_size(x, False) for x in SIZES], SIZES),
+        (GREEN, f"with integral action, Qacc {BETTER.name}", 0.3, *_other_filter_rates()),
     )
     for colour, words, aside, every, sizes in cases:
-        shares = [succeeded(found) for found in every]
+        shares = [success_proportion(found) for found in every]
         y = 100 * np.array([s.share for s in shares])
         error = 100 * np.array([(s.share - s.low, s.high - s.share) for s in shares]).T
         x = 100 * np.array(sizes) + aside
@@ -38,10 +38,10 @@ def draw_success(folder: Path) -> Path:
     axes.set(xlabel="each coefficient uniform within ± (%)", ylabel="flights that succeed (%), 95 % interval")
     axes.set(ylim=(0, 103), xlim=(0, 32))
     axes.legend(loc="center left", bbox_to_anchor=(0.38, 0.5), fontsize=9, frameon=False)
-    _dress(
+    _style_axes(
         axes, f"37 coefficients of the plant off, {len(KINDS)} disturbances, noise; {len(KINDS) * EACH} flights a point"
     )
-    return _saved(figure, folder, "further-work-success.png")
+    return _save_figure(figure, folder, "further-work-success.png")
 
 
 def draw_ranking(folder: Path) -> Path:
@@ -52,39 +52,39 @@ def draw_ranking(folder: Path) -> Path:
     every: Any = figure.subplots(2, 2)
     for (left, right), integral in zip(every, (True, False), strict=True):
         size, law = RANKED[integral], "with" if integral else "without"
-        found, alone = indices(size, integral), thresholds(integral)
+        found, alone = sobol_indices(size, integral), failure_thresholds(integral)
         first = np.argsort(-found.total[:-1], kind="stable")[:SHOWN]
         y = np.arange(SHOWN)
         total = found.total[first]
         error = np.array([np.maximum(total - found.low[first], 0), np.maximum(found.high[first] - total, 0)])
         left.barh(y, total, color=BLUE, height=0.7, xerr=error, error_kw={"lw": 0.9, "capsize": 2, "ecolor": GREY})
         left.barh(y, np.maximum(found.first[first], 0), color="#56B4E9", height=0.28)
-        _dress(left, f"Total index of success, ±{100 * size:.0f} %, {law} integral action (pale: first order)")
+        _style_axes(left, f"Total index of success, ±{100 * size:.0f} %, {law} integral action (pale: first order)")
         for sign, values, colour in ((-1, alone.down[first], VERMILION), (1, alone.up[first], BLUE)):
             ends = np.isfinite(values)
             right.barh(y[ends], sign * 100 * values[ends], color=colour, height=0.7)
             right.barh(y[~ends], np.full((~ends).sum(), sign * 100 * FARTHEST), color="#E8E8E8", height=0.7)
         right.axvline(0, color="black", lw=0.8)
         right.set_xlim(-95, 95)
-        _dress(right, "Alone: the flight fails beyond (%); pale: no failure")
+        _style_axes(right, "Alone: the flight fails beyond (%); pale: no failure")
         for axes in (left, right):
             axes.set_yticks(y, [NAMES[i] for i in first])
             axes.invert_yaxis()
-    return _saved(figure, folder, "further-work-ranking.png")
+    return _save_figure(figure, folder, "further-work-ranking.png")
 
 
-def _other() -> tuple[Any, Any]:
+def _other_filter_rates() -> tuple[Any, Any]:
     sizes = (0.15, 0.20, 0.30)
-    return [flown(x, True, EACH, BETTER.Q) for x in sizes], sizes
+    return [fly_size(x, True, EACH, BETTER.Q) for x in sizes], sizes
 
 
-def _saved(figure: Any, folder: Path, name: str) -> Path:
+def _save_figure(figure: Any, folder: Path, name: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / name)
     return folder / name
 
 
-def _dress(axes: Any, title: str) -> None:
+def _style_axes(axes: Any, title: str) -> None:
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)

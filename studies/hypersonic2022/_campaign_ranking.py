@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, fly
+from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, fly_plants
 
 FACTORS = (*NAMES, "disturbance")
 COARSE = np.geomspace(0.01, 0.9, 16)
@@ -44,7 +44,7 @@ class Threshold(NamedTuple):
 
 
 @cache
-def indices(size: float, integral: bool, n: int = 256) -> Indices:
+def sobol_indices(size: float, integral: bool, n: int = 256) -> Indices:
     """Sobol's indices of success, coefficients uniform in 1 +- size, any of KINDS, one noise for all.
 
     Args:
@@ -56,7 +56,7 @@ def indices(size: float, integral: bool, n: int = 256) -> Indices:
 
     def succeeded(x: Any) -> Any:
         kinds = np.minimum(x[-1].astype(int), len(KINDS) - 1)
-        found = fly(x[:-1].T, kinds, integral=integral, seeds=np.zeros(x.shape[1], int)).success
+        found = fly_plants(x[:-1].T, kinds, integral=integral, seeds=np.zeros(x.shape[1], int)).is_success
         calls.append(found)
         return found.astype(float)
 
@@ -72,27 +72,29 @@ def indices(size: float, integral: bool, n: int = 256) -> Indices:
 
 
 @cache
-def thresholds(integral: bool) -> Threshold:
+def failure_thresholds(integral: bool) -> Threshold:
     """Scale each coefficient alone, down and up, on a grid outwards until the first failure, and again between."""
     signs = np.array([-1.0, 1.0])
     count = len(COEFFICIENTS), 2
-    below, above = _bracket(np.broadcast_to(COARSE, (*count, len(COARSE))), signs, integral)
+    below, above = _bracket_failure(np.broadcast_to(COARSE, (*count, len(COARSE))), signs, integral)
     finite = np.where(np.isfinite(above), above, 0.9)
     inner = below[..., None] + (finite - below)[..., None] * np.arange(1, FINE + 1) / (FINE + 1)
-    low, high = _bracket(inner, signs, integral, below)
+    low, high = _bracket_failure(inner, signs, integral, below)
     high = np.where(np.isfinite(high), high, above)
     low = np.where(np.isfinite(above), (low + high) / 2, np.inf)
     return Threshold(low[:, 0], low[:, 1])
 
 
-def _bracket(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
+def _bracket_failure(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
     """Largest size before the first failure, and the size of that one (infinite if none): (37, 2); grid (37, 2, n)."""
     d, two, n = grid.shape
     factors = np.ones((d, two, n, d))
     for i in range(d):
         factors[i, :, :, i] += signs[:, None] * grid[i]
-    found = fly(factors.reshape(-1, d), np.zeros(d * two * n, int), integral=integral, seeds=np.zeros(d * two * n, int))
-    failed = ~found.success.reshape(d, two, n)
+    found = fly_plants(
+        factors.reshape(-1, d), np.zeros(d * two * n, int), integral=integral, seeds=np.zeros(d * two * n, int)
+    )
+    failed = ~found.is_success.reshape(d, two, n)
     none = ~failed.any(axis=2)
     first = np.where(none, n, failed.argmax(axis=2))
     before = np.take_along_axis(grid, np.maximum(first - 1, 0)[..., None], axis=2)[..., 0]
@@ -100,12 +102,12 @@ def _bracket(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[A
     return np.where(first > 0, before, start), np.where(none, np.inf, at)
 
 
-def order(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
+def rank_names(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
     """Names by value, the most or the least first."""
     return [names[i] for i in np.argsort(-np.asarray(values) if most else np.asarray(values), kind="stable")]
 
 
-def agreement(total: Any, least: Any) -> float:
+def rank_correlation(total: Any, least: Any) -> float:
     """Rank correlation of total indices and thresholds: 1 when both put the coefficients in the same order."""
     capped = np.minimum(least, 1.0)
     found: Any = stats.spearmanr(total, -capped)

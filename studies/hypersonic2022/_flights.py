@@ -16,7 +16,7 @@ from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
 from trimtab.run.batch import simulate_batch
-from trimtab.scenarios.hypersonic._flight import flight
+from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 SIGNALS = ("truth", "law", "actuators", "estimate.state")
 LONG = 200.0
@@ -34,7 +34,7 @@ MODES = ("eta1", "eta1_rate", "eta2", "eta2_rate")
 
 
 @dataclasses.dataclass(frozen=True)
-class Flown:
+class RunSignals:
     """Some runs of a scenario. t: (samples,) in s.  signals: path -> (runs, samples, …)."""
 
     t: Any
@@ -44,69 +44,69 @@ class Flown:
         """A signal by its path, (runs, samples, …)."""
         return self.signals[path]
 
-    def between(self, path: str, after: float, until: float = np.inf) -> Any:
+    def window(self, path: str, after: float, until: float = np.inf) -> Any:
         """The part of a signal with after < t <= until (s)."""
         return self[path][:, (self.t > after) & (self.t <= until)]
 
     def rms(self, path: str, after: float = SETTLED, until: float = np.inf) -> Any:
         """Root mean square of each run over after < t <= until (s), (runs,)."""
-        return np.sqrt((self.between(path, after, until) ** 2).mean(axis=1))
+        return np.sqrt((self.window(path, after, until) ** 2).mean(axis=1))
 
     def peak(self, path: str, after: float = SETTLED) -> Any:
         """Largest magnitude of each run after a time (s), (runs,)."""
-        return np.abs(self.between(path, after)).max(axis=1)
+        return np.abs(self.window(path, after)).max(axis=1)
 
-    def end(self, path: str) -> Any:
+    def final_mean(self, path: str) -> Any:
         """Mean of each run over its last 10 s, (runs,): what noise leaves of the last value."""
-        return self.between(path, self.t[-1] - 10).mean(axis=1)
+        return self.window(path, self.t[-1] - 10).mean(axis=1)
 
     def mode_error(self, after: float, until: float = np.inf) -> Any:
         """Largest error of the estimated eta1 of each run (runs,)."""
-        off = self.between("estimate.state.eta1", after, until) - self.between("truth.eta1", after, until)
+        off = self.window("estimate.state.eta1", after, until) - self.window("truth.eta1", after, until)
         return np.abs(off).max(axis=1)
 
     @property
-    def saturated(self) -> Any:
+    def is_saturated(self) -> Any:
         """Whether a limit ever held the input of each run (runs,)."""
         return self["law.saturated"].any(axis=1)
 
 
-def fly(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> Flown:
+def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> RunSignals:
     """Seeds 0 … runs - 1 of a scenario, for its own length or another (s), rows a period apart."""
     wanted = None if length is None else seconds(length)
     batch = simulate_batch(scenario, seeds=range(runs), signals=SIGNALS, log=True, log_period=period, duration=wanted)
-    return Flown(to_seconds(batch.ticks), batch.log)
+    return RunSignals(to_seconds(batch.ticks), batch.log)
 
 
 @cache
-def climbing(
+def fly_climb(
     climb: tuple[float, float], runs: int = 1, length: float = LONG, brisk: bool = False, **options: Any
-) -> Flown:
+) -> RunSignals:
     """A climb (ft, ft/s) with options of the shipped flight; brisk: with BRISK as the filter's Q."""
-    return fly(built(climb, brisk=brisk, **options), runs, length)
+    return fly_seeds(build_climb(climb, brisk=brisk, **options), runs, length)
 
 
-def built(climb: tuple[float, float], brisk: bool = False, **options: Any) -> Scenario:
+def build_climb(climb: tuple[float, float], brisk: bool = False, **options: Any) -> Scenario:
     """Its scenario."""
     dh, dV = climb
-    made = flight("hypersonic/study", FilteredClimb(dh=dh, dV=dV), LONG, **options)
-    return with_filter(made, Q=BRISK) if brisk else made
+    made = hypersonic_scenario("hypersonic/study", FilteredClimb(dh=dh, dV=dV), LONG, **options)
+    return change_filter(made, Q=BRISK) if brisk else made
 
 
-def with_filter(scenario: Scenario, **changes: Any) -> Scenario:
+def change_filter(scenario: Scenario, **changes: Any) -> Scenario:
     """The same with other numbers in the filter of the modes."""
     autopilot = scenario.autopilot
     return replace(scenario, autopilot=replace(autopilot, estimator=replace(autopilot.estimator, **changes)))
 
 
-def with_robust(scenario: Scenario, **changes: Any) -> Scenario:
+def change_robust(scenario: Scenario, **changes: Any) -> Scenario:
     """The same with other numbers in the robust terms."""
     autopilot = scenario.autopilot
     law = replace(autopilot.law, robust=replace(autopilot.law.robust, **changes))
     return replace(scenario, autopilot=replace(autopilot, law=law))
 
 
-def with_period(scenario: Scenario, period: int) -> Scenario:
+def change_period(scenario: Scenario, period: int) -> Scenario:
     """The same, sampled and controlled at another period."""
     world, autopilot = scenario.world, scenario.autopilot
     parts: dict[str, Any] = {n: replace(getattr(world, n), period=period) for n in ("downlink", "uplink", "actuators")}

@@ -15,13 +15,13 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.integrate import rk4
-from trimtab.core.once import QUICKLY
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.core.record import replace
 from trimtab.core.time import to_seconds
 from trimtab.estimators.flexible.discrete import TUNED_Q, FlexibleModeFilter
 from trimtab.estimators.flexible.model import RigidFlight
 from trimtab.laws.path_command import PathPoint
-from trimtab.laws.path_inversion import invert
+from trimtab.laws.path_inversion import invert_path
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic._design import H, V
 from trimtab.scenarios.hypersonic._flight import TICK
@@ -51,32 +51,32 @@ class Quality(NamedTuple):
     at: tuple[float, float]
 
 
-def quality(Q: Any = TUNED_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
+def loop_quality(Q: Any = TUNED_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
     """What the filter's Q (4,) and R, and the gain K (2, 9), give."""
-    F, N = matrices(Q, R, K)
+    F, N = loop_matrices(Q, R, K)
     sigma = np.sqrt(np.diag(solve_discrete_lyapunov(F, NOISE**2 * np.outer(N, N))))
-    found = {at: growth(Q, R, K, at) for at in DETUNED}
+    found = {at: growth_rate(Q, R, K, at) for at in DETUNED}
     worst = max(found, key=lambda at: found[at])
-    return Quality(sigma[19], sigma[0], sigma[1], growth(Q, R, K), found[worst], worst)
+    return Quality(sigma[19], sigma[0], sigma[1], growth_rate(Q, R, K), found[worst], worst)
 
 
-def growth(Q: Any, R: float, K: Any = K_FLOWN, detuned: tuple[float, float] = (1.0, 1.0)) -> float:
+def growth_rate(Q: Any, R: float, K: Any = K_FLOWN, detuned: tuple[float, float] = (1.0, 1.0)) -> float:
     """Of the slowest motion (1/s), the plant's modal frequencies times `detuned`; above 0 the vehicle is lost."""
-    F, _ = matrices(Q, R, K, detuned)
+    F, _ = loop_matrices(Q, R, K, detuned)
     return float(np.log(np.abs(np.linalg.eigvals(F)).max()) / to_seconds(TICK))
 
 
-def widest(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float:
+def widest_error(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float:
     """Up to which error of the frequencies, as a part of them and in any of the eight directions, all stays stable."""
     low, high = 0.0, most
     while high - low > 1e-3:
         x = (low + high) / 2
-        stable = all(growth(Q, R, K, (1 + 10 * x * (a - 1), 1 + 10 * x * (b - 1))) < 0 for a, b in DETUNED)
+        stable = all(growth_rate(Q, R, K, (1 + 10 * x * (a - 1), 1 + 10 * x * (b - 1))) < 0 for a, b in DETUNED)
         low, high = (x, high) if stable else (low, x)
     return low
 
 
-def matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0, 1.0)) -> tuple[Any, Any]:
+def loop_matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0, 1.0)) -> tuple[Any, Any]:
     """F (20, 20) and N (20,): z = F z + N w over one period, w the accelerometer's noise."""
     believed = Hypersonic()
     modes = believed.modes
@@ -85,21 +85,21 @@ def matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0, 1.0)
     model = kept.model()
     P = solve_discrete_are(np.asarray(model.Ad).T, np.asarray(model.C)[:, None], np.asarray(model.Qd), [[kept.R]])
     at = level_trim(believed, H, V)
-    z = at_rest(plant, believed, at)
-    F, N = _differentiated(plant, kept, np.asarray(K, float), P, at.zeta, z, 0.0)
+    z = rest_state(plant, believed, at)
+    F, N = _differentiate_period(plant, kept, np.asarray(K, float), P, at.zeta, z, 0.0)
     return np.asarray(F), np.asarray(N)
 
 
-def at_rest(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
+def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
     """The loop's state (20,) in level flight: the plant bent as its own modes have it, the filter as it believes."""
-    x = plant.at_rest(at.h, at.V, at.zeta[0], at.u.delta_e)
-    e1, e2 = believed.modes.static(at.zeta[0], at.u.delta_e)
+    x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
+    e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
     values = [*jax.tree.leaves(x), e1, 0.0, e2, 0.0, *chi, at.u.Phi, at.u.delta_e]
     return np.array([float(value) for value in values])
 
 
-def period(plant: Any, kept: Any, K: Any, P: Any, zeta: Any, z: Any, w: Any) -> Any:
+def step_period(plant: Any, kept: Any, K: Any, P: Any, zeta: Any, z: Any, w: Any) -> Any:
     """The loop's state (20,) one period on, in the order in which it flies.
 
     Args:
@@ -121,11 +121,11 @@ def period(plant: Any, kept: Any, K: Any, P: Any, zeta: Any, z: Any, w: Any) -> 
     want = PathPoint(H, 0.0, 0.0, 0.0, V, 0.0, 0.0)
     have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
     v = K @ (have - jnp.stack([jnp.asarray(a) for a in (want.h, want.h_rate, want.V, *zeta)]))
-    u = invert(believed, chi.h, chi.h_rate, chi.V, chi.alpha, v[0], v[1]).u
+    u = invert_path(believed, chi.h, chi.h_rate, chi.V, chi.alpha, v[0], v[1]).u
     moved = rk4(lambda t, x: plant.dynamics(t, x, u), 0.0, x, to_seconds(TICK))
     return jnp.stack([*jax.tree.leaves(moved), *eta, *jax.tree.leaves(chi), u.Phi, u.delta_e])
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
-def _differentiated(*arguments: Any) -> Any:
-    return jax.jacfwd(period, (5, 6))(*arguments)
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _differentiate_period(*arguments: Any) -> Any:
+    return jax.jacfwd(step_period, (5, 6))(*arguments)

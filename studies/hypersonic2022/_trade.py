@@ -51,7 +51,7 @@ class Activity(NamedTuple):
     V: Any
 
 
-class Detuned(NamedTuple):
+class DetunedErrors(NamedTuple):
     """Of one setting, over DETUNED and seeds, (8, seeds).
 
     lost: whether flight left the envelope.  h: rms of the error (ft), infinite where it is no number.
@@ -77,7 +77,7 @@ SCALED = Setting(
 )
 
 
-def weighted(h: float = 1.0, V: float = 1.0, modes: float = 1e3) -> Any:
+def weighted_gain(h: float = 1.0, V: float = 1.0, modes: float = 1e3) -> Any:
     """Gain (2, 9) of a regulator with other weights.
 
     Args:
@@ -91,11 +91,11 @@ def weighted(h: float = 1.0, V: float = 1.0, modes: float = 1e3) -> Any:
     return lqr(linear.A, linear.B, np.diag(allowed**-2.0), R, scale=SCALE).K
 
 
-def activity(settings: Sequence[Setting], seeds: int = SEEDS, size: float = NOISE) -> list[Activity]:
+def fly_noise(settings: Sequence[Setting], seeds: int = SEEDS, size: float = NOISE) -> list[Activity]:
     """Fly the large climb with noise of this size (rad/s^2), and once without, for each setting."""
     runs = [(s, seed, size) for s in settings for seed in range(seeds)] + [(s, 0, 0.0) for s in settings]
     more = {QUIET: np.array([sigma for _, _, sigma in runs])}
-    batch = _fly(noise.scenario(), [r[0] for r in runs], [r[1] for r in runs], more)
+    batch = _fly_settings(noise.scenario(), [r[0] for r in runs], [r[1] for r in runs], more)
     late = to_seconds(batch.ticks) > SETTLED
     noisy, n = len(settings) * seeds, len(settings)
     elevator, h, V = (batch.log[path][:noisy, late].reshape(n, seeds, -1) for path in SIGNALS[:3])
@@ -105,7 +105,7 @@ def activity(settings: Sequence[Setting], seeds: int = SEEDS, size: float = NOIS
     return [Activity(*(v[i] for v in found)) for i in range(n)]
 
 
-def detuned(settings: Sequence[Setting], seeds: int = SEEDS) -> list[Detuned]:
+def fly_detuned(settings: Sequence[Setting], seeds: int = SEEDS) -> list[DetunedErrors]:
     """Fly the large climb with noise and the plant's modal frequencies 10 % off in each way, for each setting."""
     flown = noise.scenario()
     modes, x = flown.world.vehicle.modes, flown.initial
@@ -113,31 +113,31 @@ def detuned(settings: Sequence[Setting], seeds: int = SEEDS) -> list[Detuned]:
     a, b = np.array([at for _, _, at in runs]).T
     more = {"world.vehicle.modes.w1": modes.w1 * a, "world.vehicle.modes.w2": modes.w2 * b}
     more |= {"initial.eta1": float(x.eta1) / a**2, "initial.eta2": float(x.eta2) / b**2}
-    batch = _fly(flown, [r[0] for r in runs], [r[1] for r in runs], more)
+    batch = _fly_settings(flown, [r[0] for r in runs], [r[1] for r in runs], more)
     t = to_seconds(batch.ticks)
     shape = (len(settings), len(DETUNED), seeds)
     lost = ~(batch.most["law.outside"] == 0).reshape(shape)
     h = _rms(batch.log["law.h_error"][:, t > SETTLED]).reshape(shape)
     off = np.abs(batch.log["estimate.state.eta1"] - batch.log["truth.eta1"])[:, t > t[-1] - LAST].max(axis=1)
     h, off = np.where(np.isfinite(h), h, np.inf), np.where(np.isfinite(off), off, np.inf).reshape(shape)
-    return [Detuned(lost[i], h[i], off[i]) for i in range(len(settings))]
+    return [DetunedErrors(lost[i], h[i], off[i]) for i in range(len(settings))]
 
 
-def offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
+def fly_offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
     """Last errors of h (ft) and V (ft/s) under a moment of 5000 lbf that stays, without noise, for each setting."""
     flown = step_gust.scenario(kind="large-moment", noise="off")
-    batch = _fly(flown, settings, [0] * len(settings), {})
+    batch = _fly_settings(flown, settings, [0] * len(settings), {})
     return [(float(h[-1]), float(V[-1])) for h, V in zip(*(batch.log[p] for p in SIGNALS[1:3]), strict=True)]
 
 
 @cache
-def curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
+def trade_curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
     """All settings of the filter, flown once: those on both modes, then those apart."""
     settings = (*TOGETHER, SHIPPED, *APART, BETTER)
-    return list(zip(settings, activity(settings, seeds), strict=True))
+    return list(zip(settings, fly_noise(settings, seeds), strict=True))
 
 
-def _fly(flown: Scenario, settings: Sequence[Setting], seeds: Sequence[int], more: dict[str, Any]) -> Batch:
+def _fly_settings(flown: Scenario, settings: Sequence[Setting], seeds: Sequence[int], more: dict[str, Any]) -> Batch:
     each = {
         "autopilot.estimator.Q": np.array([s.Q for s in settings]),
         "autopilot.estimator.R": np.array([s.R for s in settings]),

@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._linear_loop import quality
-from studies.hypersonic2022._trade import APART, BETTER, SHIPPED, TOGETHER, Activity, Setting, curve
+from studies.hypersonic2022._linear_loop import loop_quality
+from studies.hypersonic2022._trade import APART, BETTER, SHIPPED, TOGETHER, Activity, Setting, trade_curve
 from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION
 
 HIGHEST = 0.3
 TRACKING = (0.008, 0.027)
 
 
-def draw(folder: Path) -> Path:
+def draw_trade(folder: Path) -> Path:
     """Draw both panels into elevator-trade.png."""
     from matplotlib.figure import Figure
 
-    found = {setting.name: (setting, a) for setting, a in curve()}
+    found = {setting.name: (setting, a) for setting, a in trade_curve()}
     figure = Figure(figsize=(12.5, 5.2), dpi=DPI, facecolor="white", layout="constrained")
     left, right = figure.subplots(1, 2)
-    _tracking(left, found)
-    _growth(right)
+    _draw_tracking(left, found)
+    _draw_growth(right)
     figure.suptitle("What the elevator pays: noise of 0.01 rad/s² a sample, large climb, 20 seeds", fontsize=12)
     path = folder / "elevator-trade.png"
     folder.mkdir(parents=True, exist_ok=True)
@@ -32,7 +32,7 @@ def draw(folder: Path) -> Path:
     return path
 
 
-def _tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
+def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
     axes.axhspan(*TRACKING, color="#EEEEEE", zorder=0)
     axes.text(0.53, 0.0084, "prototype, shipped filter", fontsize=8, color=GREY, ha="right", va="bottom")
     for settings, colour, words in (
@@ -48,31 +48,31 @@ def _tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
             y, near = (a.h.max(), (0, 3)) if colour == BLUE else (a.h.min(), (0, -10))
             style: dict[str, Any] = {"fontsize": 7, "color": colour, "ha": "center"}
             axes.annotate(_label(s), (at, y), near, textcoords="offset points", **style)
-    _mark(axes, found)
+    _mark_settings(axes, found)
     axes.set(ylabel="h error rms (ft), with the least and the most seed", ylim=(0, 0.07), xlim=(0, 0.54))
-    _dress(axes, "Tracking")
+    _style_axes(axes, "Tracking")
 
 
-def _growth(axes: Any) -> None:
-    both = [quality((1e-5, q, 1e-5, q)) for q in np.geomspace(0.5, 1000, 24)]
+def _draw_growth(axes: Any) -> None:
+    both = [loop_quality((1e-5, q, 1e-5, q)) for q in np.geomspace(0.5, 1000, 24)]
     first, second = np.array([s.Q[1] for s in (*APART, BETTER)]), np.array([s.Q[3] for s in (*APART, BETTER)])
     order = np.argsort(first)
     grid = np.geomspace(first.min(), first.max(), 24)
     twos = np.exp(np.interp(np.log(grid), np.log(first[order]), np.log(second[order])))
-    apart = [quality((1e-5, a, 1e-5, b)) for a, b in zip(grid, twos, strict=True)]
+    apart = [loop_quality((1e-5, a, 1e-5, b)) for a, b in zip(grid, twos, strict=True)]
     for many, colour, words in ((both, BLUE, "the same on both modes"), (apart, VERMILION, "each mode its own")):
         axes.plot(np.rad2deg([q.elevator for q in many]), [q.worst for q in many], color=colour, lw=1.2, label=words)
     for setting, colour, marker in ((SHIPPED, "black", "*"), (BETTER, GREEN, "D")):
-        q = quality(setting.Q)
+        q = loop_quality(setting.Q)
         axes.plot(np.rad2deg(q.elevator), q.worst, marker=marker, color=colour, markersize=11 if marker == "*" else 6)
     axes.axhspan(0, 0.15, color="#F6DDD0", zorder=0)
     axes.text(0.53, 0.135, "vehicle lost", fontsize=9, color=VERMILION, ha="right", va="top")
     axes.set(ylabel="slowest motion (1/s), modal frequencies 10 % off, worst of 8", ylim=(-0.25, 0.15), xlim=(0, 0.54))
     axes.axvline(HIGHEST, color=GREY, lw=0.9, ls="--")
-    _dress(axes, "Robustness")
+    _style_axes(axes, "Robustness")
 
 
-def _mark(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
+def _mark_settings(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
     for setting, colour, marker, words in ((SHIPPED, "black", "*", "shipped"), (BETTER, GREEN, "D", "better on both")):
         a = found[setting.name][1]
         x, h = np.rad2deg(np.sqrt(np.mean(a.elevator**2))), np.sqrt(np.mean(a.h**2))
@@ -88,7 +88,7 @@ def _label(setting: Setting) -> str:
     return f"{one:g}" if one == two else f"{one:g}, {two:g}"
 
 
-def _dress(axes: Any, title: str) -> None:
+def _style_axes(axes: Any, title: str) -> None:
     axes.set_title(title, loc="left", fontsize=11, weight="bold")
     axes.set_xlabel("elevator activity from noise (deg rms)")
     axes.grid(color="#d8d8d8", lw=0.6)

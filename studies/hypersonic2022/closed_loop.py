@@ -20,11 +20,11 @@ from studies.hypersonic2022._flights import (
     SHORT,
     SIGNALS,
     SMALL,
-    Flown,
-    built,
-    climbing,
-    fly,
-    with_period,
+    RunSignals,
+    build_climb,
+    change_period,
+    fly_climb,
+    fly_seeds,
 )
 from studies.row import Row, at_most, direction, same, within
 from trimtab.core.record import replace
@@ -66,14 +66,18 @@ def figures(folder: Path) -> Iterator[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {"noise": "on"}
     drawn = {
-        "climb-printed-filter": (built(LARGE, filter="printed"), LONG, "+5000 ft, printed Q and R, no noise"),
-        "first-10-s-printed-filter": (built(LARGE, filter="printed"), 10.0, "first 10 s, printed Q and R, no noise"),
+        "climb-printed-filter": (build_climb(LARGE, filter="printed"), LONG, "+5000 ft, printed Q and R, no noise"),
+        "first-10-s-printed-filter": (
+            build_climb(LARGE, filter="printed"),
+            10.0,
+            "first 10 s, printed Q and R, no noise",
+        ),
         "first-10-s-accurate-filter": (
-            built(LARGE, filter="accurate", **options),
+            build_climb(LARGE, filter="accurate", **options),
             10.0,
             "first 10 s, Q = 1e-5 I, noise",
         ),
-        "climb-noise": (built(LARGE, **options), LONG, "+5000 ft, tuned filter, noise"),
+        "climb-noise": (build_climb(LARGE, **options), LONG, "+5000 ft, tuned filter, noise"),
     }
     for name, (scenario, length, title) in drawn.items():
         path = folder / f"hypersonic-{name}.png"
@@ -85,7 +89,7 @@ def figures(folder: Path) -> Iterator[Path]:
 def _nominal() -> Iterator[Row]:
     claim = f"{PLACE}, tracking"
     for climb, (h, V) in NOMINAL.items():
-        flown = climbing(climb, filter="printed")
+        flown = fly_climb(climb, filter="printed")
         id, words = f"nominal/{climb[0]:g}", f"+{climb[0]:g} ft, +{climb[1]:g} ft/s"
         errors = {"h": (h, "ft"), "V": (V, "ft/s")}
         for name, (want, unit) in errors.items():
@@ -93,14 +97,19 @@ def _nominal() -> Iterator[Row]:
             about: dict[str, Any] = {"tolerance": HALF, "unit": unit, **REFERENCE}
             yield within(f"{id}/{name}", f"{words}, error of {name}", want, got, claim, **about)
         yield same(
-            f"{id}/saturated", f"{words}, a limit holds the input", False, bool(flown.saturated[0]), claim, **REFERENCE
+            f"{id}/saturated",
+            f"{words}, a limit holds the input",
+            False,
+            bool(flown.is_saturated[0]),
+            claim,
+            **REFERENCE,
         )
-    flown = climbing(LARGE, filter="printed")
+    flown = fly_climb(LARGE, filter="printed")
     for name, bound, unit in (("h", 0.05, "ft"), ("V", 0.01, "ft/s")):
         got = flown.rms(f"law.{name}_error")[0]
         what = f"+5000 ft, +1000 ft/s, error of {name} practically vanishes"
         yield direction(f"claim/{name}", what, "practically zero", got, claim, below=bound, unit=unit)
-    none = climbing(LARGE, filter="none")
+    none = fly_climb(LARGE, filter="none")
     got = none.rms("law.h_error")[0]
     note = "So good tracking of the exact model says nothing of the filter either."
     yield direction(
@@ -113,37 +122,49 @@ def _nominal() -> Iterator[Row]:
         unit="ft",
         note=note,
     )
-    most = climbing(LARGEST, filter="printed")["actuators.u.Phi"].max()
+    most = fly_climb(LARGEST, filter="printed")["actuators.u.Phi"].max()
     what = "+10000 ft, +1500 ft/s, largest fuel ratio"
     yield within("nominal/fuel", what, 1.48, most, claim, tolerance=0.006, **REFERENCE)
 
 
 def _variants() -> Iterator[Row]:
     """Readings of k_i, periods, and the true state in place of the estimate."""
-    medium = built(MEDIUM, filter="printed")
+    medium = build_climb(MEDIUM, filter="printed")
     for period, want in PERIODS.items():
-        flown = fly(with_period(medium, ms(period)), length=SHORT)
+        flown = fly_seeds(change_period(medium, ms(period)), length=SHORT)
         what = f"+3000 ft, +500 ft/s, error of h at {period} ms, 20-60 s"
-        yield within(f"period/{period}-ms", what, want, _h(flown), PLACE, tolerance=HALF, unit="ft", **REFERENCE)
-    true = fly(medium.ideal(), length=SHORT)
+        yield within(
+            f"period/{period}-ms", what, want, _altitude_error(flown), PLACE, tolerance=HALF, unit="ft", **REFERENCE
+        )
+    true = fly_seeds(medium.ideal(), length=SHORT)
     what = "the same at 5 ms with the true state in place of the estimate"
-    yield within("period/true-state", what, 0.0026, _h(true), PLACE, tolerance=HALF, unit="ft", **REFERENCE)
+    yield within(
+        "period/true-state", what, 0.0026, _altitude_error(true), PLACE, tolerance=HALF, unit="ft", **REFERENCE
+    )
     craft = medium.world.vehicle
     for kmode in ("paper", "author"):
         plant = replace(craft, modes=replace(craft.modes, kmode=kmode))
-        flown = fly(_believed(medium, plant))
+        flown = fly_seeds(_replace_vehicle(medium, plant))
         what = f"+3000 ft, +500 ft/s, error of h, reading {kmode!r} of k_i"
         note = f"With 'parker' {NOMINAL[MEDIUM][0]}; vehicle, filter and law of one reading."
         yield at_most(
-            f"reading/{kmode}", what, "alike", _h(flown), PLACE, high=0.005, unit="ft", note=note, **REFERENCE
+            f"reading/{kmode}",
+            what,
+            "alike",
+            _altitude_error(flown),
+            PLACE,
+            high=0.005,
+            unit="ft",
+            note=note,
+            **REFERENCE,
         )
 
 
-def _h(flown: Flown) -> float:
+def _altitude_error(flown: RunSignals) -> float:
     return float(flown.rms("law.h_error")[0])
 
 
-def _believed(scenario: Any, craft: Hypersonic) -> Any:
+def _replace_vehicle(scenario: Any, craft: Hypersonic) -> Any:
     """The same scenario with one vehicle in world, filter and law; its internal motion solved for it."""
     from trimtab.scenarios.hypersonic._internal import noncausal_table
 
@@ -155,17 +176,17 @@ def _believed(scenario: Any, craft: Hypersonic) -> Any:
 
 
 def _first_errors() -> Iterator[Row]:
-    cruise = built(CRUISE)
+    cruise = build_climb(CRUISE)
     x = cruise.initial
     for name, (words, field, off) in FIRST.items():
         changes = {field: getattr(x, field) + off}
         if field == "alpha":
             changes["theta"] = x.theta + off
-        flown = fly(replace(cruise, initial=replace(x, **changes)), length=SURVIVED)
+        flown = fly_seeds(replace(cruise, initial=replace(x, **changes)), length=SURVIVED)
         back = abs(float(flown["law.h_error"][0, -1])) < 0.01 and abs(float(flown["law.V_error"][0, -1])) < 0.01
         about: dict[str, Any] = {"must_hold": False, "note": LOW} if name == "low" else {}
         what = f"cruise from {words}: back on the path at 80 s"
         yield same(f"first/{name}", what, True, back, PLACE, **about, **REFERENCE)
         if name == "h":
             what = "the same, a limit holds the input on the way"
-            yield same("first/h-saturates", what, True, bool(flown.saturated[0]), PLACE, **REFERENCE)
+            yield same("first/h-saturates", what, True, bool(flown.is_saturated[0]), PLACE, **REFERENCE)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._flights import MEDIUM, Flown, built, extent, fly
+from studies.hypersonic2022._flights import MEDIUM, RunSignals, build_climb, extent, fly_seeds
 from studies.row import Row, at_most, direction, same, within
 from trimtab.core.record import replace
 from trimtab.scenarios.hypersonic import impulse, step_gust
@@ -42,8 +42,8 @@ def rows() -> Iterator[Row]:
     for name in CASES:
         yield from _case(name)
     for name, want in INSIDE.items():
-        flown = _flown(name)
-        got = float(np.median([_inside(flown.t, h) for h in flown["law.h_error"]]))
+        flown = _fly_case(name)
+        got = float(np.median([_time_inside(flown.t, h) for h in flown["law.h_error"]]))
         what = f"{CASES[name][0]}: error of h below 1 ft for good after"
         yield within(f"{name}/inside", what, want, got, PLACE, tolerance=0.3, unit="s", **REFERENCE)
     yield from _filter()
@@ -51,16 +51,16 @@ def rows() -> Iterator[Row]:
 
 
 @cache
-def _flown(name: str, integral: str = "off", filter: str = "tuned") -> Flown:
+def _fly_case(name: str, integral: str = "off", filter: str = "tuned") -> RunSignals:
     group, kind = name.split("/")
     options: dict[str, Any] = {"kind": kind, "integral": integral, "filter": filter}
     make: Any = impulse.scenario if group == "impulse" else step_gust.scenario
-    return fly(make(**options), SEEDS)
+    return fly_seeds(make(**options), SEEDS)
 
 
 def _case(name: str) -> Iterator[Row]:
     words, h, V, end_h, end_V, helped = CASES[name]
-    flown, integral = _flown(name), _flown(name, "on")
+    flown, integral = _fly_case(name), _fly_case(name, "on")
     about: dict[str, Any] = dict(REFERENCE)
     for signal, want, floor, unit in (("h", h, FLOOR_H, "ft"), ("V", V, FLOOR_V, "ft/s")):
         got = float(np.median(flown.peak(f"law.{signal}_error", ONSET)))
@@ -69,21 +69,21 @@ def _case(name: str) -> Iterator[Row]:
         tolerance = digit + floor
         yield within(f"{name}/peak-{signal}", what, want, got, PLACE, tolerance=tolerance, unit=unit, **about)
     for signal, want, floor, unit in (("h", end_h, FLOOR_H, "ft"), ("V", end_V, FLOOR_V, "ft/s")):
-        got = float(np.median(flown.end(f"law.{signal}_error")))
+        got = float(np.median(flown.final_mean(f"law.{signal}_error")))
         what = f"{words}: error of {signal} at the end"
         tolerance = floor + 0.01 * abs(want)
         yield within(f"{name}/end-{signal}", what, want, got, PLACE, tolerance=tolerance, unit=unit, **about)
     got = float(np.median(integral.peak("law.h_error", ONSET)))
     what = f"{words}, integral action: peak error of h"
     yield within(f"{name}/integral-peak", what, helped, got, PLACE, tolerance=0.051 + FLOOR_H, unit="ft", **about)
-    got = float(np.abs(integral.end("law.h_error")).max())
+    got = float(np.abs(integral.final_mean("law.h_error")).max())
     what = f"{words}, integral action: error of h at the end, largest of {SEEDS} seeds"
     yield at_most(f"{name}/integral-end", what, "no offset", got, PLACE, high=FLOOR_H, unit="ft", **about)
-    limited = bool(flown.saturated.any() or integral.saturated.any())
+    limited = bool(flown.is_saturated.any() or integral.is_saturated.any())
     yield same(f"{name}/saturated", f"{words}: a limit holds the input", False, limited, PLACE, **about)
 
 
-def _inside(t: Any, h: Any) -> float:
+def _time_inside(t: Any, h: Any) -> float:
     outside = np.flatnonzero((np.abs(h) > 1.0) & (t > ONSET))
     return float(t[outside[-1]]) - ONSET if len(outside) else 0.0
 
@@ -91,14 +91,14 @@ def _inside(t: Any, h: Any) -> float:
 def _filter() -> Iterator[Row]:
     """What an unmodelled moment looks like to the filter."""
     unit, name = "(slug ft)^1/2", "impulse/moment"
-    tuned, printed = _flown(name), _flown(name, filter="printed")
+    tuned, printed = _fly_case(name), _fly_case(name, filter="printed")
     got = float(np.median(tuned.mode_error(ONSET)))
     what = "moment impulse, tuned: largest error of η1"
     yield within("filter/tuned", what, 1.8, got, PLACE, tolerance=0.15, unit=unit, note=PRICE, **REFERENCE)
     got = float(np.median(printed.mode_error(ONSET)))
     what = "the same with printed Q and R"
     yield within("filter/printed", what, 0.22, got, PLACE, tolerance=0.01, unit=unit, **REFERENCE)
-    swing = np.degrees(tuned.between("actuators.u.delta_e", ONSET))
+    swing = np.degrees(tuned.window("actuators.u.delta_e", ONSET))
     for end, want, got in zip(("least", "most"), (6.5, 23.6), extent(swing), strict=True):
         what = f"moment impulse, tuned: elevator, {end} of {SEEDS} seeds"
         yield within(
@@ -108,10 +108,10 @@ def _filter() -> Iterator[Row]:
 
 def _coupling() -> Iterator[Row]:
     """A plant whose modes touch pitch 20 % less than believed."""
-    medium = built(MEDIUM, filter="tuned")
+    medium = build_climb(MEDIUM, filter="tuned")
     craft = medium.world.vehicle
     modes = replace(craft.modes, psi1=0.8 * craft.modes.psi1, psi2=0.8 * craft.modes.psi2)
     weaker = replace(medium, world=replace(medium.world, vehicle=replace(craft, modes=modes)))
-    got = float(fly(weaker).rms("law.h_error")[0])
+    got = float(fly_seeds(weaker).rms("law.h_error")[0])
     what = "ψ of the plant 20 % less, +3000 ft: error of h"
     yield direction("coupling/weaker", what, "harmless, 0.002 ft", got, PLACE, below=0.003, unit="ft", **REFERENCE)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._flights import MEDIUM, Flown, built, fly, with_robust
+from studies.hypersonic2022._flights import MEDIUM, RunSignals, build_climb, change_robust, fly_seeds
 from studies.row import Row, direction, same, within
-from trimtab.scenarios.hypersonic.mismatch import off_nominal
+from trimtab.scenarios.hypersonic.mismatch import off_nominal_plant
 
 SECTION = "simulation"
 PLACE = "[1] simulation, parameter uncertainty"
@@ -36,11 +36,11 @@ TUNED = "With the tuned filter {:.3g}: it takes part of the unmodelled moment fo
 def rows() -> Iterator[Row]:
     """Each form, what a leak costs, sgn with a large q0, and the mismatch scaled."""
     for name, (words, h, V) in ROBUST.items():
-        flown = _flown(name)
-        yield from _errors(name, words, h, V, flown, float(_flown(name, filter="tuned").rms("law.h_error")[0]))
+        flown = _fly_variant(name)
+        yield from _errors(name, words, h, V, flown, float(_fly_variant(name, filter="tuned").rms("law.h_error")[0]))
     yield from _order()
-    integral = _flown("off", integral="on")
-    tuned = float(_flown("off", integral="on", filter="tuned").rms("law.h_error")[0])
+    integral = _fly_variant("off", integral="on")
+    tuned = float(_fly_variant("off", integral="on", filter="tuned").rms("law.h_error")[0])
     yield from _errors("integral", "integral action", 0.74, 0.17, integral, tuned)
     end = abs(float(integral["law.h_error"][0, -1]))
     what = "integral action: error of h at the end"
@@ -48,22 +48,22 @@ def rows() -> Iterator[Row]:
     yield from _leak()
     yield from _chatter()
     for times, want in SCALED.items():
-        got = float(_flown("off", times=times).rms("law.h_error")[0])
+        got = float(_fly_variant("off", times=times).rms("law.h_error")[0])
         what = f"K only, the mismatch times {times:g}: error of h"
         yield within(f"mismatch/times{times:g}/h", what, want, got, PLACE, tolerance=0.6, unit="ft", **REFERENCE)
 
 
-def _scenario(robust: str, filter: str = "printed", integral: str = "off", times: float = 1.0) -> Any:
+def _build_scenario(robust: str, filter: str = "printed", integral: str = "off", times: float = 1.0) -> Any:
     options: dict[str, Any] = {"robust": robust, "filter": filter, "integral": integral}
-    return built(MEDIUM, plant=off_nominal(times), **options)
+    return build_climb(MEDIUM, plant=off_nominal_plant(times), **options)
 
 
 @cache
-def _flown(robust: str, filter: str = "printed", integral: str = "off", times: float = 1.0) -> Flown:
-    return fly(_scenario(robust, filter, integral, times))
+def _fly_variant(robust: str, filter: str = "printed", integral: str = "off", times: float = 1.0) -> RunSignals:
+    return fly_seeds(_build_scenario(robust, filter, integral, times))
 
 
-def _errors(name: str, words: str, h: float, V: float, flown: Flown, tuned: float) -> Iterator[Row]:
+def _errors(name: str, words: str, h: float, V: float, flown: RunSignals, tuned: float) -> Iterator[Row]:
     for signal, want, unit in (("h", h, "ft"), ("V", V, "ft/s")):
         got = float(flown.rms(f"law.{signal}_error")[0])
         note = TUNED.format(tuned) if signal == "h" else ""
@@ -71,12 +71,12 @@ def _errors(name: str, words: str, h: float, V: float, flown: Flown, tuned: floa
         id, what = f"mismatch/{name}/{signal}", f"{words}: error of {signal}"
         yield within(id, what, want, got, PLACE, tolerance=tolerance, unit=unit, note=note, **REFERENCE)
     what = f"{words}: a limit holds the input"
-    yield same(f"mismatch/{name}/saturated", what, False, bool(flown.saturated[0]), PLACE, **REFERENCE)
+    yield same(f"mismatch/{name}/saturated", what, False, bool(flown.is_saturated[0]), PLACE, **REFERENCE)
 
 
 def _order() -> Iterator[Row]:
     """What the signs are worth."""
-    h = {name: float(_flown(name).rms("law.h_error")[0]) for name in ROBUST}
+    h = {name: float(_fly_variant(name).rms("law.h_error")[0]) for name in ROBUST}
     yield direction(
         "mismatch/published/claim",
         "u_h as published: error of h less that of K only",
@@ -105,8 +105,8 @@ def _leak() -> Iterator[Row]:
     """Bounds that leak: with the width of the smoothing that is shipped, and with a wide one."""
     found = {}
     for width in (0.01, 1.0):
-        leaking = with_robust(_scenario("smooth"), sigma=0.02, eps=width)
-        found[width] = float(fly(leaking).rms("law.h_error")[0])
+        leaking = change_robust(_build_scenario("smooth"), sigma=0.02, eps=width)
+        found[width] = float(fly_seeds(leaking).rms("law.h_error")[0])
     note = "The independent program's figure belongs to a smoothing as wide as 1; with 0.01 the leak costs less."
     about: dict[str, Any] = {"unit": "ft", **REFERENCE}
     what = "u_s smoothed, leak 0.02, eps = {:g}: error of h"
@@ -122,15 +122,15 @@ def _leak() -> Iterator[Row]:
         note=note,
         **about,
     )
-    cost = found[0.01] - float(_flown("smooth").rms("law.h_error")[0])
+    cost = found[0.01] - float(_fly_variant("smooth").rms("law.h_error")[0])
     what = "what the leak costs, eps = 0.01"
     yield direction("mismatch/leak/cost", what, "the leak takes the benefit", cost, PLACE, above=0.0, **about)
 
 
 def _chatter() -> Iterator[Row]:
     """sgn with a large q0, not bounded."""
-    flown = fly(with_robust(_scenario("sign"), q0=100.0, cap=1e9))
-    most, saturated = float(flown.peak("law.h_error")[0]), bool(flown.saturated[0])
+    flown = fly_seeds(change_robust(_build_scenario("sign"), q0=100.0, cap=1e9))
+    most, saturated = float(flown.peak("law.h_error")[0]), bool(flown.is_saturated[0])
     yield same(
         "mismatch/chatter/saturated",
         "u_s with sgn, q0 = 100, no cap: a limit holds the input",

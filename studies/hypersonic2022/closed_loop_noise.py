@@ -17,11 +17,11 @@ from studies.hypersonic2022._flights import (
     LARGE,
     SETTLED,
     SHORT,
-    Flown,
-    climbing,
+    RunSignals,
+    change_filter,
     extent,
-    fly,
-    with_filter,
+    fly_climb,
+    fly_seeds,
 )
 from studies.row import Row, at_most, direction, within
 from trimtab.scenarios.hypersonic import modal_mismatch
@@ -53,7 +53,7 @@ def rows() -> Iterator[Row]:
     """Noise on the exact model; both signs of an error of the modes' frequencies."""
     for name in RANGES:
         yield from _noise(name)
-    yield from _required()
+    yield from _required_rows()
     yield from _brisk()
     yield from _others()
 
@@ -66,8 +66,8 @@ def _range(id: str, what: str, interval: tuple[float, float], got: tuple[float, 
 
 def _noise(name: str) -> Iterator[Row]:
     words, h, V, deviation, alone = RANGES[name]
-    flown = climbing(LARGE, runs=SEEDS, noise="on", brisk=name == "brisk")
-    quiet = climbing(LARGE, runs=1, brisk=name == "brisk")
+    flown = fly_climb(LARGE, runs=SEEDS, noise="on", brisk=name == "brisk")
+    quiet = fly_climb(LARGE, runs=1, brisk=name == "brisk")
     for signal, interval, unit in (("h", h, "ft"), ("V", V, "ft/s")):
         got = extent(flown.rms(f"law.{signal}_error", SETTLED, SHORT))
         what = f"+5000 ft with noise, {words}: error of {signal}, 20-60 s, {SEEDS} seeds"
@@ -77,8 +77,8 @@ def _noise(name: str) -> Iterator[Row]:
         what = f"the same, 20-200 s, largest of {SEEDS} seeds"
         yield at_most(f"noise/{name}/{signal}-long", what, bound, long[1], PLACE, high=bound, unit=unit, **REFERENCE)
     about: dict[str, Any] = {"unit": "deg", **REFERENCE}
-    with_noise = np.degrees(flown.between("actuators.u.delta_e", SETTLED, SHORT))
-    without = np.degrees(quiet.between("actuators.u.delta_e", SETTLED, SHORT))
+    with_noise = np.degrees(flown.window("actuators.u.delta_e", SETTLED, SHORT))
+    without = np.degrees(quiet.window("actuators.u.delta_e", SETTLED, SHORT))
     got = float(np.median(with_noise.std(axis=1)))
     what = f"{words}: deviation of the elevator, 20-60 s, with the manoeuvre"
     yield within(f"noise/{name}/elevator", what, deviation, got, PLACE, relative=0.10, note=DEVIATION, **about)
@@ -89,17 +89,17 @@ def _noise(name: str) -> Iterator[Row]:
 
 
 @cache
-def _off(frequency: str, filter: str = "tuned") -> Flown:
+def _fly_detuned(frequency: str, filter: str = "tuned") -> RunSignals:
     """The medium climb with noise and both frequencies of the plant scaled."""
     options: dict[str, Any] = {"frequency": frequency, "filter": "tuned" if filter == "brisk" else filter}
     scenario = modal_mismatch.scenario(**options)
-    return fly(with_filter(scenario, Q=BRISK) if filter == "brisk" else scenario, SEEDS)
+    return fly_seeds(change_filter(scenario, Q=BRISK) if filter == "brisk" else scenario, SEEDS)
 
 
-def _required() -> Iterator[Row]:
+def _required_rows() -> Iterator[Row]:
     """What the shipped setting must survive: 10 % of either sign, with noise."""
     for frequency in ("0.90", "1.10"):
-        flown, words = _off(frequency), f"modes times {frequency}, tuned"
+        flown, words = _fly_detuned(frequency), f"modes times {frequency}, tuned"
         got = extent(flown.rms("law.h_error", SETTLED, SHORT))
         what = f"{words}: error of h, 20-60 s, {SEEDS} seeds"
         yield _range(f"modes/{frequency}/h", what, RANGES["tuned"][1], got, MODAL, "ft")
@@ -114,7 +114,7 @@ def _required() -> Iterator[Row]:
             unit="ft",
             **REFERENCE,
         )
-        ends = np.abs(flown.end("estimate.state.eta1") - flown.end("truth.eta1")).max()
+        ends = np.abs(flown.final_mean("estimate.state.eta1") - flown.final_mean("truth.eta1")).max()
         what = f"{words}: error of η1 at the end, largest"
         yield at_most(
             f"modes/{frequency}/eta1", what, 0.32, float(ends), MODAL, high=0.32, unit="(slug ft)^1/2", **REFERENCE
@@ -123,7 +123,7 @@ def _required() -> Iterator[Row]:
 
 def _brisk() -> Iterator[Row]:
     """Q between tuned and accurate at 0.90: what looks marginal after 60 s is unstable."""
-    flown = _off("0.90", "brisk")
+    flown = _fly_detuned("0.90", "brisk")
     early = extent(flown.rms("law.h_error", SETTLED, SHORT))
     what = f"modes times 0.90, Qacc = 1: error of h, 20-60 s, {SEEDS} seeds, least"
     yield at_most("modes/brisk/h", what, 0.05, early[0], MODAL, high=0.31, unit="ft", **REFERENCE)
@@ -143,7 +143,7 @@ def _brisk() -> Iterator[Row]:
 def _others() -> Iterator[Row]:
     """Printed Q and R lose the vehicle; the accurate setting does at 10 %."""
     for frequency in ("0.98", "1.02"):
-        flown = _off(frequency, "printed")
+        flown = _fly_detuned(frequency, "printed")
         what = f"modes times {frequency}, printed Q and R: error of h, 20-150 s, least of the seeds"
         least = float(flown.rms("law.h_error").min())
         note = f"{LOST} By the independent program 1e2 to 4e2 ft; it grows with the length of the flight."
@@ -160,7 +160,7 @@ def _others() -> Iterator[Row]:
         )
     for filter in ("printed", "accurate"):
         for frequency in ("0.90", "1.10"):
-            h = np.nan_to_num(np.abs(_off(frequency, filter)["law.h_error"]), nan=np.inf).max(axis=1)
+            h = np.nan_to_num(np.abs(_fly_detuned(frequency, filter)["law.h_error"]), nan=np.inf).max(axis=1)
             what = f"modes times {frequency}, {filter}: largest error of h, least of the seeds"
             yield direction(
                 f"modes/{filter}/{frequency}",

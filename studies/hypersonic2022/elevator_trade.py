@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._linear_loop import DETUNED, Quality, quality, widest
+from studies.hypersonic2022._linear_loop import DETUNED, Quality, loop_quality, widest_error
 from studies.hypersonic2022._trade import (
     ACCURATE,
     BETTER,
@@ -24,13 +24,13 @@ from studies.hypersonic2022._trade import (
     SHIPPED,
     TOGETHER,
     Activity,
-    Detuned,
+    DetunedErrors,
     Setting,
-    activity,
-    curve,
-    detuned,
-    offsets,
-    weighted,
+    fly_detuned,
+    fly_noise,
+    fly_offsets,
+    trade_curve,
+    weighted_gain,
 )
 from studies.row import Row, at_most, direction, inside, same, within
 
@@ -49,38 +49,38 @@ GAINS = (
     ("modes weighed, 10", {"modes": 10.0}),
     ("modes weighed, 3", {"modes": 3.0}),
 )
-"""Other weights of the regulator: what they are, and what `weighted` is given."""
+"""Other weights of the regulator: what they are, and what `weighted_gain` is given."""
 
 
 def rows() -> Iterator[Row]:
     """The shipped setting, the curve, what is better than it, and the gain as second lever."""
-    yield from _shipped()
+    yield from _shipped_rows()
     yield from _errors_of_the_modes()
     yield from _curve()
-    yield from _better()
+    yield from _better_rows()
     yield from _gain()
 
 
 def figures(folder: Path) -> Iterator[Path]:
     """Both curves."""
-    from studies.hypersonic2022._trade_picture import draw
+    from studies.hypersonic2022._trade_picture import draw_trade
 
-    yield draw(folder)
-
-
-@cache
-def _flown() -> dict[str, Activity]:
-    return {setting.name: found for setting, found in curve()}
+    yield draw_trade(folder)
 
 
 @cache
-def _lost() -> dict[str, Detuned]:
+def _activity_by_name() -> dict[str, Activity]:
+    return {setting.name: found for setting, found in trade_curve()}
+
+
+@cache
+def _detuned_by_name() -> dict[str, DetunedErrors]:
     settings = (SHIPPED, BETTER, TOGETHER[0], ACCURATE, PRINTED)
-    return dict(zip((s.name for s in settings), detuned(settings), strict=True))
+    return dict(zip((s.name for s in settings), fly_detuned(settings), strict=True))
 
 
-def _shipped() -> Iterator[Row]:
-    found = _flown()[SHIPPED.name]
+def _shipped_rows() -> Iterator[Row]:
+    found = _activity_by_name()[SHIPPED.name]
     most = np.rad2deg(found.elevator.max())
     about: Any = {"unit": "deg", "note": "Worst of 20 seeds; what the climb itself asks for is not in it.", **FLOWN}
     yield at_most(
@@ -91,7 +91,7 @@ def _shipped() -> Iterator[Row]:
     V = found.V.max()
     yield at_most("shipped/V", "shipped filter, V error rms", SPEED, V, PLACE, high=SPEED, unit="ft/s", **FLOWN)
     note = "Steady gain of the filter: Q, R and P(0) in the same ratio are the same filter. R is no lever of its own."
-    ten = activity((SHIPPED, SCALED), 2)
+    ten = fly_noise((SHIPPED, SCALED), 2)
     ratio = float(ten[1].elevator[0] / ten[0].elevator[0])
     what = "ten times Q, R and P(0): elevator over that of the shipped filter"
     yield within("shipped/ratio", what, 1.0, ratio, PLACE, relative=1e-9, note=note, **FLOWN)
@@ -99,7 +99,7 @@ def _shipped() -> Iterator[Row]:
 
 def _errors_of_the_modes() -> Iterator[Row]:
     """Both modal frequencies of the plant 10 % off: together, crossed, each alone."""
-    each, runs = _lost(), len(DETUNED) * SEEDS
+    each, runs = _detuned_by_name(), len(DETUNED) * SEEDS
     mine = each[SHIPPED.name]
     words = f"modes 10 % off, shipped filter: runs of {runs} outside the envelope"
     yield same("modes/shipped", words, 0, int(mine.lost.sum()), PLACE, **FLOWN)
@@ -123,25 +123,25 @@ def _errors_of_the_modes() -> Iterator[Row]:
 
 def _curve() -> Iterator[Row]:
     """Each setting flown, beside what linear theory says of the elevator."""
-    for setting, found in curve():
-        theory = quality(setting.Q, setting.R)
+    for setting, found in trade_curve():
+        theory = loop_quality(setting.Q, setting.R)
         tracked = f"h error rms {_rms(found.h):.4f} ft, from noise alone {_rms(found.h_noise):.4f}; "
-        about: Any = {"unit": "deg", "note": tracked + _robust(setting, theory), **FLOWN}
+        about: Any = {"unit": "deg", "note": tracked + _describe_robustness(setting, theory), **FLOWN}
         values = np.rad2deg(theory.elevator), np.rad2deg(_rms(found.elevator))
         id, what = f"curve/{setting.name.split(':')[-1].strip()}", f"Qacc {setting.name}, elevator rms from noise"
         yield within(id, what, *values, PLACE, relative=0.05, **about)
     fast = TOGETHER[-1]
     note = "Lasting, of second order: a quarter at half the noise. So a faster filter does not track better."
-    means = [float(np.mean(a.offset)) for a in activity((fast,), 4)]
-    half = [float(np.mean(a.offset)) for a in activity((fast,), 4, 0.005)]
+    means = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4)]
+    half = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4, 0.005)]
     words = "Qacc 1000 on both modes: offset of h that noise leaves, over that of half the noise"
     yield within("curve/rectified", words, 4.0, means[0] / half[0], PLACE, relative=0.05, note=note, **FLOWN)
 
 
-def _better() -> Iterator[Row]:
+def _better_rows() -> Iterator[Row]:
     """Qacc of mode 1 up, of mode 2 down."""
-    flown, old = _flown()[BETTER.name], _flown()[SHIPPED.name]
-    new, shipped = quality(BETTER.Q), quality(SHIPPED.Q)
+    flown, old = _activity_by_name()[BETTER.name], _activity_by_name()[SHIPPED.name]
+    new, shipped = loop_quality(BETTER.Q), loop_quality(SHIPPED.Q)
     name, about = BETTER.name, FLOWN
     deg = [float(np.rad2deg(_rms(a.elevator))) for a in (flown, old)]
     words = f"Qacc {name}, elevator rms from noise"
@@ -156,17 +156,17 @@ def _better() -> Iterator[Row]:
         "better/growth", words, "calms faster than shipped", ends[0], PLACE, below=ends[1], unit="1/s", **about
     )
     words = f"Qacc {name}, error of the modal frequencies up to which all is stable"
-    reach = 100 * widest(BETTER.Q, BETTER.R), 100 * widest(SHIPPED.Q, SHIPPED.R)
+    reach = 100 * widest_error(BETTER.Q, BETTER.R), 100 * widest_error(SHIPPED.Q, SHIPPED.R)
     yield direction("better/reach", words, "wider than shipped", reach[0], PLACE, above=reach[1], unit="%", **about)
     words = f"modes 10 % off, Qacc {name}: runs of {len(DETUNED) * SEEDS} outside the envelope"
-    yield same("better/lost", words, 0, int(_lost()[BETTER.name].lost.sum()), PLACE, **about)
+    yield same("better/lost", words, 0, int(_detuned_by_name()[BETTER.name].lost.sum()), PLACE, **about)
     words = f"modes 10 % off, Qacc {name}: error of eta1"
-    eta = [float(_lost()[s.name].eta1.max()) for s in (BETTER, SHIPPED)]
+    eta = [float(_detuned_by_name()[s.name].eta1.max()) for s in (BETTER, SHIPPED)]
     note = "Its price. The default stays as specified."
     unit = "(slug ft)^1/2"
     more = "more than shipped"
     yield direction("better/eta1", words, more, eta[0], PLACE, above=eta[1], unit=unit, note=note, **about)
-    least = _flown()[FEWER.name]
+    least = _activity_by_name()[FEWER.name]
     note = "Least elevator of the curve with every seed's tracking as the prototype's shipped filter had it."
     words = f"Qacc {FEWER.name}, h error rms, worst seed, elevator {np.rad2deg(_rms(least.elevator)):.3f} deg"
     high = TRACKING[1]
@@ -175,19 +175,19 @@ def _better() -> Iterator[Row]:
 
 def _gain() -> Iterator[Row]:
     """Other weights of the regulator, the shipped filter."""
-    settings = [Setting(what, SHIPPED.Q, K=weighted(**weights)) for what, weights in GAINS]
-    for setting, found, (h, _) in zip(settings, activity(settings), offsets(settings), strict=True):
-        theory = quality(setting.Q, setting.R, setting.K)
+    settings = [Setting(what, SHIPPED.Q, K=weighted_gain(**weights)) for what, weights in GAINS]
+    for setting, found, (h, _) in zip(settings, fly_noise(settings), fly_offsets(settings), strict=True):
+        theory = loop_quality(setting.Q, setting.R, setting.K)
         tracked = f"h error rms {_rms(found.h):.4f} ft, V {_rms(found.V):.4f} ft/s; "
-        held = f"{h:.1f} ft of offset under 5000 lbf; {_robust(setting, theory)}"
+        held = f"{h:.1f} ft of offset under 5000 lbf; {_describe_robustness(setting, theory)}"
         about: Any = {"unit": "deg", "note": tracked + held, **FLOWN}
         values = np.rad2deg(theory.elevator), np.rad2deg(_rms(found.elevator))
         what = f"weights: {setting.name}; elevator rms from noise"
         yield within(f"gain/{setting.name}", what, *values, PLACE, relative=0.05, **about)
 
 
-def _robust(setting: Setting, theory: Quality) -> str:
-    reach = 100 * widest(setting.Q, setting.R, setting.K)
+def _describe_robustness(setting: Setting, theory: Quality) -> str:
+    reach = 100 * widest_error(setting.Q, setting.R, setting.K)
     return f"modes 10 % off: {theory.worst:+.3f} 1/s, stable to {reach:.1f} %"
 
 

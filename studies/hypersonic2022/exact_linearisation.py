@@ -17,7 +17,7 @@ from studies.row import Row, at_most, same, within
 from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.design.linearise import linearise
-from trimtab.scenarios.hypersonic._design import V, error_model, model
+from trimtab.scenarios.hypersonic._design import V, design_model, error_model
 from trimtab.scenarios.hypersonic._envelope import accelerations
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED
@@ -82,7 +82,7 @@ def _entries() -> Iterator[Row]:
 def _slope() -> Iterator[Row]:
     """dv/du at the trim."""
     craft, (_, at) = Hypersonic(), error_model()
-    plant = model(craft)
+    plant = design_model(craft)
     x = plant.state(at.x)
     found = np.asarray(jax.jacfwd(lambda u: accelerations(craft, x, u))(np.asarray(at.u)))
     names = ("h''", "V'"), ("Φ", "δe")
@@ -108,7 +108,7 @@ def _slope() -> Iterator[Row]:
 
 def _poles() -> Iterator[Row]:
     for kmode, (unstable, others, digits) in INTERNAL.items():
-        poles = np.linalg.eigvals(_of(kmode).A[3:, 3:])
+        poles = np.linalg.eigvals(_linearise_error_model(kmode).A[3:, 3:])
         right = poles[poles.real > 0]
         reading = f"internal dynamics, reading {kmode!r} of k_i"
         yield same(f"internal/{kmode}/count", f"{reading}, poles on the right", 1, len(right), PLACE, **REFERENCE)
@@ -128,20 +128,20 @@ def _poles() -> Iterator[Row]:
             f"internal/{kmode}/others",
             f"{reading}, the others off by",
             0.0,
-            _off(poles, others),
+            _pole_error(poles, others),
             PLACE,
             high=digits,
             unit="1/s",
             **REFERENCE,
         )
-    plant = model(Hypersonic())
+    plant = design_model(Hypersonic())
     _, at = error_model()
     poles = linearise(plant, at.x, at.u).poles()
     yield at_most(
         "open-loop",
         "poles with the input held, off by",
         0.0,
-        _off(poles, OPEN),
+        _pole_error(poles, OPEN),
         PLACE,
         high=1e-3,
         unit="1/s",
@@ -154,10 +154,10 @@ def _poles() -> Iterator[Row]:
 
 
 @cache
-def _of(kmode: str) -> Any:
+def _linearise_error_model(kmode: str) -> Any:
     craft = Hypersonic()
     return error_model(replace(craft, modes=replace(craft.modes, kmode=kmode)))[0]
 
 
-def _off(poles: Any, wanted: Any) -> float:
+def _pole_error(poles: Any, wanted: Any) -> float:
     return max(float(np.abs(poles - p).min()) for p in wanted)

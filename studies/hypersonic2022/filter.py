@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
-from studies.hypersonic2022._flights import CRUISE, MODES, built, extent, fly
+from studies.hypersonic2022._flights import CRUISE, MODES, build_climb, extent, fly_seeds
 from studies.row import Row, at_most, direction, overlaps, same, within
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
 from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
-from trimtab.estimators.flexible.model import RigidFlight, dynamics_of, forcing
+from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynamics
 from trimtab.scenarios.hypersonic._level import level_trim
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import QUOTED_H, QUOTED_V
@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
 
 def _settings() -> Iterator[Row]:
     """What is printed of the filter, and what is flown under that name."""
-    flown, place = FlexibleModeFilter.printed(), "[1] settings of the filter"
+    flown, place = FlexibleModeFilter.from_publication(), "[1] settings of the filter"
     names = ("η1", "η1'", "η2", "η2'")
     for name, want, got in zip(names, (1.5122, 0.0, 1.122, 0.0), np.asarray(flown.eta0), strict=True):
         yield within(f"settings/first-{name}", f"first estimate of {name}", want, got, place)
@@ -98,7 +98,7 @@ def _model() -> Iterator[Row]:
     yield within("model/C-eta", "C eta at the trim", -0.21226, C @ at.zeta[2:], PLACE, **unit, **REFERENCE)
     note = "The printed innovation has no such term."
     yield within("model/d", "d at the trim", 0.21226, d, PLACE, note=note, **unit, **REFERENCE)
-    for i, want, got in ((1, -0.174, _bias(d)[1]), (2, -0.491, _bias(d)[3])):
+    for i, want, got in ((1, -0.174, _steady_bias(d)[1]), (2, -0.491, _steady_bias(d)[3])):
         what = f"η{i}' less its estimate where the innovation leaves d out, R = 1e-4"
         yield within(f"model/bias-{i}", what, want, got, PLACE, tolerance=1e-3, unit="(slug ft)^1/2/s", **REFERENCE)
     for i, want in ((1, 0.608), (2, 0.367)):
@@ -110,19 +110,19 @@ def _model() -> Iterator[Row]:
 @cache
 def _modes(kmode: str = "parker") -> tuple[Any, Any]:
     craft = Hypersonic()
-    A, C = dynamics_of(replace(craft, modes=replace(craft.modes, kmode=kmode)))
+    A, C = modal_dynamics(replace(craft, modes=replace(craft.modes, kmode=kmode)))
     return np.asarray(A), np.asarray(C)
 
 
-def _bias(d: float) -> Any:
+def _steady_bias(d: float) -> Any:
     """Truth less estimate, steady, where d is left out of the innovation: of the accurate filter (4,)."""
-    Ad, C, L = _steady(FlexibleModeFilter.accurate())
+    Ad, C, L = _steady_filter(FlexibleModeFilter.for_exact_model())
     return -np.linalg.solve(np.eye(4) - (np.eye(4) - L @ C) @ Ad, L[:, 0] * d)
 
 
-def _steady(one: FlexibleModeFilter) -> tuple[Any, Any, Any]:
+def _steady_filter(one: FlexibleModeFilter) -> tuple[Any, Any, Any]:
     """Ad, C (1, 4) and the steady gain (4, 1) of the discrete filter."""
-    model = numeric(one).model()
+    model = to_arrays(one).model()
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[float(one.R)]]))
     return Ad, C, P @ C.T / (C @ P @ C.T + float(one.R))
@@ -131,7 +131,7 @@ def _steady(one: FlexibleModeFilter) -> tuple[Any, Any, Any]:
 def _constants() -> Iterator[Row]:
     """Slowest time constants."""
     A, C = _modes()
-    alone = _slowest(A)
+    alone = _slowest_time_constant(A)
     yield within(
         "constant/open",
         "modes alone, slowest time constant",
@@ -142,7 +142,7 @@ def _constants() -> Iterator[Row]:
         unit="s",
         **REFERENCE,
     )
-    Ad, C1, L = _steady(FlexibleModeFilter.printed())
+    Ad, C1, L = _steady_filter(FlexibleModeFilter.from_publication())
     held = float(np.abs(np.linalg.eigvals(Ad - Ad @ L @ C1)).max())
     what = "filter as printed, as flown, slowest time constant, beside that of the modes alone"
     note = "The filter adds nothing to the damping."
@@ -152,26 +152,26 @@ def _constants() -> Iterator[Row]:
     for density, want in CONSTANTS.items():
         steady = kalman_bucy(A, C[None], 1e-5 * np.eye(4), density)
         what = f"continuous filter with Q = 1e-5 I, R = {density:g} rad²/s³, slowest time constant"
-        got = _slowest(A - steady.L @ C[None])
+        got = _slowest_time_constant(A - steady.L @ C[None])
         yield within(f"constant/{density:g}", what, want, got, PLACE, tolerance=6e-3, unit="s", **REFERENCE)
 
 
-def _slowest(A: Any) -> float:
+def _slowest_time_constant(A: Any) -> float:
     return float(-1 / np.linalg.eigvals(A).real.max())
 
 
 @cache
-def errors(name: str) -> Any:
+def estimate_errors(name: str) -> Any:
     """Errors of the estimate (seeds, samples, 4) over the first 10 s of a cruise, each 5 ms."""
     noisy = name in ("accurate", "tuned")
-    scenario = built(CRUISE, filter=name, noise="on" if noisy else "off")
-    flown = fly(scenario, SEEDS if noisy else 1, 10.0, ms(5))
+    scenario = build_climb(CRUISE, filter=name, noise="on" if noisy else "off")
+    flown = fly_seeds(scenario, SEEDS if noisy else 1, 10.0, ms(5))
     return np.stack([flown[f"estimate.state.{n}"] - flown[f"truth.{n}"] for n in MODES], axis=-1)
 
 
 def _rms(name: str, begin: int, end: int) -> Any:
     """Of each seed over begin <= t < end (s), (seeds, 4)."""
-    return np.sqrt((errors(name)[:, 200 * begin : 200 * end] ** 2).mean(axis=1))
+    return np.sqrt((estimate_errors(name)[:, 200 * begin : 200 * end] ** 2).mean(axis=1))
 
 
 def _table() -> Iterator[Row]:

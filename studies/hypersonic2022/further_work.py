@@ -14,9 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, Outcome, drawn, fly
-from studies.hypersonic2022._campaign_ranking import FACTORS, agreement, indices, order, thresholds
-from studies.hypersonic2022._linear_loop import growth
+from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, FlightOutcomes, draw_factors, fly_plants
+from studies.hypersonic2022._campaign_ranking import (
+    FACTORS,
+    failure_thresholds,
+    rank_correlation,
+    rank_names,
+    sobol_indices,
+)
+from studies.hypersonic2022._linear_loop import growth_rate
 from studies.hypersonic2022._trade import BETTER
 from studies.row import Row, at_most, band, direction, overlaps, same
 from trimtab.estimators.flexible.discrete import TUNED_Q
@@ -63,42 +69,42 @@ def figures(folder: Path) -> Iterator[Path]:
 
 
 @cache
-def flown(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = TUNED_Q) -> Outcome:
+def fly_size(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = TUNED_Q) -> FlightOutcomes:
     """Runs of a size, `each` of every disturbance; the same plants and noise whatever law and filter are."""
     first = SEED + round(1000 * size)
-    factors = np.concatenate([drawn(size, each, first + 10_000 * k) for k in range(len(KINDS))])
-    return fly(factors, np.repeat(np.arange(len(KINDS)), each), integral=integral, Q=Q)
+    factors = np.concatenate([draw_factors(size, each, first + 10_000 * k) for k in range(len(KINDS))])
+    return fly_plants(factors, np.repeat(np.arange(len(KINDS)), each), integral=integral, Q=Q)
 
 
-def succeeded(found: Outcome) -> Proportion:
+def success_proportion(found: FlightOutcomes) -> Proportion:
     """The share of success among the plants that any law could fly."""
-    fair = ~found.untrimmed
-    return proportion(int((found.success & fair).sum()), int(fair.sum()))
+    fair = ~found.lacks_trim
+    return proportion(int((found.is_success & fair).sum()), int(fair.sum()))
 
 
 def _nominal() -> Iterator[Row]:
     for integral in (False, True):
-        found = fly(np.ones((len(KINDS), len(COEFFICIENTS))), np.arange(len(KINDS)), integral=integral)
-        words = f"nominal plant, {_law(integral)}: disturbances that it survives"
-        yield same(f"nominal/{_law(integral)}", words, len(KINDS), int(found.success.sum()), PLACE, **ABOUT)
+        found = fly_plants(np.ones((len(KINDS), len(COEFFICIENTS))), np.arange(len(KINDS)), integral=integral)
+        words = f"nominal plant, {_law_name(integral)}: disturbances that it survives"
+        yield same(f"nominal/{_law_name(integral)}", words, len(KINDS), int(found.is_success.sum()), PLACE, **ABOUT)
 
 
 def _success(integral: bool) -> Iterator[Row]:
     for size, stated in zip(SIZES, STATED[integral], strict=True):
-        found = flown(size, integral)
-        share = succeeded(found)
+        found = fly_size(size, integral)
+        share = success_proportion(found)
         interval = 100 * share.low, 100 * share.high
-        words = f"each coefficient ±{100 * size:.0f} %, {_law(integral)}: success"
-        about: Any = {"unit": "%", "note": f"{share} of {share.trials}: {_reasons(found)}", **ABOUT}
-        yield overlaps(f"success/{_law(integral)}-{size}", words, stated, interval, PLACE, **about)
+        words = f"each coefficient ±{100 * size:.0f} %, {_law_name(integral)}: success"
+        about: Any = {"unit": "%", "note": f"{share} of {share.trials}: {_format_failures(found)}", **ABOUT}
+        yield overlaps(f"success/{_law_name(integral)}-{size}", words, stated, interval, PLACE, **about)
 
 
 def _disturbances() -> Iterator[Row]:
     """The same plants and the same noise under each disturbance and under none."""
     size, kinds = 0.20, np.arange(len(KINDS))
-    factors = np.tile(drawn(size, EACH, SEED), (len(KINDS), 1))
+    factors = np.tile(draw_factors(size, EACH, SEED), (len(KINDS), 1))
     seeds = np.tile(np.arange(EACH), len(KINDS))
-    found = fly(factors, np.repeat(kinds, EACH), integral=True, seeds=seeds).success.reshape(len(KINDS), EACH)
+    found = fly_plants(factors, np.repeat(kinds, EACH), integral=True, seeds=seeds).is_success.reshape(len(KINDS), EACH)
     fails = {kind: int((found[0] & ~mine).sum()) for kind, mine in zip(KINDS[1:], found[1:], strict=True)}
     others = max(n for kind, n in fails.items() if kind != WORST)
     for kind, n in fails.items():
@@ -113,11 +119,11 @@ def _disturbances() -> Iterator[Row]:
 def _filters() -> Iterator[Row]:
     """The same plants and the same noise with the filter of the elevator trade."""
     for size in (0.15, 0.20, 0.30):
-        shipped = flown(size, True)
-        other = flown(size, True, EACH, BETTER.Q)
+        shipped = fly_size(size, True)
+        other = fly_size(size, True, EACH, BETTER.Q)
         words = f"each coefficient ±{100 * size:.0f} %, Qacc {BETTER.name}: failures"
-        fails = [int((~o.success & ~o.untrimmed).sum()) for o in (other, shipped)]
-        apart = int((other.success & ~shipped.success).sum()), int((shipped.success & ~other.success).sum())
+        fails = [int((~o.is_success & ~o.lacks_trim).sum()) for o in (other, shipped)]
+        apart = int((other.is_success & ~shipped.is_success).sum()), int((shipped.is_success & ~other.is_success).sum())
         note = f"Shipped: {fails[1]}, same plants and noise. It saves {apart[0]} and loses {apart[1]}."
         yield direction(
             f"filter/{size}", words, "fewer than shipped", fails[0], PLACE, below=fails[1], note=note, **ABOUT
@@ -126,17 +132,17 @@ def _filters() -> Iterator[Row]:
 
 def _ranking(integral: bool) -> Iterator[Row]:
     size = RANKED[integral]
-    found, alone = indices(size, integral), thresholds(integral)
-    law, lead = _law(integral), LEADING[integral]
-    by_index = order(found.total[:-1], NAMES, most=True)
-    by_threshold = order(alone.least, NAMES, most=False)
+    found, alone = sobol_indices(size, integral), failure_thresholds(integral)
+    law, lead = _law_name(integral), LEADING[integral]
+    by_index = rank_names(found.total[:-1], NAMES, most=True)
+    by_threshold = rank_names(alone.least, NAMES, most=False)
     words = f"±{100 * size:.0f} %, {law}: most of the variance of success is due to"
     share = f"First-order index {found.first[NAMES.index(by_index[0])]:.2f}; {100 * found.share:.0f} % succeeded."
     yield same(f"ranking/{law}-index", words, lead, by_index[0], PLACE, note=share, **ABOUT)
     words = f"{law}: fails first when off alone"
     each = [i for i in np.argsort(alone.least, kind="stable") if np.isfinite(alone.least[i])]
     limits = "Limits: " + "; ".join(
-        f"{NAMES[i]} {_limit('-', alone.down[i])}, {_limit('+', alone.up[i])}" for i in each
+        f"{NAMES[i]} {_format_limit('-', alone.down[i])}, {_format_limit('+', alone.up[i])}" for i in each
     )
     note = f"{limits}. The other {len(NAMES) - len(each)}: none within ±90 %."
     yield same(f"ranking/{law}-alone", words, lead, by_threshold[0], PLACE, note=note, **ABOUT)
@@ -153,16 +159,16 @@ def _ranking(integral: bool) -> Iterator[Row]:
     common = sorted(set(by_index[:8]) & set(by_threshold[:8]))
     note = f"Among the first eight of both: {', '.join(common)}."
     words = f"{law}: rank correlation of both rankings"
-    together = agreement(found.total[:-1], alone.least)
+    together = rank_correlation(found.total[:-1], alone.least)
     yield direction(f"ranking/{law}-agree", words, "they agree", together, PLACE, above=0.5, note=note, **ABOUT)
 
 
 def _share(name: str, integral: bool) -> Row:
     """One coefficient's total index, with its interval, and how far it can be off alone."""
-    size, law, i = RANKED[integral], _law(integral), NAMES.index(name)
-    found, alone = indices(size, integral), thresholds(integral)
+    size, law, i = RANKED[integral], _law_name(integral), NAMES.index(name)
+    found, alone = sobol_indices(size, integral), failure_thresholds(integral)
     note = f"{found.low[i]:.2f} to {found.high[i]:.2f}; first-order {found.first[i]:.2f}; alone: "
-    note += f"{_limit('-', alone.down[i])}, {_limit('+', alone.up[i])}"
+    note += f"{_format_limit('-', alone.down[i])}, {_format_limit('+', alone.up[i])}"
     words = f"±{100 * size:.0f} %, {law}: total index of {name}"
     above = float(np.median(found.total))
     return direction(
@@ -175,26 +181,28 @@ def _linear() -> Row:
     low, high = 0.0, 0.4
     while high - low > 1e-4:
         middle = (low + high) / 2
-        low, high = (middle, high) if growth(TUNED_Q, 1e-4, detuned=(1.0, 1 - middle)) < 0 else (low, middle)
-    fails = 100 * float(thresholds(False).down[NAMES.index("w2")])
+        low, high = (middle, high) if growth_rate(TUNED_Q, 1e-4, detuned=(1.0, 1 - middle)) < 0 else (low, middle)
+    fails = 100 * float(failure_thresholds(False).down[NAMES.index("w2")])
     note = "By bisection of the loop's eigenvalues; a flight of 100 s needs some growth before it fails."
     words = "w2 too low alone: where flight fails"
     about: Any = {"unit": "%", "note": note, **ABOUT}
     return band("linear/w2", words, 100 * low, fails, PLACE, low=100 * low, high=100 * low + 2.0, **about)
 
 
-def _reasons(found: Outcome) -> str:
-    fair = ~found.untrimmed
+def _format_failures(found: FlightOutcomes) -> str:
+    fair = ~found.lacks_trim
     lost, rest = fair & found.lost, fair & ~found.lost
-    saturated = rest & found.saturated
-    off = rest & ~found.saturated & found.off
+    saturated = rest & found.is_saturated
+    off = rest & ~found.is_saturated & found.is_off
     said = f"{lost.sum()} left the envelope, {saturated.sum()} ended saturated, {off.sum()} ended too far off"
-    return f"{said}; {found.untrimmed.sum()} of {fair.size} plants cannot fly level" if found.untrimmed.any() else said
+    return (
+        f"{said}; {found.lacks_trim.sum()} of {fair.size} plants cannot fly level" if found.lacks_trim.any() else said
+    )
 
 
-def _limit(sign: str, value: Any) -> str:
+def _format_limit(sign: str, value: Any) -> str:
     return f"{sign}{100 * value:.1f} %" if np.isfinite(value) else f"{sign}90 % is no failure"
 
 
-def _law(integral: bool) -> str:
+def _law_name(integral: bool) -> str:
     return "with integral action" if integral else "without integral action"

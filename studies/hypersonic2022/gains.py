@@ -40,7 +40,7 @@ def rows() -> Iterator[Row]:
     yield from _gain()
     yield from _inequality()
     yield from _weight()
-    yield from _printed_15()
+    yield from _printed_inequality_rows()
     yield from _robust()
 
 
@@ -85,13 +85,13 @@ def _inequality() -> Iterator[Row]:
     place, scale = "[1] eq. 14", np.outer(SCALE, SCALE)
     for strict in (1.0, 1.01):
         f = _feedback(strict)
-        left = -composite.inequality(f)
+        left = -composite.inequality_matrix(f)
         off = float(np.abs((left - (1 - strict) * f.Qe) * scale).max())
         what = f"left side of (14) of the regulator with Q = {strict:g} Q_e, less Q_e - Q, scaled, largest"
         yield at_most(f"inequality/residual-{strict:g}", what, 0.0, off, place, high=1e-9, **REFERENCE)
     f = _feedback(1.01)
     allowed = np.sqrt(np.diag(f.Qe))
-    margin = float(np.linalg.eigvalsh(composite.inequality(f) / np.outer(allowed, allowed))[0])
+    margin = float(np.linalg.eigvalsh(composite.inequality_matrix(f) / np.outer(allowed, allowed))[0])
     what = "margin of (14) with Q = 1.01 Q_e, in parts of Q_e"
     yield within("inequality/margin", what, 0.01, margin, place, relative=1e-5, **REFERENCE)
 
@@ -107,13 +107,18 @@ def _weight() -> Iterator[Row]:
             id, f"least weight of the observer in (15), {about}", want, least, place, tolerance=5e-3, **REFERENCE
         )
         yield same(
-            f"{id}/above", f"(15) holds 1 % above it, {about}", True, _positive(f, o, 1.01 * least), place, **REFERENCE
+            f"{id}/above",
+            f"(15) holds 1 % above it, {about}",
+            True,
+            _is_positive(f, o, 1.01 * least),
+            place,
+            **REFERENCE,
         )
         yield same(
             f"{id}/one",
             f"(15) mended holds with weight 1, as in [1]'s Lyapunov function, {about}",
             True,
-            _positive(f, o, 1.0),
+            _is_positive(f, o, 1.0),
             place,
             basis="text",
             must_hold=False,
@@ -121,16 +126,16 @@ def _weight() -> Iterator[Row]:
         )
 
 
-def _positive(f: composite.Feedback, o: composite.Observer, weight: float) -> bool:
-    z = composite.weighted(f, o, weight)
+def _is_positive(f: composite.Feedback, o: composite.Observer, weight: float) -> bool:
+    z = composite.weighted_matrix(f, o, weight)
     size = np.sqrt(np.diag(z))
     return bool(np.linalg.eigvalsh(z / np.outer(size, size))[0] > 0)
 
 
-def _printed_15() -> Iterator[Row]:
+def _printed_inequality_rows() -> Iterator[Row]:
     """(15) as printed, on the modes: satisfied by what the mended one refuses."""
     f = _feedback()
-    found = {r: float(np.linalg.eigvalsh(composite.printed(f, _observer(r)))[-1]) for r in (10.0, 5e-7)}
+    found = {r: float(np.linalg.eigvalsh(composite.printed_inequality(f, _observer(r)))[-1]) for r in (10.0, 5e-7)}
     about: dict[str, Any] = {"relative": 0.05, **REFERENCE}
     for density, got in found.items():
         what = f"(15) as printed, on the modes and with -R_e, R = {density:g} rad²/s³, largest eigenvalue"

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hypersonic2022._flights import fly
+from studies.hypersonic2022._flights import fly_seeds
 from studies.row import Row, at_most, same, within
 from trimtab.scenarios.hypersonic import printed_gains
 from trimtab.scenarios.hypersonic._design import error_model, feedback_gain
@@ -60,7 +60,7 @@ def rows() -> Iterator[Row]:
     yield from _flights()
 
 
-def variant(name: str) -> Any:
+def loop_matrix(name: str) -> Any:
     """The matrix (9, 9), or (5, 5), of one of SPECTRA."""
     A, B, K = A_PRINTED.copy(), B_PRINTED, K_PRINTED
     if name == "plus":
@@ -75,7 +75,7 @@ def variant(name: str) -> Any:
 
 
 def _spectrum(name: str, words: str, wanted: tuple[complex, ...], decays: bool) -> Iterator[Row]:
-    poles = np.linalg.eigvals(variant(name))
+    poles = np.linalg.eigvals(loop_matrix(name))
     rightmost = max(np.real(p) for p in wanted)
     yield within(
         f"spectrum/{name}",
@@ -121,7 +121,7 @@ def _flights() -> Iterator[Row]:
     """The scenario, with either sign."""
     signs: tuple[tuple[printed_gains.Sign, str], ...] = ("minus", "v = -K e"), ("plus", "v = +K e, eq. 13")
     for sign, words in signs:
-        flown = fly(printed_gains.scenario(sign=sign))
+        flown = fly_seeds(printed_gains.scenario(sign=sign))
         gone = np.abs(np.degrees(flown["truth.alpha"][0])) > LOST
         when = float(flown.t[gone.argmax()]) if gone.any() else np.inf
         what = f"flight with {words}, time until the angle of attack passes {LOST:g} deg"

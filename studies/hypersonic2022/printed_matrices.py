@@ -13,7 +13,7 @@ import numpy as np
 
 from studies.row import Row, direction, same, within
 from trimtab.scenarios.hypersonic._design import error_model
-from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, emulated
+from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, emulate_linearisation
 
 SECTION = "eq. 10, printed A and B"
 COLUMNS = ("h", "h'", "V", "α", "Q", "η1", "η1'", "η2", "η2'")
@@ -40,7 +40,7 @@ UNEXPLAINED = "No variant that was tried gives it: raw or transposed G, a factor
 
 def rows() -> Iterator[Row]:
     """34 magnitudes, the signs that are lost, and the count."""
-    made, exact = emulated(), error_model()[0]
+    made, exact = emulate_linearisation(), error_model()[0]
     found: list[Row] = []
     for letter, printed, got, right, names in (
         ("A", A_PRINTED, made.A, exact.A, COLUMNS),
@@ -55,10 +55,15 @@ def rows() -> Iterator[Row]:
     yield from _damping()
     magnitudes = [r for r in found if not r.id.endswith("/sign")]
     yield same(
-        "count/printed", "numbers printed in rows 4, 5, 7 and 9", 34, len(magnitudes), _place(), basis="reference"
+        "count/printed",
+        "numbers printed in rows 4, 5, 7 and 9",
+        34,
+        len(magnitudes),
+        _matrix_citation(),
+        basis="reference",
     )
     met = sum(r.holds for r in magnitudes)
-    yield same("count/met", "of these met in magnitude", 32, met, _place(), basis="reference")
+    yield same("count/met", "of these met in magnitude", 32, met, _matrix_citation(), basis="reference")
     used = len(FITTED) + 1
     note = "Without the eight that fixed constants and the one that is 1 in any model."
     yield same(
@@ -66,7 +71,7 @@ def rows() -> Iterator[Row]:
         "of these met with nothing left to tune",
         23,
         met - used,
-        _place(),
+        _matrix_citation(),
         basis="reference",
         note=note,
     )
@@ -75,7 +80,7 @@ def rows() -> Iterator[Row]:
 def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: float, right: float) -> Iterator[Row]:
     """Magnitude, and sign where that is not the printed one."""
     i, j = at
-    id, citation = f"{letter}/{i + 1},{j + 1}", _place(letter)
+    id, citation = f"{letter}/{i + 1},{j + 1}", _matrix_citation(letter)
     what = f"{letter}[{i + 1}, {name}], magnitude"
     basis = f" [basis] It fixed {FITTED[at]}." if letter == "A" and at in FITTED else ""
     trivial = " 1 in any model." if letter == "A" and at == (3, 4) else ""
@@ -100,7 +105,14 @@ def _damping() -> Iterator[Row]:
         near = poles[np.abs(poles - want).argmin()]
         what = f"printed A alone, growth of its oscillation near {want.imag:.1f} rad/s"
         yield within(
-            f"damping/{k}", what, want.real, near.real, _place("A"), tolerance=2e-3, unit="1/s", basis="reference"
+            f"damping/{k}",
+            what,
+            want.real,
+            near.real,
+            _matrix_citation("A"),
+            tolerance=2e-3,
+            unit="1/s",
+            basis="reference",
         )
     rightmost = float(np.linalg.eigvals(error_model()[0].A[5:, 5:]).real.max())
     yield direction(
@@ -114,5 +126,5 @@ def _damping() -> Iterator[Row]:
     )
 
 
-def _place(letter: str = "A, B") -> str:
+def _matrix_citation(letter: str = "A, B") -> str:
     return f"[1] printed {letter}"

@@ -24,7 +24,7 @@ from trimtab.vehicles.hypersonic_printed import (
     QUOTED_ELEVATOR,
     QUOTED_H,
     QUOTED_V,
-    emulated,
+    emulate_linearisation,
 )
 
 SECTION = "eqs. 1-3"
@@ -44,7 +44,7 @@ def rows() -> Iterator[Row]:
     craft = Hypersonic()
     at = level_trim(craft, QUOTED_H, QUOTED_V)
     yield from _trim(at)
-    yield from _quoted(craft, at)
+    yield from _quoted_trim_rows(craft, at)
     yield from _forces(craft, at)
     yield from _loop(craft)
     yield from _gravity()
@@ -60,7 +60,7 @@ def _trim(at: LevelTrim) -> Iterator[Row]:
     }
     for name, (words, value, got, unit) in wanted.items():
         yield within(f"trim/{name}", f"trim, {words}", value, got, LEVEL, relative=1e-5, unit=unit, **REFERENCE)
-    zetas = {k: _trim_in(k) for k in KMODES}
+    zetas = {k: _solve_trim(k) for k in KMODES}
     apart = max(float(np.abs(z - zetas["parker"]).max()) for z in zetas.values())
     yield at_most(
         "trim/readings", "trim, largest difference between readings of k_i", 0.0, apart, LEVEL, high=1e-9, **REFERENCE
@@ -68,13 +68,13 @@ def _trim(at: LevelTrim) -> Iterator[Row]:
 
 
 @cache
-def _trim_in(kmode: str) -> Any:
+def _solve_trim(kmode: str) -> Any:
     craft = Hypersonic()
     at = level_trim(replace(craft, modes=replace(craft.modes, kmode=kmode)), QUOTED_H, QUOTED_V)
     return np.array([*at.zeta, at.u.Phi, at.u.delta_e])
 
 
-def _quoted(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
+def _quoted_trim_rows(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
     pairs = {
         "alpha": ("angle of attack", 1.5153, math.degrees(at.zeta[0]), "deg"),
         "Phi": ("fuel ratio", QUOTED_PHI, at.u.Phi, "1"),
@@ -84,7 +84,7 @@ def _quoted(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
     place = f"{PLACE}, trim as usually quoted"
     for name, (words, value, got, unit) in pairs.items():
         yield within(f"quoted/{name}", f"trim as quoted, {words}", value, got, place, unit=unit, **about)
-    x = craft.at_rest(QUOTED_H, QUOTED_V, QUOTED_ALPHA, QUOTED_ELEVATOR)
+    x = craft.level_state(QUOTED_H, QUOTED_V, QUOTED_ALPHA, QUOTED_ELEVATOR)
     u = HypersonicInput(QUOTED_PHI, QUOTED_ELEVATOR)
     along, normal = craft.path_accelerations(0.0, x, u)
     turning = craft.forces_at(x, u).M / craft.Iyy
@@ -101,7 +101,7 @@ def _quoted(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
 
 
 def _forces(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
-    found = craft.forces_at(craft.at_rest(at.h, at.V, at.zeta[0], at.u.delta_e), at.u)
+    found = craft.forces_at(craft.level_state(at.h, at.V, at.zeta[0], at.u.delta_e), at.u)
     pressure = craft.forces.dynamic_pressure(at.h, at.V)
     pairs = {
         "qbar": ("dynamic pressure", 2000.0132, pressure, "lbf/ft^2"),
@@ -132,7 +132,7 @@ def _loop(craft: Hypersonic) -> Iterator[Row]:
     )
     worst = 0.0
     for M, r1, r2 in np.random.default_rng(0).normal(size=(20, 3)) * [1e4, 300.0, 300.0]:
-        got = np.array([float(a) for a in craft.modes.coupled(Iyy, M, r1, r2)])
+        got = np.array([float(a) for a in craft.modes.solve_accelerations(Iyy, M, r1, r2)])
         want = np.linalg.solve(matrix, [M, r1, r2])
         worst = max(worst, float(np.abs((got - want) / np.abs(want).max()).max()))
     what = "Q', η1'', η2'' of the vehicle against the 3 x 3 system, largest relative difference"
@@ -154,7 +154,7 @@ def _gravity() -> Iterator[Row]:
     )
     heavy = replace(Hypersonic(), g=GROUND)
     rows_4_to_9 = (A_PRINTED != 0) & np.isin(np.arange(9), (3, 4, 6, 8))[:, None]
-    off = np.abs(np.abs(emulated(heavy).A[rows_4_to_9] / A_PRINTED[rows_4_to_9]) - 1)
+    off = np.abs(np.abs(emulate_linearisation(heavy).A[rows_4_to_9] / A_PRINTED[rows_4_to_9]) - 1)
     count = int(((off > 0.014) & (off < 0.0225)).sum())
     what = "entries of the printed A that 32.174 ft/s² would leave 1.4 to 2.25 % off"
     yield same("gravity/ground", what, 5, count, "[1] printed A", **REFERENCE)

@@ -6,58 +6,58 @@ import signal
 from collections.abc import Callable
 from time import monotonic, sleep
 
-from studies.live_faults.flight import INJECTOR, Flight, pause
+from studies.live_faults.flight import INJECTOR, FaultFlight, let_fly
 from studies.live_faults.relay import DOWN, UP, Bend, Terminals
 from trimtab.links.open_link import open_link
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Order
+from trimtab.wire.protocol import CommandCode
 
-FLOWN_S = 1.0
+UNDISTURBED_S = 1.0
 """For how long it flies until something is done."""
 TICK_S = 0.01
 DATAGRAM = 1000
-Act = Callable[[Flight], None]
+Act = Callable[[FaultFlight], None]
 
 
-def injected(text: str) -> Act:
+def inject_fault(text: str) -> Act:
     """A fault word, put in live."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
-        flight.inject(text)
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
+        flight.inject_fault(text)
 
     return act
 
 
-def cut(seconds: float) -> Act:
+def cut_line(seconds: float) -> Act:
     """Nothing passes, either way."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
-        flight.relay.cut(seconds)
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
+        flight.relay.cut_line(seconds)
 
     return act
 
 
-def bent(direction: int, make: Callable[[random.Random], Bend], seconds: float = 1.5) -> Act:
+def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds: float = 1.5) -> Act:
     """Each packet one way becomes something else for a while."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
         flight.relay.bend[direction] = make(random.Random(1))
-        pause(seconds)
+        let_fly(seconds)
         flight.relay.bend.pop(direction)
 
     return act
 
 
-def truncated(draw: random.Random) -> Bend:
+def truncate_packets(draw: random.Random) -> Bend:
     """Three in four packets end too soon."""
     return lambda data: [(0.0, data[: draw.randrange(len(data))] if draw.random() < 0.75 else data)]
 
 
-def flipped(draw: random.Random) -> Bend:
+def flip_bits(draw: random.Random) -> Bend:
     """One bit of three in four packets is another."""
 
     def bend(data: bytes) -> list[tuple[float, bytes]]:
@@ -69,148 +69,150 @@ def flipped(draw: random.Random) -> Bend:
     return bend
 
 
-def thinned(draw: random.Random) -> Bend:
+def drop_half(draw: random.Random) -> Bend:
     """Half of the packets are lost."""
     return lambda data: [(0.0, data)] if draw.random() < 0.5 else []
 
 
-def shuffled(draw: random.Random) -> Bend:
+def shuffle_packets(draw: random.Random) -> Bend:
     """Each packet comes up to 100 ms later, so that they overtake each other."""
     return lambda data: [(draw.uniform(0.0, 0.1), data)]
 
 
-def late(seconds: float) -> Callable[[random.Random], Bend]:
+def delay_packets(seconds: float) -> Callable[[random.Random], Bend]:
     """Each packet comes that much later."""
     return lambda _: lambda data: [(seconds, data)]
 
 
-def doubled(_: random.Random) -> Bend:
+def repeat_packets(_: random.Random) -> Bend:
     """Each packet comes three times."""
     return lambda data: [(0.0, data), (0.0, data), (0.03, data)]
 
 
-def replayed(flight: Flight) -> None:
+def replay_packets(flight: FaultFlight) -> None:
     """All that the autopilot has sent so far comes again, ten times as fast, while it flies."""
-    pause(FLOWN_S)
-    for packet in list(flight.relay.kept[UP]):
-        flight.relay.put(UP, packet)
+    let_fly(UNDISTURBED_S)
+    for packet in list(flight.relay.recent_packets[UP]):
+        flight.relay.send_bytes(UP, packet)
         sleep(0.002)
 
 
-def replayed_after_cut(flight: Flight) -> None:
+def replay_after_cut(flight: FaultFlight) -> None:
     """The line is cut for good; then all that the autopilot had sent, the request to arm too, comes again twice."""
-    pause(FLOWN_S)
-    recorded = list(flight.relay.kept[UP])
-    flight.relay.cut(60.0)
-    pause(0.6)
+    let_fly(UNDISTURBED_S)
+    recorded = list(flight.relay.recent_packets[UP])
+    flight.relay.cut_line(60.0)
+    let_fly(0.6)
     for packet in recorded * 2:
-        flight.relay.put(UP, packet)
+        flight.relay.send_bytes(UP, packet)
         sleep(0.005)
 
 
-def poured(direction: int, total: int, seconds: float) -> Act:
+def pour_garbage(direction: int, total: int, seconds: float) -> Act:
     """Random bytes, evenly over a time."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S / 2)
-        pour(flight, direction, total, seconds)
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S / 2)
+        send_stream(flight, direction, total, seconds)
 
     return act
 
 
-def pour(flight: Flight, direction: int, total: int, seconds: float, real: tuple[bytes, ...] = ()) -> int:
+def send_stream(flight: FaultFlight, direction: int, total: int, seconds: float, real: tuple[bytes, ...] = ()) -> int:
     """Random bytes, or packets that were real ones, in datagrams; returns how many bytes."""
     draw, began, done, k = random.Random(2), monotonic(), 0, 0
     while done < total:
         due = total * min((monotonic() - began) / seconds, 1.0)
         while done < due:
             packet = real[k % len(real)] if real else draw.randbytes(min(DATAGRAM, total - done))
-            flight.relay.put(direction, packet)
+            flight.relay.send_bytes(direction, packet)
             done, k = done + len(packet), k + 1
         sleep(TICK_S)
     return done
 
 
-def flooded(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act:
+def flood_line(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act:
     """Frames of a recording, as many as make up a multiple of the line's usual load."""
 
-    def act(flight: Flight) -> None:
-        before, began = flight.relay.carried[direction], monotonic()
-        pause(FLOWN_S)
-        rate = (flight.relay.carried[direction] - before) / (monotonic() - began)
-        pour(flight, direction, int(times * rate * seconds), seconds, tuple(flight.relay.kept[direction]))
+    def act(flight: FaultFlight) -> None:
+        before, began = flight.relay.byte_counts[direction], monotonic()
+        let_fly(UNDISTURBED_S)
+        rate = (flight.relay.byte_counts[direction] - before) / (monotonic() - began)
+        send_stream(
+            flight, direction, int(times * rate * seconds), seconds, tuple(flight.relay.recent_packets[direction])
+        )
 
     return act
 
 
-def signalled(who: str, number: int, then: int | None = None, after: float = 1.0) -> Act:
+def send_signal(who: str, number: int, then: int | None = None, after: float = 1.0) -> Act:
     """A signal to a process, and perhaps another one later."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
-        process = flight.vehicle if who == "vehicle" else flight.pilot
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
+        process = flight.vehicle if who == "vehicle" else flight.autopilot
         process.send(number)
         if then is not None:
-            pause(after)
+            let_fly(after)
             process.send(then)
 
     return act
 
 
-def autopilot_again(flight: Flight) -> None:
+def restart_autopilot(flight: FaultFlight) -> None:
     """The autopilot is killed; when the vehicle has gone to failsafe, somebody starts another one."""
-    pause(FLOWN_S)
-    flight.pilot.kill()
+    let_fly(UNDISTURBED_S)
+    flight.autopilot.kill()
     flight.vehicle.wait_for("failsafe: no command")
-    flight.start_pilot(1.5)
-    flight.armed(2)
+    flight.start_autopilot(1.5)
+    flight.wait_for_arming(2)
 
 
-def vehicle_again(flight: Flight) -> None:
+def restart_vehicle(flight: FaultFlight) -> None:
     """The vehicle is killed, and started again: its clock begins at zero, and it has not been armed."""
-    pause(FLOWN_S)
+    let_fly(UNDISTURBED_S)
     flight.vehicle.kill()
     flight.start_vehicle(1.0)
-    flight.pilot.wait_for("heard again")
-    pause(1.0)
-    for one in (flight.pilot, flight.vehicle):
+    flight.autopilot.wait_for("heard again")
+    let_fly(1.0)
+    for one in (flight.autopilot, flight.vehicle):
         one.send(signal.SIGINT)
 
 
-def writer_killed(who: str) -> Act:
+def kill_writer(who: str) -> Act:
     """The process that writes a log is killed."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
-        process = flight.vehicle if who == "vehicle" else flight.pilot
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
+        process = flight.vehicle if who == "vehicle" else flight.autopilot
         for child in process.children("stream_writer"):
             os.kill(child, signal.SIGKILL)
 
     return act
 
 
-def unplugged(which: int, seconds: float) -> Act:
+def unplug_device(which: int, seconds: float) -> Act:
     """A serial device is gone for a while."""
 
-    def act(flight: Flight) -> None:
+    def act(flight: FaultFlight) -> None:
         assert isinstance(flight.ends, Terminals)
-        pause(FLOWN_S)
-        flight.ends.unplug(which)
-        pause(seconds)
-        flight.ends.plug(which)
+        let_fly(UNDISTURBED_S)
+        flight.ends.unplug_device(which)
+        let_fly(seconds)
+        flight.ends.plug_device(which)
 
     return act
 
 
-def stranger(signed: bool) -> Act:
+def disarm_without_key(signed: bool) -> Act:
     """Somebody without the key asks, a hundred times, to disarm."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
         key = passphrase_key("another-key-than-that-of-the-vehicle") if signed else None
         link = open_link(flight.ends.listen)
-        end = Endpoint(flight.known.dialect, *INJECTOR, key, unsigned=not signed, datagrams=True)
-        asked = {"command": Order.ARM, "param1": 0.0, "target_system": 1, "target_component": 1}
+        end = Endpoint(flight.knowledge.dialect, *INJECTOR, key, unsigned=not signed, datagrams=True)
+        asked = {"command": CommandCode.ARM, "param1": 0.0, "target_system": 1, "target_component": 1}
         for _ in range(100):
             link.send(end.pack("COMMAND_LONG", asked))
             sleep(0.01)
@@ -219,7 +221,7 @@ def stranger(signed: bool) -> Act:
     return act
 
 
-def nothing(_: Flight) -> None:
+def do_nothing(_: FaultFlight) -> None:
     """A flight as it should be."""
 
 

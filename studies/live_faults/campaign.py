@@ -11,16 +11,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from studies.live_faults.case import Outcome, fly_case
-from studies.live_faults.cases import cases
-from studies.live_faults.flight import NAME, Ground, ground
+from studies.live_faults.case import CaseOutcome, fly_case
+from studies.live_faults.cases import all_cases
+from studies.live_faults.flight import NAME, VehicleKnowledge, collect_knowledge
 from trimtab.core.errors import InputError, closest
 from trimtab.scenarios import catalogue
 
 
-def chosen(names: Sequence[str]) -> list[str]:
+def select_cases(names: Sequence[str]) -> list[str]:
     """The names of these cases, or of all; refused where there is no such case."""
-    known = [case.name for case in cases()]
+    known = [case.name for case in all_cases()]
     for name in names:
         if name not in known:
             near = closest(name, known, 6) or known[:6]
@@ -29,8 +29,12 @@ def chosen(names: Sequence[str]) -> list[str]:
 
 
 def fly_cases(
-    names: Sequence[str], *, out: Path | None = None, jobs: int = 2, tell: Callable[[Outcome], None] = lambda _: None
-) -> list[Outcome]:
+    names: Sequence[str],
+    *,
+    out: Path | None = None,
+    jobs: int = 2,
+    tell: Callable[[CaseOutcome], None] = lambda _: None,
+) -> list[CaseOutcome]:
     """Fly cases of the campaign.
 
     Args:
@@ -42,20 +46,20 @@ def fly_cases(
     apart = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
         where = out or Path(scratch)
-        flown = {pool.submit(_fly, name, where / name): name for name in names}
+        flown = {pool.submit(_fly_named_case, name, where / name): name for name in names}
         for one in as_completed(flown):
             tell(one.result())
         found = {name: one.result() for one, name in flown.items()}
     return [found[name] for name in names]
 
 
-def _fly(name: str, folder: Path) -> Outcome:
+def _fly_named_case(name: str, folder: Path) -> CaseOutcome:
     """In a process of the pool."""
-    case = next(case for case in cases() if case.name == name)
-    return fly_case(case, _ground(), folder)
+    case = next(case for case in all_cases() if case.name == name)
+    return fly_case(case, _cached_ground(), folder)
 
 
 @functools.cache
-def _ground() -> Ground:
-    scenario, _ = catalogue.load(NAME)
-    return ground(scenario)
+def _cached_ground() -> VehicleKnowledge:
+    scenario, _ = catalogue.load_scenario(NAME)
+    return collect_knowledge(scenario)

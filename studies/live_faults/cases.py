@@ -4,7 +4,7 @@ from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, STOPS, VEHICLE, Case
 from studies.live_faults.cases_of_ends import CLOCKS, DISKS, PROCESSES, WRITERS
 from studies.live_faults.cases_of_lines import FRAMES, POURED
-from studies.live_faults.words import Words, counted, gap, told
+from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, logged_event
 
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
@@ -17,58 +17,58 @@ LOST_S = 9.0
 """A second until something is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift fan is off."""
 
 
-def fault_words() -> list[Case]:
+def fault_cases() -> list[Case]:
     """Each word on each part of the vehicle, for a second."""
-    return [_word(part, word) for part in PARTS for word in WORDS]
+    return [_fault_case(part, word) for part in PARTS for word in WORDS]
 
 
-def _word(part: str, word: str) -> Case:
+def _fault_case(part: str, word: str) -> Case:
     place = part.replace("sensor:", "sensors.")
     uplink = part == "uplink"
     silent = word in SILENT if uplink else (part, word) == NOT_A_NUMBER
     ends = STOPS if silent else EITHER if uplink else FLIES
-    says: tuple[Words, ...] = (told(VEHICLE, rf"world\.{place}\.fault\.word = {word}"),)
+    says: tuple[EvidenceCheck, ...] = (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}"),)
     return Case(
         f"{part.rpartition(':')[2]}-{word}",
         f"`{part} {word} for 1 s`, injected",
-        acts.injected(f"{part} {word} for 1 s"),
+        acts.inject_fault(f"{part} {word} for 1 s"),
         ends,
         (*says, FAILSAFE) if ends == STOPS else says,
-        broken=1.0 if part == "actuators" else 0.0,
+        actuator_fault_s=1.0 if part == "actuators" else 0.0,
     )
 
 
-def losses() -> list[Case]:
+def loss_cases() -> list[Case]:
     """A part of the way from sensor to actuators gone and never back: whoever is left has to end the flight."""
-    ended = told(AUTOPILOT, "supervisor: ended: lost for too long")
-    return [_lost("sensor:navigation", ended), _lost("downlink", ended), _lost("uplink")]
+    ended = logged_event(AUTOPILOT, "supervisor: ended: lost for too long")
+    return [_loss_case("sensor:navigation", ended), _loss_case("downlink", ended), _loss_case("uplink")]
 
 
-def _lost(part: str, *more: Words) -> Case:
+def _loss_case(part: str, *more: EvidenceCheck) -> Case:
     place = part.replace("sensor:", "sensors.")
     return Case(
         f"{part.rpartition(':')[2]}-lost",
         f"`{part} off`, injected, for good",
-        acts.injected(f"{part} off"),
+        acts.inject_fault(f"{part} off"),
         STOPS,
-        (told(VEHICLE, rf"world\.{place}\.fault\.word = off"), *more, FAILSAFE),
+        (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = off"), *more, FAILSAFE),
         fly=LOST_S,
     )
 
 
-def cuts() -> list[Case]:
+def cut_cases() -> list[Case]:
     """The line cut both ways."""
-    return [_cut(seconds, serial) for serial in (False, True) for seconds in CUTS]
+    return [_cut_case(seconds, serial) for serial in (False, True) for seconds in CUTS]
 
 
-def _cut(seconds: float, serial: bool) -> Case:
+def _cut_case(seconds: float, serial: bool) -> Case:
     stops = seconds >= 0.25
-    lost = (gap(VEHICLE, "firmware.command.fresh", seconds * 0.9), counted(AUTOPILOT, "link.lost"))
-    again = (FAILSAFE, told(AUTOPILOT, "nothing from the vehicle"), told(AUTOPILOT, "heard again"))
+    lost = (flag_gap(VEHICLE, "firmware.command.fresh", seconds * 0.9), counter_rise(AUTOPILOT, "link.lost"))
+    again = (FAILSAFE, logged_event(AUTOPILOT, "nothing from the vehicle"), logged_event(AUTOPILOT, "heard again"))
     return Case(
         f"cut-{seconds:g}{'-serial' if serial else ''}",
         f"{'serial line' if serial else 'line'} cut for {seconds:g} s",
-        acts.cut(seconds),
+        acts.cut_line(seconds),
         STOPS if stops else FLIES,
         again if stops else lost,
         serial=serial,
@@ -76,6 +76,6 @@ def _cut(seconds: float, serial: bool) -> Case:
     )
 
 
-def cases() -> list[Case]:
+def all_cases() -> list[Case]:
     """All of them, in the order of the table."""
-    return [*fault_words(), *losses(), *cuts(), *PROCESSES, *CLOCKS, *DISKS, *WRITERS, *FRAMES, *POURED]
+    return [*fault_cases(), *loss_cases(), *cut_cases(), *PROCESSES, *CLOCKS, *DISKS, *WRITERS, *FRAMES, *POURED]

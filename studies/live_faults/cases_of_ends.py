@@ -4,31 +4,35 @@ import signal
 
 from studies.live_faults import acts, machine
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, KILLED, STOPS, VEHICLE, Case
-from studies.live_faults.words import counted, noted, reached, told
+from studies.live_faults.words import counter_rise, logged_event, peak_level, printed_line
 
-DEAD = told(AUTOPILOT, "the flying process is gone")
-SILENT = told(AUTOPILOT, "nothing from the vehicle")
+DEAD = logged_event(AUTOPILOT, "the flying process is gone")
+SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
 PROCESSES: list[Case] = [
-    Case("none", "nothing", acts.nothing, FLIES, (told(VEHICLE, "disarmed: disarm request"),)),
+    Case("none", "nothing", acts.do_nothing, FLIES, (logged_event(VEHICLE, "disarmed: disarm request"),)),
     Case(
         "vehicle-killed",
         "vehicle's process killed",
-        acts.signalled("vehicle", signal.SIGKILL),
-        words=(told(VEHICLE, "the flying process is gone"), SILENT),
+        acts.send_signal("vehicle", signal.SIGKILL),
+        evidence_checks=(logged_event(VEHICLE, "the flying process is gone"), SILENT),
         statuses={VEHICLE: (KILLED,)},
     ),
     Case(
         "vehicle-restarted",
         "vehicle's process killed and started again; nobody arms it",
-        acts.vehicle_again,
-        words=(told(VEHICLE, "the flying process is gone"), SILENT, told(AUTOPILOT, "heard again")),
+        acts.restart_vehicle,
+        evidence_checks=(
+            logged_event(VEHICLE, "the flying process is gone"),
+            SILENT,
+            logged_event(AUTOPILOT, "heard again"),
+        ),
         statuses={VEHICLE: (KILLED,)},
         fly=120.0,
     ),
     Case(
         "autopilot-killed",
         "autopilot's process killed",
-        acts.signalled("autopilot", signal.SIGKILL),
+        acts.send_signal("autopilot", signal.SIGKILL),
         STOPS,
         (FAILSAFE, DEAD),
         statuses={AUTOPILOT: (KILLED,)},
@@ -36,38 +40,38 @@ PROCESSES: list[Case] = [
     Case(
         "autopilot-restarted",
         "autopilot's process killed; in failsafe, a person starts another, which asks to arm",
-        acts.autopilot_again,
+        acts.restart_autopilot,
         STOPS,
-        (FAILSAFE, DEAD, told("autopilot-2", "vehicle: computer: arm request")),
+        (FAILSAFE, DEAD, logged_event("autopilot-2", "vehicle: computer: arm request")),
         statuses={AUTOPILOT: (KILLED,)},
         fly=20.0,
     ),
     Case(
         "autopilot-interrupted",
         "Ctrl-C on the autopilot",
-        acts.signalled("autopilot", signal.SIGINT),
+        acts.send_signal("autopilot", signal.SIGINT),
         FLIES,
-        (told(VEHICLE, "disarmed: disarm request"),),
+        (logged_event(VEHICLE, "disarmed: disarm request"),),
     ),
     Case(
         "vehicle-interrupted",
         "Ctrl-C on the vehicle",
-        acts.signalled("vehicle", signal.SIGINT),
-        words=(told(VEHICLE, "ended by request"), SILENT),
+        acts.send_signal("vehicle", signal.SIGINT),
+        evidence_checks=(logged_event(VEHICLE, "ended by request"), SILENT),
     ),
     Case(
         "autopilot-frozen",
         "autopilot's process stopped for 1 s (SIGSTOP, SIGCONT)",
-        acts.signalled("autopilot", signal.SIGSTOP, signal.SIGCONT),
+        acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT),
         STOPS,
-        (FAILSAFE, counted(AUTOPILOT, "loop.skipped", 400)),
+        (FAILSAFE, counter_rise(AUTOPILOT, "loop.skipped", 400)),
     ),
     Case(
         "vehicle-frozen",
         "vehicle's process stopped for 1 s (SIGSTOP, SIGCONT)",
-        acts.signalled("vehicle", signal.SIGSTOP, signal.SIGCONT),
+        acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT),
         EITHER,
-        (reached(VEHICLE, "firmware.late", 0.9), SILENT),
+        (peak_level(VEHICLE, "firmware.late", 0.9), SILENT),
     ),
 ]
 """Ends that die, stop, or are told to end."""
@@ -77,9 +81,9 @@ CLOCKS: list[Case] = [
         f"{who}'s wall clock stepped {'on' if seconds > 0 else 'back'} by an hour",
         machine.step_clock,
         FLIES,
-        (told(VEHICLE, "disarmed: disarm request"),),
-        prepare=machine.stepping(who, seconds),
-        needs=machine.no_compiler,
+        (logged_event(VEHICLE, "disarmed: disarm request"),),
+        prepare=machine.prepare_clock_step(who, seconds),
+        missing_requirement=machine.explain_no_compiler,
     )
     for who in ("vehicle", "autopilot")
     for seconds in (3600, -3600)
@@ -89,11 +93,11 @@ DISKS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-disk-full{'-again' if after else ''}",
         f"disk full below the {name.partition('-')[0]}'s log" + (f", {after:g} s later free again" if after else ""),
-        machine.fill(name, after),
+        machine.fill_disk(name, after),
         FLIES,
-        (noted(name, "can't be written"), *([told(name, "the log has a gap")] if after else [])),
-        prepare=machine.small_disk(name),
-        needs=machine.no_mount,
+        (printed_line(name, "can't be written"), *([logged_event(name, "the log has a gap")] if after else [])),
+        prepare=machine.prepare_small_disk(name),
+        missing_requirement=machine.explain_no_mount,
         partial=(name,),
         statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
     )
@@ -105,9 +109,9 @@ WRITERS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-writer-killed",
         f"the process that writes the {name.partition('-')[0]}'s log killed",
-        acts.writer_killed(name.partition("-")[0]),
+        acts.kill_writer(name.partition("-")[0]),
         FLIES,
-        (noted(name, "log's writer died"),),
+        (printed_line(name, "log's writer died"),),
         partial=(name,),
         statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},
     )

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from time import sleep
 
-from studies.live_faults.acts import FLOWN_S
-from studies.live_faults.flight import Flight, pause
+from studies.live_faults.acts import UNDISTURBED_S
+from studies.live_faults.flight import FaultFlight, let_fly
 
 DISK = 8_000_000
 """Bytes of the small disk."""
@@ -53,18 +53,18 @@ time_t time(time_t *where)
     return t.tv_sec;
 }
 """
-Prepare = Callable[[Flight], dict[str, dict[str, str]]]
+Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
 
 
-def no_compiler() -> str:
+def explain_no_compiler() -> str:
     """Why a process's wall clock can't be stepped here."""
     return "" if shutil.which("cc") else "there is no C compiler to build a wall clock with"
 
 
-def stepping(who: str, seconds: int) -> Prepare:
+def prepare_clock_step(who: str, seconds: int) -> Prepare:
     """A process whose wall clock jumps when `step_clock` says so: a library put in front of the C library's."""
 
-    def prepare(flight: Flight) -> dict[str, dict[str, str]]:
+    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
         source, library = flight.folder / "clock.c", flight.folder / "clock.so"
         source.write_text(CLOCK, "ascii")
         subprocess.run(["cc", "-O1", "-fPIC", "-shared", "-o", library, source, "-ldl"], check=True)
@@ -74,24 +74,24 @@ def stepping(who: str, seconds: int) -> Prepare:
     return prepare
 
 
-def step_clock(flight: Flight) -> None:
+def step_clock(flight: FaultFlight) -> None:
     """The wall clock jumps, and stays there."""
-    pause(FLOWN_S)
+    let_fly(UNDISTURBED_S)
     (flight.folder / "stepped").touch()
 
 
-def no_mount() -> str:
+def explain_no_mount() -> str:
     """Why there can be no small disk here."""
     if not hasattr(os, "geteuid") or os.geteuid() != 0:
         return "only root may mount a small disk"
     return "" if shutil.which("mount") else "there is no mount"
 
 
-def small_disk(name: str) -> Prepare:
+def prepare_small_disk(name: str) -> Prepare:
     """A disk of eight megabytes, where a process writes its log."""
 
-    def prepare(flight: Flight) -> dict[str, dict[str, str]]:
-        where = flight.out(name)
+    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
+        where = flight.log_folder(name)
         where.mkdir()
         try:
             subprocess.run(
@@ -99,22 +99,22 @@ def small_disk(name: str) -> Prepare:
             )
         except subprocess.CalledProcessError as error:
             raise OSError(f"mount: {error.stderr.decode().strip()}") from None
-        flight.cleaning.append(lambda: _give_back(where))
+        flight.cleanups.append(lambda: _unmount(where))
         return {}
 
     return prepare
 
 
-def _give_back(where: Path) -> None:
+def _unmount(where: Path) -> None:
     subprocess.run(["umount", "-l", where], check=False, capture_output=True)
 
 
-def fill(name: str, free_after: float | None) -> Callable[[Flight], None]:
+def fill_disk(name: str, free_after: float | None) -> Callable[[FaultFlight], None]:
     """All that is left of the small disk is taken, and perhaps given back."""
 
-    def act(flight: Flight) -> None:
-        pause(FLOWN_S)
-        ballast = flight.out(name) / "ballast"
+    def act(flight: FaultFlight) -> None:
+        let_fly(UNDISTURBED_S)
+        ballast = flight.log_folder(name) / "ballast"
         with ballast.open("wb", 0) as file:
             try:
                 while True:

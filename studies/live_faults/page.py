@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from studies.live_faults.case import Outcome
+from studies.live_faults.case import CaseOutcome
 from studies.live_faults.verdict import BOUNDS, LIFT_S, SERVO_S, SILENCE_S
 from trimtab import __version__
 
@@ -62,16 +62,16 @@ fails where it doesn't.
 """
 
 
-def page(outcomes: Sequence[Outcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:
+def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:
     """The page, in Markdown.
 
     Args:
         outcomes: of the cases that were flown.
-        run: how they were, as `flown` says it.
+        run: how they were, as `describe_flights` says it.
         before: the page as it was; its other rows and runs stay. Empty: there was none, or all is new.
         order: names of all cases, in the order of the rows.
     """
-    rows = _rows(before) | {one.name: _row(one) for one in outcomes}
+    rows = _read_rows(before) | {one.name: _format_row(one) for one in outcomes}
     rows = {name: rows[name] for name in [*order, *rows] if name in rows and (name in order or not order)}
     verdicts = [row.rpartition(" | ")[2].removesuffix(" |") for row in rows.values()]
     units = {"yaw rate": "rad/s"}
@@ -81,39 +81,39 @@ def page(outcomes: Sequence[Outcome], run: str, before: str = "", order: Sequenc
         held=verdicts.count("holds"),
         skipped=sum(v.startswith("skipped") for v in verdicts),
         failed=sum(v.startswith("**fails**") for v in verdicts),
-        runs="; ".join([*_runs(before), run]),
+        runs="; ".join([*_read_runs(before), run]),
         servo=SERVO_S * 1e3,
         silence=SILENCE_S * 1e3,
         lift=LIFT_S,
         bounds=", ".join(f"{n} {limit:g} {units.get(n, 'm/s')}" for n, limit in names.items()),
-        table="\n".join([_line(HEADINGS), _line("---" for _ in HEADINGS), *rows.values()]),
+        table="\n".join([_format_line(HEADINGS), _format_line("---" for _ in HEADINGS), *rows.values()]),
     )
 
 
-def flown(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
+def describe_flights(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
     """How cases were flown, in words. apart: not all of them together."""
     which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
     return f"{which} in {wall:.0f} s on {cores} cores (trimtab {__version__})"
 
 
-def _rows(before: str) -> dict[str, str]:
+def _read_rows(before: str) -> dict[str, str]:
     """Case -> its row of a page."""
     return {found[1]: found[0] for found in re.finditer(r"^\| `([^`]+)` \|.*\|$", before, re.MULTILINE)}
 
 
-def _runs(before: str) -> list[str]:
+def _read_runs(before: str) -> list[str]:
     """How the rows of a page were flown."""
     found = re.search(r"^Flown: (.*)\.$", before, re.MULTILINE)
     return found[1].split("; ") if found else []
 
 
-def _row(one: Outcome) -> str:
+def _format_row(one: CaseOutcome) -> str:
     verdict = {"holds": "holds", "skipped": f"skipped: {one.skipped}"}.get(
         one.verdict, f"**fails**: {'; '.join(one.problems)}"
     )
-    return _line((f"`{one.name}`", one.does, one.happened, "<br>".join(one.said), verdict))
+    return _format_line((f"`{one.name}`", one.does, one.happened, "<br>".join(one.said), verdict))
 
 
-def _line(cells: object) -> str:
+def _format_line(cells: object) -> str:
     texts = (" ".join(str(c).replace("|", "\\|").split()) for c in cells)  # type: ignore[attr-defined]
     return f"| {' | '.join(texts)} |"

@@ -23,9 +23,9 @@ class Process:
     """`trimtab …`, with what it says kept in a file."""
 
     def __init__(self, *words: str, folder: Path, name: str, environment: dict[str, str]) -> None:
-        self.name, self._said, self._out = name, folder / f"{name}.said", folder / f"{name}.json"
+        self.name, self._output_file, self._out = name, folder / f"{name}.said", folder / f"{name}.json"
         path = os.pathsep.join(p for p in sys.path if p)
-        with self._said.open("wb") as said, self._out.open("wb") as out:
+        with self._output_file.open("wb") as said, self._out.open("wb") as out:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "trimtab.cli", *words, "--json"],
                 stdin=subprocess.DEVNULL,
@@ -45,9 +45,9 @@ class Process:
         return self._process.poll()
 
     @property
-    def said(self) -> str:
+    def output_text(self) -> str:
         """What it has said to people so far."""
-        return self._said.read_text("utf-8", "replace")
+        return self._output_file.read_text("utf-8", "replace")
 
     @property
     def result(self) -> dict[str, Any] | None:
@@ -60,9 +60,9 @@ class Process:
     def wait_for(self, text: str, count: int = 1, patience: float = START_S) -> None:
         """Until it has said a text; NotReady where it ends or keeps silent."""
         given_up = monotonic() + patience
-        while self.said.count(text) < count:
+        while self.output_text.count(text) < count:
             if self.status is not None or monotonic() > given_up:
-                raise NotReady(f"{self.name} did not say {text!r}: {self.said.strip()[-300:]}")
+                raise NotReady(f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}")
             sleep(LOOK_S)
 
     def send(self, number: int) -> None:
@@ -81,7 +81,7 @@ class Process:
             self._process.wait(patience)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise NotReady(f"{self.name} did not end: {self.said.strip()[-300:]}") from None
+            raise NotReady(f"{self.name} did not end: {self.output_text.strip()[-300:]}") from None
 
     def kill(self) -> None:
         """Without a word."""

@@ -18,7 +18,7 @@ from typing import Any
 UP, DOWN = 0, 1
 """Directions: to the vehicle, to the autopilot."""
 PRIORITY = 39
-KEPT = 4000
+MOST_RECENT = 4000
 """Packets remembered of each direction."""
 Bend = Callable[[bytes], list[tuple[float, bytes]]]
 """What becomes of a packet: delays in s, and bytes."""
@@ -33,23 +33,23 @@ class Relay:
     def __init__(self, ends: "Datagrams | Terminals") -> None:
         self._ends = ends
         self.bend: dict[int, Bend] = {}
-        self.kept: tuple[deque[bytes], deque[bytes]] = deque(maxlen=KEPT), deque(maxlen=KEPT)
-        self.carried = [0, 0]
+        self.recent_packets: tuple[deque[bytes], deque[bytes]] = deque(maxlen=MOST_RECENT), deque(maxlen=MOST_RECENT)
+        self.byte_counts = [0, 0]
         self._cut_until = [0.0, 0.0]
-        self._late: list[tuple[float, int, int, bytes]] = []
+        self._delayed_packets: list[tuple[float, int, int, bytes]] = []
         self._count = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def cut(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
+    def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
         """Nothing passes for this long."""
         for direction in directions:
             self._cut_until[direction] = monotonic() + seconds
 
-    def put(self, direction: int, data: bytes) -> None:
+    def send_bytes(self, direction: int, data: bytes) -> None:
         """Bytes of ours, to an end."""
-        self._ends.give(direction, data)
+        self._ends.send_bytes(direction, data)
 
     def close(self) -> None:
         """Leave both ends alone."""
@@ -61,26 +61,26 @@ class Relay:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         while not self._stop.is_set():
-            due = self._late[0][0] - monotonic() if self._late else 0.05
+            due = self._delayed_packets[0][0] - monotonic() if self._delayed_packets else 0.05
             for direction, data in self._ends.wait(min(max(due, 0.0), 0.05)):
-                self._pass(direction, data)
-            while self._late and self._late[0][0] <= monotonic():
-                _, _, direction, data = heapq.heappop(self._late)
-                self._ends.give(direction, data)
+                self._forward(direction, data)
+            while self._delayed_packets and self._delayed_packets[0][0] <= monotonic():
+                _, _, direction, data = heapq.heappop(self._delayed_packets)
+                self._ends.send_bytes(direction, data)
 
-    def _pass(self, direction: int, data: bytes) -> None:
+    def _forward(self, direction: int, data: bytes) -> None:
         now = monotonic()
-        self.kept[direction].append(data)
-        self.carried[direction] += len(data)
+        self.recent_packets[direction].append(data)
+        self.byte_counts[direction] += len(data)
         if now < self._cut_until[direction]:
             return
         bend = self.bend.get(direction)
         for delay, bent in [(0.0, data)] if bend is None else bend(data):
             if delay > 0:
                 self._count += 1
-                heapq.heappush(self._late, (now + delay, self._count, direction, bent))
+                heapq.heappush(self._delayed_packets, (now + delay, self._count, direction, bent))
             else:
-                self._ends.give(direction, bent)
+                self._ends.send_bytes(direction, bent)
 
 
 class Datagrams:
@@ -110,7 +110,7 @@ class Datagrams:
                 found.append((UP if one is self._near else DOWN, data))
         return found
 
-    def give(self, direction: int, data: bytes) -> None:
+    def send_bytes(self, direction: int, data: bytes) -> None:
         """To an end, or lost."""
         with contextlib.suppress(OSError):
             if direction == UP:
@@ -132,10 +132,10 @@ class Terminals:
         self._pairs: list[tuple[int, int] | None] = [None, None]
         self._lock = threading.Lock()
         for which in (UP, DOWN):
-            self.plug(which)
+            self.plug_device(which)
         self.listen, self.link = (f"serial://{path}?baud=115200" for path in self._paths)
 
-    def plug(self, which: int) -> None:
+    def plug_device(self, which: int) -> None:
         """A device of an end (UP: the vehicle's) is there, or there again."""
         import pty
         import tty
@@ -148,7 +148,7 @@ class Terminals:
         with self._lock:
             self._pairs[which] = master, slave
 
-    def unplug(self, which: int) -> None:
+    def unplug_device(self, which: int) -> None:
         """It is gone, with an error for who has it open."""
         self._paths[which].unlink(missing_ok=True)
         with self._lock:
@@ -167,7 +167,7 @@ class Terminals:
                 found += [(masters[one], os.read(one, 4096)) for one in ready if one in there]
         return found
 
-    def give(self, direction: int, data: bytes) -> None:
+    def send_bytes(self, direction: int, data: bytes) -> None:
         """To an end; what has no room is lost, as on a line without flow control."""
         with self._lock, contextlib.suppress(OSError):
             pair = self._pairs[direction]
@@ -177,4 +177,4 @@ class Terminals:
     def close(self) -> None:
         """Give the devices back."""
         for which in (UP, DOWN):
-            self.unplug(which)
+            self.unplug_device(which)

@@ -22,14 +22,14 @@ REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover"
 """Why failsafe may be left, and armed time end without failsafe."""
 
 
-def stays(log: Log) -> list[tuple[int, int, int, int]]:
+def mode_stays(log: Log) -> list[tuple[int, int, int, int]]:
     """Each stay in a mode: mode, cause, first row, row after the last."""
     mode, cause = log["firmware.mode"].astype(int), log["firmware.cause"].astype(int)
     edges = [0, *(np.flatnonzero(np.diff(mode) | np.diff(cause)) + 1).tolist(), len(mode)]
     return [(mode[a], cause[a], a, b) for a, b in pairwise(edges)]
 
 
-def violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
+def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
     """Each rule that was broken; none for a vehicle that was safe.
 
     Args:
@@ -37,11 +37,17 @@ def violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bo
         broken: from when to when (s) the actuators obeyed nobody, because a fault of theirs was put in.
         whole: the log must have every row up to the end; else what it shows is judged.
     """
-    found = [*_drives(log, broken), *_silence(log), *_lift(log), *_latch(log), *_bounds(log)]
-    return [*found, *_gaps(log), *_end(log)] if whole else found
+    found = [
+        *_check_force(log, broken),
+        *_check_commands(log),
+        *_check_lift(log),
+        *_check_latch(log),
+        *_check_bounds(log),
+    ]
+    return [*found, *_check_gaps(log), *_check_end(log)] if whole else found
 
 
-def _gaps(log: Log) -> list[str]:
+def _check_gaps(log: Log) -> list[str]:
     """The log has every row."""
     steps = np.diff(log.t, prepend=log.t[0])
     return (
@@ -49,16 +55,16 @@ def _gaps(log: Log) -> list[str]:
     )
 
 
-def _force(log: Log) -> Any:
+def _force_magnitude(log: Log) -> Any:
     return np.hypot(log["actuators.u.FX"], log["actuators.u.FY"])
 
 
-def _drives(log: Log, broken: tuple[float, float] | None) -> list[str]:
+def _check_force(log: Log, broken: tuple[float, float] | None) -> list[str]:
     """No force but by a command."""
-    t, force = log.t, _force(log)
+    t, force = log.t, _force_magnitude(log)
     sound = np.ones(len(t), bool) if broken is None else (t < broken[0]) | (t > broken[1] + 2 * SERVO_S)
     found = []
-    for mode, cause, a, b in stays(log):
+    for mode, cause, a, b in mode_stays(log):
         if mode in (DISARMED, FAILSAFE):
             rows = np.arange(a, b)[(t[a:b] > t[a] + SERVO_S + ROW_S) & sound[a:b]]
             if len(rows) and force[rows].max() > 0:
@@ -67,13 +73,13 @@ def _drives(log: Log, broken: tuple[float, float] | None) -> list[str]:
     return found
 
 
-def _silence(log: Log) -> list[str]:
+def _check_commands(log: Log) -> list[str]:
     """While the computer flies, a command that was taken in every 250 ms."""
     steps = np.diff(log.t, prepend=log.t[0])
     seen = np.cumsum(np.where(steps > GAP_S, 0.0, steps))
     came = log["firmware.command.fresh"] & (np.diff(log["firmware.rejected"], prepend=0) == 0)
     found = []
-    for mode, _, a, b in stays(log):
+    for mode, _, a, b in mode_stays(log):
         times = seen[a:b][came[a:b]]
         if mode == COMPUTER and len(times):
             gap = np.diff(np.append(times, seen[b - 1])).max()
@@ -82,10 +88,10 @@ def _silence(log: Log) -> list[str]:
     return found
 
 
-def _lift(log: Log) -> list[str]:
+def _check_lift(log: Log) -> list[str]:
     """The lift fan stops a second after failsafe began, and at once when disarmed."""
     t, lift, found, since = log.t, log["firmware.lift"], [], None
-    for mode, _, a, b in stays(log):
+    for mode, _, a, b in mode_stays(log):
         since = (t[a] if since is None else since) if mode == FAILSAFE else None
         limit = t[a] if mode == DISARMED else None if since is None else since + LIFT_S
         if limit is not None and lift[a:b][t[a:b] > limit + ROW_S].any():
@@ -93,23 +99,27 @@ def _lift(log: Log) -> list[str]:
     return found
 
 
-def _latch(log: Log) -> list[str]:
+def _check_latch(log: Log) -> list[str]:
     """Failsafe is left only when somebody asks."""
     found, before = [], None
-    for mode, cause, a, _ in stays(log):
+    for mode, cause, a, _ in mode_stays(log):
         if before == FAILSAFE and mode != FAILSAFE and cause not in REASONS:
             found.append(f"left failsafe at {log.t[a]:.3f} s by {CAUSES[cause]}")
         before = mode
     return found
 
 
-def _end(log: Log) -> list[str]:
+def _check_end(log: Log) -> list[str]:
     mode = int(log["firmware.mode"][-1])
-    still = _force(log)[-1] == 0 and not log["firmware.lift"][-1]
-    return [] if mode in (DISARMED, FAILSAFE) and still else [f"at the end: {MODES[mode]}, {_force(log)[-1]:.2f} N"]
+    still = _force_magnitude(log)[-1] == 0 and not log["firmware.lift"][-1]
+    return (
+        []
+        if mode in (DISARMED, FAILSAFE) and still
+        else [f"at the end: {MODES[mode]}, {_force_magnitude(log)[-1]:.2f} N"]
+    )
 
 
-def _bounds(log: Log) -> list[str]:
+def _check_bounds(log: Log) -> list[str]:
     found = []
     for path, limit in BOUNDS.items():
         worst = float(np.abs(log[path]).max())
@@ -118,11 +128,13 @@ def _bounds(log: Log) -> list[str]:
     return found
 
 
-def course(log: Log) -> str:
+def describe_course(log: Log) -> str:
     """What the vehicle did, in words."""
     said, t = [], log.t
-    for mode, cause, a, b in stays(log)[1:]:
-        said.append(f"{MODES[mode]} ({CAUSES[cause]}) after {t[a] - _first(log):.2f} s" if said else "armed")
+    for mode, cause, a, b in mode_stays(log)[1:]:
+        said.append(
+            f"{MODES[mode]} ({CAUSES[cause]}) after {t[a] - _first_arming_time(log):.2f} s" if said else "armed"
+        )
         if mode == FAILSAFE:
             lift = t[a:b][log["firmware.lift"][a:b]]
             if len(lift) and b - a > len(lift):
@@ -131,13 +143,13 @@ def course(log: Log) -> str:
     return f"{'; '.join(said) or 'never armed'}; at most {surge:.2f} m/s"
 
 
-def _first(log: Log) -> float:
+def _first_arming_time(log: Log) -> float:
     """When it was first armed."""
-    changed = stays(log)
+    changed = mode_stays(log)
     return float(log.t[changed[1][2]]) if len(changed) > 1 else 0.0
 
 
-def tripped(log: Log) -> list[str]:
+def failsafe_causes(log: Log) -> list[str]:
     """The causes for which failsafe was entered."""
-    modes = [(mode, cause) for mode, cause, _, _ in stays(log)]
+    modes = [(mode, cause) for mode, cause, _, _ in mode_stays(log)]
     return [CAUSES[c] for (m, c), (p, _) in zip(modes[1:], modes, strict=False) if m == FAILSAFE and p != FAILSAFE]

@@ -6,22 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.live_faults.flight import Ended
+from studies.live_faults.flight import ProcessResult
 from trimtab.logs.log import Log
 
 
 class Evidence(NamedTuple):
     """What a flight left: what each process left, and the logs that can be read, by the process's name."""
 
-    ended: Mapping[str, Ended]
+    process_results: Mapping[str, ProcessResult]
     logs: Mapping[str, Log]
 
 
-Words = Callable[[Evidence], str]
+EvidenceCheck = Callable[[Evidence], str]
 """What a log says, quoted; empty where it doesn't."""
 
 
-def told(who: str, pattern: str) -> Words:
+def logged_event(who: str, pattern: str) -> EvidenceCheck:
     """An event of a log."""
 
     def look(evidence: Evidence) -> str:
@@ -34,7 +34,7 @@ def told(who: str, pattern: str) -> Words:
     return look
 
 
-def counted(who: str, path: str, least: int = 1) -> Words:
+def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
     """A counter of a log that has risen."""
 
     def look(evidence: Evidence) -> str:
@@ -47,7 +47,7 @@ def counted(who: str, path: str, least: int = 1) -> Words:
     return look
 
 
-def gap(who: str, path: str, least: float) -> Words:
+def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
     """A flag of a log that stayed down for at least this long (s) between two times that it was up."""
 
     def look(evidence: Evidence) -> str:
@@ -61,7 +61,7 @@ def gap(who: str, path: str, least: float) -> Words:
     return look
 
 
-def reached(who: str, path: str, least: float) -> Words:
+def peak_level(who: str, path: str, least: float) -> EvidenceCheck:
     """A number of a log that has reached a level."""
 
     def look(evidence: Evidence) -> str:
@@ -74,17 +74,17 @@ def reached(who: str, path: str, least: float) -> Words:
     return look
 
 
-def noted(who: str, pattern: str) -> Words:
+def printed_line(who: str, pattern: str) -> EvidenceCheck:
     """A line for people, on standard error."""
 
     def look(evidence: Evidence) -> str:
-        found = re.search(f".*(?:{pattern}).*", evidence.ended[who].said)
+        found = re.search(f".*(?:{pattern}).*", evidence.process_results[who].output_text)
         return f"{who}, to people: “{found[0].strip()}”" if found else ""
 
     return look
 
 
-def either(*several: Words) -> Words:
+def first_evidence(*several: EvidenceCheck) -> EvidenceCheck:
     """The first of several that is there."""
 
     def look(evidence: Evidence) -> str:

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trimtab.actuators.allocation import ThrustVectorAllocation, polar
+from trimtab.actuators.allocation import ThrustVectorAllocation, to_polar
 from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Allocation
-from trimtab.core.record import numeric, replace
-from trimtab.core.signals import PlanarForce, measured
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.signals import PlanarForce, new_sample
 
 ALLOCATION, DRIVE = ThrustVectorAllocation(), FanDrive()
 FAULTS = ("saturation", "dead-zone", "braking", "lookup-table")
@@ -29,7 +29,7 @@ def _chain(allocation, drive, FX, FY):
 
     def one(FX, FY):
         _, command = allocation.step(np.int64(0), (), PlanarForce(FX, FY))
-        _, out = drive.step(np.int64(0), drive.init(None), measured(np.int64(0), command))
+        _, out = drive.step(np.int64(0), drive.init(None), new_sample(np.int64(0), command))
         return command, out
 
     return jax.vmap(one)(FX, FY)
@@ -40,7 +40,7 @@ def _through(FX, FY, *without):
     for name in without:
         allocation = allocation.without(name) if name in allocation.IMPERFECTIONS else allocation
         drive = drive.without(name) if name in drive.IMPERFECTIONS else drive
-    return _chain(numeric(allocation), numeric(drive), np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0)
+    return _chain(to_arrays(allocation), to_arrays(drive), np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0)
 
 
 def _demands(n, size, seed=0):
@@ -54,7 +54,7 @@ def _demands(n, size, seed=0):
 @settings(deadline=None)
 @given(st.floats(-2, 2), st.floats(-2, 2))
 def test_polar_is_the_printed_form_and_back(FX, FY):
-    f, psi = polar(PlanarForce(jnp.float64(FX), jnp.float64(FY)))
+    f, psi = to_polar(PlanarForce(jnp.float64(FX), jnp.float64(FY)))
     assert abs(float(psi)) <= np.pi / 2
     if abs(FX) > 1e-100 and abs(FY) < 1e200 * abs(FX):
         assert float(f) == pytest.approx(np.sign(FX) * np.hypot(FX, FY), rel=1e-12, abs=1e-150)

@@ -6,20 +6,20 @@ import numpy as np
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.interfaces import Actuators, Allocation
 from trimtab.core.record import replace
-from trimtab.core.signals import PlanarForce, measured
+from trimtab.core.signals import PlanarForce, new_sample
 from trimtab.core.time import ms
 
 
 def test_demand_is_the_command_is_the_input():
     demand = PlanarForce(0.3, -0.7)
     _, value = DirectAllocation().step(0, (), demand)
-    _, out = jax.jit(DirectActuation().step)(0, (), measured(0, value))
+    _, out = jax.jit(DirectActuation().step)(0, (), new_sample(0, value))
     assert (float(out.u.FX), float(out.u.FY)) == (0.3, -0.7)
 
 
 def test_neutral_until_there_is_a_command():
     actuation = DirectActuation(neutral_input=PlanarForce(0.1, 0.2), period=ms(6))
-    nothing = replace(measured(0, PlanarForce(5.0, 6.0)), valid=False)
+    nothing = replace(new_sample(0, PlanarForce(5.0, 6.0)), valid=False)
     _, out = actuation.step(0, (), nothing)
     assert (float(out.u.FX), float(out.u.FY)) == (0.1, 0.2)
     assert actuation.neutral().u is actuation.neutral_input
@@ -28,7 +28,7 @@ def test_neutral_until_there_is_a_command():
 
 def test_any_record_can_be_the_input():
     actuation = DirectActuation(neutral_input={"elevator": np.zeros(2)})
-    _, out = actuation.step(0, (), measured(0, {"elevator": np.array([0.1, 0.2])}))
+    _, out = actuation.step(0, (), new_sample(0, {"elevator": np.array([0.1, 0.2])}))
     assert out.u["elevator"].tolist() == [0.1, 0.2]
 
 

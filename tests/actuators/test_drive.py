@@ -15,8 +15,8 @@ from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Actuators
-from trimtab.core.record import numeric, replace
-from trimtab.core.signals import Sample, measured
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.signals import Sample, new_sample
 from trimtab.core.time import ms
 
 DRIVE = FanDrive()
@@ -77,7 +77,7 @@ def _plain(pulse, speed, valid, braking=True):
 def test_agrees_with_the_plain_simulation(seed):
     pulse, speed = _commands(seed)
     valid = np.arange(STEPS) >= 150
-    out = _simulate(numeric(DRIVE), pulse, speed, valid)
+    out = _simulate(to_arrays(DRIVE), pulse, speed, valid)
     FX, FY, f, theta, n, braking, brakes = _plain(pulse, speed, valid)
     assert brakes[-1] >= 3
     for got, wanted in ((out.u.FX, FX), (out.u.FY, FY), (out.thrust, f), (out.rudder, theta), (out.brakings, brakes)):
@@ -90,7 +90,7 @@ def test_agrees_with_the_plain_simulation(seed):
 
 def test_nothing_happens_before_the_first_valid_command():
     pulse, speed = _commands()
-    out = _simulate(numeric(DRIVE), pulse[:60], speed[:60], np.zeros(60, bool))
+    out = _simulate(to_arrays(DRIVE), pulse[:60], speed[:60], np.zeros(60, bool))
     neutral = DRIVE.neutral()
     for got, rest in zip(jax.tree.leaves(out), jax.tree.leaves(neutral), strict=True):
         assert np.array_equal(got, np.broadcast_to(rest, 60))
@@ -99,7 +99,7 @@ def test_nothing_happens_before_the_first_valid_command():
 
 def test_command_takes_effect_with_the_next_frame():
     speed = np.where(np.arange(60) >= 21, 6000.0, 3000.0)
-    out = _simulate(numeric(DRIVE), np.full(60, 1.5e-3), speed, np.ones(60, bool))
+    out = _simulate(to_arrays(DRIVE), np.full(60, 1.5e-3), speed, np.ones(60, bool))
     assert np.array_equal(np.unique(out.speed_rpm[:40]), [3000])
     assert np.array_equal(np.unique(out.speed_rpm[40:]), [6000])
 
@@ -107,21 +107,21 @@ def test_command_takes_effect_with_the_next_frame():
 def test_brake_and_its_absence():
     speed = np.where(np.arange(400) < 100, -4000.0, 4000.0)
     pulse, valid = np.full(400, 1.5e-3), np.ones(400, bool)
-    out = _simulate(numeric(DRIVE), pulse, speed, valid)
+    out = _simulate(to_arrays(DRIVE), pulse, speed, valid)
     assert np.array_equal(np.asarray(out.mode), [REVERSE] * 100 + [BRAKING] * 150 + [FORWARD] * 150)
     assert np.array_equal(np.asarray(out.u.FX) == 0, np.asarray(out.mode) == BRAKING)
-    free = _simulate(numeric(DRIVE.without("braking")), pulse, speed, valid)
+    free = _simulate(to_arrays(DRIVE.without("braking")), pulse, speed, valid)
     assert np.array_equal(free.speed_rpm, speed)
     assert int(free.brakings[-1]) == 0
 
 
 def test_without_saturation_limits_are_gone():
     pulse = np.full(20, 3.5e-3)
-    out = _simulate(numeric(DRIVE.without("saturation")), pulse, np.full(20, 20e3), np.ones(20, bool))
+    out = _simulate(to_arrays(DRIVE.without("saturation")), pulse, np.full(20, 20e3), np.ones(20, bool))
     assert float(out.speed_rpm[0]) == 20e3
     assert float(out.rudder[0]) > 80 * DEG
     assert not np.asarray(out.speed_saturated | out.rudder_saturated).any()
-    limited = _simulate(numeric(DRIVE), pulse, np.full(20, 20e3), np.ones(20, bool))
+    limited = _simulate(to_arrays(DRIVE), pulse, np.full(20, 20e3), np.ones(20, bool))
     assert float(limited.speed_rpm[0]) == 12e3
     assert float(limited.rudder[0]) == pytest.approx(30 * DEG)
 
@@ -130,24 +130,24 @@ def test_without_tables_the_formula_gives_the_force():
     rng = np.random.default_rng(4)
     pulse, speed, valid = rng.uniform(1e-3, 2e-3, 100), rng.uniform(0, 12e3, 100), np.ones(100, bool)
     drive = replace(DRIVE.without("lookup-table"), frame=ms(1))
-    out = _simulate(numeric(drive), pulse, speed, valid)
+    out = _simulate(to_arrays(drive), pulse, speed, valid)
     assert np.allclose(out.thrust, 1.6 / 144e6 * speed**2 * np.cos(np.asarray(out.rudder) - 0.566 * DEG), atol=1e-12)
-    tabulated = _simulate(numeric(replace(DRIVE, frame=ms(1))), pulse, speed, valid)
+    tabulated = _simulate(to_arrays(replace(DRIVE, frame=ms(1))), pulse, speed, valid)
     assert 1e-5 < np.abs(tabulated.thrust - out.thrust).max() < 2e-3
 
 
 def test_weak_fan_and_slow_fan():
     pulse, speed, valid = np.full(300, 1.5e-3), np.full(300, 8000.0), np.ones(300, bool)
-    full = _simulate(numeric(DRIVE), pulse, speed, valid)
-    weak = _simulate(numeric(replace(DRIVE, effectiveness=0.7)), pulse, speed, valid)
+    full = _simulate(to_arrays(DRIVE), pulse, speed, valid)
+    weak = _simulate(to_arrays(replace(DRIVE, effectiveness=0.7)), pulse, speed, valid)
     assert np.allclose(weak.u.FX, 0.7 * full.u.FX)
-    slow = _simulate(numeric(replace(DRIVE, thruster=Thruster(time_constant=0.1))), pulse, speed, valid)
+    slow = _simulate(to_arrays(replace(DRIVE, thruster=Thruster(time_constant=0.1))), pulse, speed, valid)
     assert np.allclose(slow.speed_rpm, 8000 * -np.expm1(-np.arange(1, 301) * 1e-2))
 
 
 def test_force_is_differentiable_in_the_command():
     def force(x):
-        _, out = DRIVE.step(np.int64(0), DRIVE.init(None), measured(np.int64(0), DriveCommand(x[0], x[1])))
+        _, out = DRIVE.step(np.int64(0), DRIVE.init(None), new_sample(np.int64(0), DriveCommand(x[0], x[1])))
         return jnp.stack([out.u.FX, out.u.FY])
 
     slopes = jax.jit(jax.vmap(jax.jacfwd(force)))(np.array([[1.52e-3, 6020.0], [1.4e-3, -7000.0], [1.5e-3, 0.0]]))

@@ -13,14 +13,14 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe, FailsafeInput
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
-from trimtab.core.signals import PlanarForce, Sample, measured
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.signals import PlanarForce, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.native.compiler import find_compiler
 
 SAFE = (1.5e-3, 0.0)
 GOOD, STICKS = (1.7e-3, 6000.0), (1.4e-3, 2500.0)
-failsafe = numeric(Failsafe())
+failsafe = to_arrays(Failsafe())
 step = jax.jit(Failsafe.step)
 
 
@@ -271,7 +271,7 @@ def test_it_serves_another_command():
     )
     block.check()
     state = block.init()
-    arm = FailsafeInput(measured(0, PlanarForce(1.0, 0.5)), PlanarForce(0.0, 0.0), arm=True)
+    arm = FailsafeInput(new_sample(0, PlanarForce(1.0, 0.5)), PlanarForce(0.0, 0.0), arm=True)
     state, out = block.step(0, state, arm)
     assert (float(out.command.value.FX), float(out.command.value.FY)) == (1.0, 0.5)
 

@@ -19,7 +19,7 @@ from trimtab.actuators.lookup import (
 from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 
 FAN = Thruster()
 LUT, RLUT = full_speed_table(FAN), thrust_table(FAN)
@@ -33,7 +33,7 @@ def trip():
     """Rudder angle, demand, force after both tables, and whether the speed limit is nowhere in the demand's cell."""
     rng = np.random.default_rng(0)
     theta, force = rng.uniform(-35, 30, 200_000) * DEG, rng.uniform(-2, 2, 200_000)
-    back = np.asarray(at(numeric(RLUT), theta, at(numeric(LUT), theta, force)))
+    back = np.asarray(at(to_arrays(RLUT), theta, at(to_arrays(LUT), theta, force)))
     top = {s: np.abs(FAN.force(np.float64(s * 12000), RUDDER)) for s in (-1, 1)}
     row = np.minimum(np.floor((theta - RUDDER[0]) / (5 * DEG)).astype(int), 12)
     reach = np.where(force < 0, np.minimum(top[-1][row], top[-1][row + 1]), np.minimum(top[1][row], top[1][row + 1]))
@@ -69,18 +69,18 @@ def test_bilinear_inside_and_held_at_the_edges():
     oracle = RegularGridInterpolator((np.linspace(-1, 0.5, 4), np.linspace(10, 20, 6)), table.values)
     row, column = rng.uniform(-2, 2, 500), rng.uniform(5, 25, 500)
     held = np.stack([np.clip(row, -1, 0.5), np.clip(column, 10, 20)], axis=1)
-    assert np.allclose(at(numeric(table), row, column), oracle(held), atol=1e-12)
+    assert np.allclose(at(to_arrays(table), row, column), oracle(held), atol=1e-12)
 
 
 def test_exact_at_the_nodes():
     rows, columns = (a.ravel() for a in np.broadcast_arrays(LUT.rows(), LUT.columns()))
-    assert np.allclose(at(numeric(LUT), rows, columns), LUT.values.ravel(), atol=1e-8)
+    assert np.allclose(at(to_arrays(LUT), rows, columns), LUT.values.ravel(), atol=1e-8)
 
 
 @pytest.mark.parametrize(("step_rpm", "worst"), [(2.5, 2e-8), (100.0, 4e-5)])
 def test_inverse_at_the_nodes(step_rpm, worst):
     """Grid-node round trip 2e-8 N: the interpolation error of a thrust table with steps of 2.5 rpm."""
-    reverse = numeric(thrust_table(FAN, step_rpm))
+    reverse = to_arrays(thrust_table(FAN, step_rpm))
     rows, columns = (a.ravel() for a in np.broadcast_arrays(LUT.rows(), LUT.columns()))
     speed = LUT.values.ravel()
     inside = np.abs(speed) < 12000
@@ -108,8 +108,8 @@ def test_next_to_the_speed_limit_the_error_is_less_than_a_step(trip):
 
 def test_unreachable_demands_end_at_the_top_speed():
     one = jax.jit(BilinearTable.at)
-    assert one(numeric(LUT), 0.1, 1.9) == 12000
-    assert one(numeric(LUT), 0.1, -5.0) == -12000
+    assert one(to_arrays(LUT), 0.1, 1.9) == 12000
+    assert one(to_arrays(LUT), 0.1, -5.0) == -12000
 
 
 def test_differentiable():

@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from trimtab.actuators.motor import Motor, MotorInput, MotorState
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
 
 RPM = 30 / np.pi
-motor = numeric(Motor())
+motor = to_arrays(Motor())
 
 
 @jax.jit

@@ -12,9 +12,9 @@ from scipy.interpolate import interp1d
 
 from trimtab.actuators.rudder import DEG, RudderGeometry, RudderServo
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 
-SERVO = numeric(RudderServo())
+SERVO = to_arrays(RudderServo())
 GEOMETRY = RudderGeometry()
 MS = np.linspace(1.0, 2.0, 21)
 ANGLES = 35 * np.sin(72 * DEG * (MS - 1.5) / 0.5) / np.sin(72 * DEG)
@@ -54,10 +54,10 @@ def test_round_trip_of_pulses(width):
 
 
 def test_stops():
-    got = np.degrees(SERVO.limited(np.array([-90.0, -35.1, -20.0, 30.0, 31.0]) * DEG))
+    got = np.degrees(SERVO.limit_angle(np.array([-90.0, -35.1, -20.0, 30.0, 31.0]) * DEG))
     assert np.allclose(got, [-35, -35, -20, 30, 30])
     assert np.array_equal(
-        SERVO.at_stop(np.array([-35.0, -34.9, 0.0, 29.9, 30.0]) * DEG), [True, False, False, False, True]
+        SERVO.is_at_stop(np.array([-35.0, -34.9, 0.0, 29.9, 30.0]) * DEG), [True, False, False, False, True]
     )
 
 

@@ -10,12 +10,12 @@ import pytest
 from trimtab.actuators.motor import Motor, MotorInput, MotorState
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
 from trimtab.native.compiler import find_compiler
 
 RPM = 30 / np.pi
-motor, regulator = numeric(Motor()), numeric(SpeedRegulator())
+motor, regulator = to_arrays(Motor()), to_arrays(SpeedRegulator())
 TICK = 10
 
 

@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 
-FAN = numeric(Thruster())
+FAN = to_arrays(Thruster())
 STRAIGHT = 0.566 * DEG
 force = jax.jit(FAN.force)
 speed_rpm = jax.jit(FAN.speed_rpm)
@@ -90,13 +90,13 @@ def test_builds_tables_without_jax_but_traces_with_it():
 
 
 def test_lag_is_off_by_default_and_exact_when_on():
-    assert FAN.follow(100.0, 5000.0, 1e-3) == 5000.0
+    assert FAN.follow_speed(100.0, 5000.0, 1e-3) == 5000.0
     slow = replace(FAN, time_constant=0.2)
     speed = 0.0
     for _ in range(200):
-        speed = slow.follow(speed, 5000.0, 1e-3)
+        speed = slow.follow_speed(speed, 5000.0, 1e-3)
     assert speed == pytest.approx(5000 * (1 - np.exp(-1.0)), rel=1e-12)
-    assert jnp.isfinite(jax.grad(lambda c: replace(FAN, time_constant=c).follow(1.0, 2.0, 1e-3))(0.2))
+    assert jnp.isfinite(jax.grad(lambda c: replace(FAN, time_constant=c).follow_speed(1.0, 2.0, 1e-3))(0.2))
 
 
 def test_refused_maps():

@@ -38,7 +38,7 @@ def test_rows_hold_what_differs_and_what_came_of_it(flown):
     assert 0 < found.success.successes < 150, "the bound is meant to be met by some"
     assert (found.columns["success"] == (found.columns["error_rms:yaw_rate"] <= 2.1)).all()
     assert 2.2 < found.columns[MASS].min() < 2.6 < found.columns[MASS].max() < 3.1
-    assert found.flown == 150
+    assert found.flown_runs == 150
 
 
 @pytest.mark.parametrize("run", [0, 77, 149])

@@ -71,10 +71,10 @@ def test_killed_and_started_again_flies_what_is_missing(store, whole):
     assert 4 * BLOCK <= there < RUNS
     told = []
     again = small(RUNS).run(store, progress=told.append)
-    assert (again.flown, min(told) >= there, told[-1]) == (RUNS - there, True, RUNS)
+    assert (again.flown_runs, min(told) >= there, told[-1]) == (RUNS - there, True, RUNS)
     assert told == sorted(told), "two blocks under way, and one tale of how far it is"
     assert_same(again.columns, whole)
-    assert small(RUNS).run(store).flown == 0
+    assert small(RUNS).run(store).flown_runs == 0
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_killed_at_any_moment(store, whole):
         if before == RUNS:
             break
     again = small(RUNS).run(store)
-    assert again.flown == RUNS - before
+    assert again.flown_runs == RUNS - before
     assert_same(again.columns, whole)
 
 
@@ -110,7 +110,7 @@ def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
     there = kept(store)
     assert 3 * BLOCK <= there < RUNS
     again = small(RUNS).run(store)
-    assert again.flown == RUNS - there
+    assert again.flown_runs == RUNS - there
     assert_same(again.columns, whole)
 
 
@@ -156,10 +156,10 @@ def test_more_runs_and_fewer(store, whole):
     first = small(5 * BLOCK + 7).run(store)
     assert_same(first.columns, {n: c[: 5 * BLOCK + 7] for n, c in whole.items()})
     more = small(RUNS).run(store)
-    assert more.flown == RUNS - 5 * BLOCK - 7
+    assert more.flown_runs == RUNS - 5 * BLOCK - 7
     assert_same(more.columns, whole)
     fewer = small(100).run(store)
-    assert (fewer.flown, fewer.success.trials) == (0, 100)
+    assert (fewer.flown_runs, fewer.success.trials) == (0, 100)
     assert_same(fewer.columns, {n: c[:100] for n, c in whole.items()})
 
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from trimtab.cli import main
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.identify.allan import allan
+from trimtab.identify.allan import fit_allan
 from trimtab.logs.mcap import write_mcap
 from trimtab.logs.samples import samples
 from trimtab.run.simulate import simulate
@@ -54,7 +54,7 @@ def test_coefficients_lie_in_their_intervals(still):
     for path, N, K in ((RATE, GYRO_N, GYRO_K), (FORCE, FORCE_N, FORCE_K)):
         found = samples(still, path)
         for y in found.values.T:
-            fit = allan(y, found.period)
+            fit = fit_allan(y, found.period)
             inside += [fit.white.low <= N <= fit.white.high, fit.flicker.low == 0.0, fit.walk.low <= K <= fit.walk.high]
             assert fit.white.value == pytest.approx(N, rel=0.01)
     assert len(inside) == 18
@@ -114,9 +114,9 @@ def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_pat
     seldom = slice(None, None, 4)
     cases = {
         "short": (log.between(0, 5), "too short a log", "navigation/still"),
-        "moving": (Log(log.t, log.ticks, moved, log.declared), "truth.yaw_rate reaches 3 rad/s", "at rest"),
+        "moving": (Log(log.t, log.ticks, moved, log.declarations), "truth.yaw_rate reaches 3 rad/s", "at rest"),
         "gaps": (
-            Log(log.t[seldom], log.ticks[seldom], {p: log[p][seldom] for p in log.paths}, log.declared),
+            Log(log.t[seldom], log.ticks[seldom], {p: log[p][seldom] for p in log.paths}, log.declarations),
             "misses samples",
             "log_period",
         ),

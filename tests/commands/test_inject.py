@@ -9,8 +9,8 @@ from click.testing import CliRunner
 from trimtab.cli import main
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.autopilot_end import dialect_for
-from trimtab.live.injector import ready_for_faults
+from trimtab.live.autopilot_end import scenario_dialect
+from trimtab.live.injector import add_idle_faults
 from trimtab.loop.fault import WORDS
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
@@ -25,10 +25,10 @@ class Played:
     """A vehicle's end that answers as the real one, at one time, and keeps what was set."""
 
     def __init__(self, uri):
-        scenario, _ = catalogue.load(NAME)
+        scenario, _ = catalogue.load_scenario(NAME)
         self.link = open_link(uri, listen=True)
-        self.endpoint = Endpoint(dialect_for(scenario), 1, 1, unsigned=True)
-        parameters = Parameters(ready_for_faults(scenario).world, "world")
+        self.endpoint = Endpoint(scenario_dialect(scenario), 1, 1, unsigned=True)
+        parameters = Parameters(add_idle_faults(scenario).world, "world")
         self.station = Station(self.endpoint, parameters, {0: "computer"})
         self.set, self.loses, self._ended = [], 0, threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -40,7 +40,7 @@ class Played:
                 if self.loses:
                     self.loses -= 1
                     continue
-                handled = self.station.handle(message, NOW)
+                handled = self.station.handle_message(message, NOW)
                 self.set += [(e.path, e.value) for e in handled.events]
                 for packet in handled.replies:
                     self.link.send(packet)

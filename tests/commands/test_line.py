@@ -6,7 +6,14 @@ import stat
 
 import pytest
 
-from trimtab.commands.line import end_of, find_key, is_local, stamps_kept, until_interrupted, vehicle_of
+from trimtab.commands.line import (
+    catch_interrupts,
+    endpoint_factory,
+    find_key,
+    is_local,
+    store_stamps_ahead,
+    vehicle_name,
+)
 from trimtab.core.errors import InputError
 
 
@@ -80,7 +87,7 @@ def test_a_key_with_unsigned_is_refused(keys):
     ],
 )
 def test_there_is_one_key_a_vehicle(scenario, vehicle, keys):
-    assert vehicle_of(scenario) == vehicle
+    assert vehicle_name(scenario) == vehicle
     find_key(scenario, None, False, "udp://:1", create=True)
     assert [f.name for f in keys.glob("*.key")] == [f"{vehicle}.key"]
 
@@ -91,18 +98,18 @@ def test_stamps_are_kept_and_given_back(keys):
 
     key = find_key("hovercraft/forward", None, False, "udp://:1", create=True)
     _, messages = dialect({"compass": every()}, every())
-    make = end_of("udp://:1", (1, 191), key)
+    make = endpoint_factory("udp://:1", (1, 191), key)
     one = make(messages)
     with pytest.raises(InputError, match="another process sends with this key"):
         make(messages)
-    with stamps_kept(one):
+    with store_stamps_ahead(one):
         one.pack("HEARTBEAT")
     make(messages).close()
 
 
 def test_an_interrupt_raises_a_flag_and_a_second_one_ends_it():
     before = signal.getsignal(signal.SIGTERM)
-    with until_interrupted() as stop:
+    with catch_interrupts() as stop:
         assert not stop()
         os.kill(os.getpid(), signal.SIGTERM)
         assert stop()

@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from trimtab.commands.link_test import Request, link_test
+from trimtab.commands.link_test import LinkTestRequest, link_test
 from trimtab.core.errors import InputError
 from trimtab.links.latency import mean_latency
 from trimtab.links.latency_trace import read_trace
@@ -14,7 +14,7 @@ def echoing(tmp_path, monkeypatch):
     """The other end, under a name."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     stop = threading.Event()
-    thread = threading.Thread(target=link_test, args=(Request("loopback://bench", echo=True), stop.is_set))
+    thread = threading.Thread(target=link_test, args=(LinkTestRequest("loopback://bench", echo=True), stop.is_set))
     thread.start()
     yield "loopback://bench"
     stop.set()
@@ -22,7 +22,7 @@ def echoing(tmp_path, monkeypatch):
 
 
 def test_table_recordings_picture_and_settings(echoing, tmp_path, capsys):
-    request = Request(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found")
+    request = LinkTestRequest(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found")
     assert link_test(request)
     text = capsys.readouterr().out
     assert "2.9/22" in text
@@ -39,17 +39,17 @@ def test_table_recordings_picture_and_settings(echoing, tmp_path, capsys):
 def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
     from trimtab.commands import fly_scenario
 
-    assert link_test(Request(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found"))
+    assert link_test(LinkTestRequest(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found"))
     words = (tmp_path / "found" / "settings-2.9-22.txt").read_text().split()
     settings = dict(word.split("=", 1) for word in words[1::2])
-    world = fly_scenario.build(fly_scenario.Request("hovercraft/zero-velocity", settings)).world
+    world = fly_scenario.build_from_request(fly_scenario.RunRequest("hovercraft/zero-velocity", settings)).world
     for channel, path in ((world.uplink, "up"), (world.downlink, "down")):
         recorded = read_trace(tmp_path / "found" / f"{path}link-2.9-22.csv").latency_s
         assert mean_latency(channel.latency) == pytest.approx(recorded.mean(), rel=0.02, abs=2e-5)
 
 
 def test_json(echoing, capsys):
-    assert link_test(Request(echoing, loads=("1/8", "2/16"), requests=10, rate=100, as_json=True))
+    assert link_test(LinkTestRequest(echoing, loads=("1/8", "2/16"), requests=10, rate=100, as_json=True))
     found = json.loads(capsys.readouterr().out)
     assert [(load["load_up_kbps"], load["load_down_kbps"]) for load in found["loads"]] == [(1, 8), (2, 16)]
     for load in found["loads"]:
@@ -73,7 +73,7 @@ def test_json(echoing, capsys):
 )
 def test_wrong_input_is_refused_with_what_to_type(change, why):
     with pytest.raises(InputError) as caught:
-        link_test(Request(**{"uri": "loopback://bench", **change}))
+        link_test(LinkTestRequest(**{"uri": "loopback://bench", **change}))
     assert why in str(caught.value)
     assert caught.value.fix
 
@@ -82,6 +82,6 @@ def test_nobody_answers(tmp_path, monkeypatch, capsys):
     from trimtab.live import link_test as measuring
 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(measuring, "measure", lambda *_: None)
-    assert link_test(Request("loopback://nobody")) is False
+    monkeypatch.setattr(measuring, "measure_delays", lambda *_: None)
+    assert link_test(LinkTestRequest("loopback://nobody")) is False
     assert "--echo" in capsys.readouterr().err

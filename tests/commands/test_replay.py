@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from trimtab.commands.replay import Request, other_autopilot, replay
+from trimtab.commands.replay import ReplayRequest, replace_parts, replay
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
@@ -14,7 +14,7 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.recorded import recorded_scenario
+from trimtab.scenarios.recorded import rebuild_scenario
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 
@@ -30,7 +30,7 @@ def number() -> int:
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    scenario, _ = catalogue.load("hovercraft/spin")
+    scenario, _ = catalogue.load_scenario("hovercraft/spin")
     log = simulate(scenario, seed=2, duration=ms(400), log_period=ms(1), backend="c")
     return write_mcap(log, tmp_path_factory.mktemp("spin") / "run.mcap")
 
@@ -41,14 +41,14 @@ def wrong(file):
     log = read_mcap(file)
     values = log["law.demand.FY"].copy()
     values[250] = np.nextafter(values[250], np.inf)
-    made = Log(log.t, log.ticks, {**log.signals, "law.demand.FY": values}, log.declared, log.metadata, log.final)
+    made = Log(log.t, log.ticks, {**log.signals, "law.demand.FY": values}, log.declarations, log.metadata, log.final)
     return write_mcap(made, file.with_name("wrong.mcap"))
 
 
 def test_a_run_that_comes_again_is_good(file, capsys):
-    replay(Request(file))
+    replay(ReplayRequest(file))
     assert capsys.readouterr().out == "400 steps repeated bit by bit on c\n"
-    replay(Request(file, as_json=True))
+    replay(ReplayRequest(file, as_json=True))
     found = json.loads(capsys.readouterr().out)
     assert (found["exact"], found["equal"], found["first"], found["steps"]) == (True, True, None, 400)
     assert found["errors"]["yaw_rate"]["recorded"] == found["errors"]["yaw_rate"]["replayed"] > 0
@@ -56,12 +56,12 @@ def test_a_run_that_comes_again_is_good(file, capsys):
 
 def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong, capsys):
     with pytest.raises(SystemExit) as ended:
-        replay(Request(wrong))
+        replay(ReplayRequest(wrong))
     assert ended.value.code == 1
     said = capsys.readouterr().out
     assert "parts at 0.2500000 s: law.demand.FY was" in said
     with pytest.raises(SystemExit):
-        replay(Request(wrong, as_json=True))
+        replay(ReplayRequest(wrong, as_json=True))
     first = json.loads(capsys.readouterr().out)["first"]
     assert (first["t"], first["path"]) == (0.25, "law.demand.FY")
     assert first["recorded"] == np.nextafter(first["replayed"], np.inf)
@@ -69,7 +69,7 @@ def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong, capsys):
 
 def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path, capsys):
     instead = {"estimator": f"{__name__}:blind", "law.spinning.k2": "5"}
-    replay(Request(file, instead=instead, plot=tmp_path / "made" / "replay.png"))
+    replay(ReplayRequest(file, instead=instead, plot=tmp_path / "made" / "replay.png"))
     said = capsys.readouterr().out
     assert "400 steps flown with another autopilot" in said
     assert "yaw_rate: rms of its error" in said
@@ -78,9 +78,9 @@ def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path, 
 
 def test_choices_are_those_of_the_scenario(file):
     log = read_mcap(file)
-    scenario = recorded_scenario(log)
-    coupled, _ = catalogue.load("hovercraft/spin", {"navigation": "ins-coupled"})
-    found = other_autopilot(scenario, log, {"estimator": "ins-coupled"})
+    scenario = rebuild_scenario(log)
+    coupled, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-coupled"})
+    found = replace_parts(scenario, log, {"estimator": "ins-coupled"})
     assert type(found.estimator) is type(coupled.autopilot.estimator)
     assert type(found.law) is type(scenario.autopilot.law)
 
@@ -97,4 +97,4 @@ def test_choices_are_those_of_the_scenario(file):
 )
 def test_what_does_not_fit_is_refused(file, instead, said):
     with pytest.raises(InputError, match=said):
-        replay(Request(file, instead=instead))
+        replay(ReplayRequest(file, instead=instead))

@@ -46,7 +46,7 @@ def _no_cache(monkeypatch, tmp_path_factory):
 def made_up(tmp_path, monkeypatch):
     """make(value): a study of one group whose first row computes value, where 2.0 is printed."""
     monkeypatch.setattr(catalogue, "FOLDER", tmp_path)
-    monkeypatch.setattr(catalogue.Group, "_module", lambda self: namespace)
+    monkeypatch.setattr(catalogue.StudyGroup, "_module", lambda self: namespace)
     namespace = type("Module", (), {})
 
     def make(value):

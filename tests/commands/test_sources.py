@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trimtab.commands.sources import PACKAGE, files_read, fingerprint, package_files, sha256
+from trimtab.commands.sources import PACKAGE, fingerprint, list_package_files, record_read_files, sha256
 
 PROGRAM = """
 import sys
@@ -55,9 +55,9 @@ def test_reading_is_seen_only_meanwhile_and_by_all_who_look(tmp_path):
     files = [f"{name}.npy" for name in names]
     with open(files[0]):
         pass
-    with files_read() as outer:
+    with record_read_files() as outer:
         np.load(files[1])
-        with files_read() as inner:
+        with record_read_files() as inner:
             np.load(files[2])
     os.close(os.open(files[3], os.O_RDONLY))
     assert outer == {files[1], files[2]}
@@ -68,7 +68,7 @@ def test_reading_is_given_also_after_an_error(tmp_path):
     (tmp_path / "a").write_text("")
 
     def fail():
-        with files_read() as found:
+        with record_read_files() as found:
             seen.append(found)
             os.close(os.open(tmp_path / "a", os.O_RDONLY))
             os.close(os.open(tmp_path / "b", os.O_WRONLY | os.O_CREAT))
@@ -81,7 +81,7 @@ def test_reading_is_given_also_after_an_error(tmp_path):
 
 
 def test_package_files_are_all_of_the_source_and_nothing_compiled():
-    files = package_files()
+    files = list_package_files()
     names = {os.path.relpath(f, PACKAGE) for f in files}
     assert {"cli.py", "core/record.py", "scenarios/hovercraft/spin.py", "commands/sources.py"} <= names
     assert not [n for n in names if n.endswith(".pyc") or "__pycache__" in n]

@@ -6,12 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from trimtab.commands.stability_map import Request, axis, stability_map
+from trimtab.commands.stability_map import MapRequest, parse_axis, stability_map
 from trimtab.core.errors import InputError
 
 NAME = "hovercraft/zero-velocity"
 FEW = {"runs": 1, "depth": 1, "without": ("navigation-error",), "settings": {"duration": "6 s"}}
-ASKED = Request(NAME, "delay=0:0.6:4", "jitter=0:0.3:3", **FEW)
+ASKED = MapRequest(NAME, "delay=0:0.6:4", "jitter=0:0.3:3", **FEW)
 
 
 def test_numbers_as_json_and_a_picture(tmp_path, capsys):
@@ -50,10 +50,10 @@ def test_where_there_is_no_boundary_it_says_what_to_type(capsys, success, said):
 
 
 def test_axes_from_text():
-    found = axis("--x", "downlink-loss=0:0.5:6")
+    found = parse_axis("--x", "downlink-loss=0:0.5:6")
     assert (found.name, found.link, found.kind, len(found.values)) == ("downlink loss", "downlink", "loss", 6)
-    np.testing.assert_allclose(axis("--x", "world.vehicle.mass=80%:120%").values, np.linspace(0.8, 1.2, 5))
-    assert axis("--y", "world.vehicle.mass=2:3").name == "world.vehicle.mass"
+    np.testing.assert_allclose(parse_axis("--x", "world.vehicle.mass=80%:120%").values, np.linspace(0.8, 1.2, 5))
+    assert parse_axis("--y", "world.vehicle.mass=2:3").name == "world.vehicle.mass"
 
 
 @pytest.mark.parametrize(

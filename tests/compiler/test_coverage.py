@@ -5,8 +5,8 @@ import pytest
 
 from contracts import primitive_groups
 from contracts.compiled import LANES, Case, compiled, primitives
-from trimtab.compiler.coverage import COVERED, table
-from trimtab.compiler.function import lowered
+from trimtab.compiler.coverage import COVERED_PRIMITIVES, coverage_table
+from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import CALLS
 from trimtab.compiler.rules import RULES
 from trimtab.core.errors import InputError
@@ -14,16 +14,16 @@ from trimtab.core.float64 import jax, jnp
 
 
 def test_list_is_what_has_a_rule() -> None:
-    assert set(COVERED) == set(RULES) | set(CALLS)
+    assert set(COVERED_PRIMITIVES) == set(RULES) | set(CALLS)
 
 
 def test_every_entry_is_tried() -> None:
     tried = set().union(*(primitives(c.function, c.sets[0]) for make in primitive_groups.ALL for c in make()))
-    assert set(COVERED) - tried == set()
+    assert set(COVERED_PRIMITIVES) - tried == set()
 
 
 def test_table_has_a_row_for_each() -> None:
-    assert len(table().splitlines()) == len(COVERED) + 2
+    assert len(coverage_table().splitlines()) == len(COVERED_PRIMITIVES) + 2
 
 
 def test_subnormal_numbers_are_kept() -> None:
@@ -92,7 +92,7 @@ REFUSED = {
 def test_refused_with_line_and_way_out(name: str) -> None:
     function, instead = REFUSED[name]
     with pytest.raises(InputError) as caught:
-        lowered(function, (np.arange(4.0),))
+        lower_function(function, (np.arange(4.0),))
     text = str(caught.value)
     assert name.split()[0].split("_")[0] in text
     assert instead in caught.value.fix
@@ -104,12 +104,12 @@ def test_refused_with_line_and_way_out(name: str) -> None:
 
 def test_batches_of_matrices_are_refused() -> None:
     with pytest.raises(InputError, match="batch"):
-        lowered(jnp.linalg.cholesky, (np.ones((2, 3, 3)),))
+        lower_function(jnp.linalg.cholesky, (np.ones((2, 3, 3)),))
 
 
 def test_narrow_types_are_refused_in_lanes() -> None:
     with pytest.raises(InputError, match="i8"):
-        lowered(lambda x: x + 1, (np.ones(3, np.int8),)).text("go", LANES)
+        lower_function(lambda x: x + 1, (np.ones(3, np.int8),)).text("go", LANES)
 
 
 def test_known_programs_keep_their_shape() -> None:
@@ -119,5 +119,5 @@ def test_known_programs_keep_their_shape() -> None:
             x = x.at[k + i].set(1.0 * i)
         return x
 
-    text = lowered(ring, (np.zeros(100), np.int64(3))).text("go")
+    text = lower_function(ring, (np.zeros(100), np.int64(3))).text("go")
     assert text.count("[100];") == 1

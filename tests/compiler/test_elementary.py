@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from trimtab.compiler.elementary import FUNCTIONS, OWN, SINGLE, elementary
+from trimtab.compiler.elementary import FUNCTIONS, OWN_FUNCTIONS, SINGLE_PRECISION_NAMES, elementary_text
 from trimtab.core.errors import InputError
 
 GCC, GXX = shutil.which("gcc"), shutil.which("g++")
@@ -36,7 +36,7 @@ def driver(lanes: int) -> str:
     number, prefix, step = ("vf64", "ttv", lanes) if lanes else ("double", "tt", 1)
     loop = f"for (long i = 0; i < n; i += {step})"
     get = f"{number} a, b, r; memcpy(&a, x + i, sizeof a); memcpy(&b, z + i, sizeof b); (void)b;"
-    text = [elementary(lanes), '#ifdef __cplusplus\nextern "C" {\n#endif']
+    text = [elementary_text(lanes), '#ifdef __cplusplus\nextern "C" {\n#endif']
     signature = "(long n, const double *x, const double *z, double *y, double *w)"
     for name in (*ONE, *TWO):
         call = f"{prefix}_{name}({'a, b' if name in TWO else 'a'})"
@@ -319,26 +319,26 @@ def test_no_undefined_behaviour(tmp_path, lanes):
 @needs_compiler
 def test_only_what_is_wanted(tmp_path):
     """Every function compiles alone and brings no other with it but what it needs."""
-    text = elementary(names=["atan"])
+    text = elementary_text(names=["atan"])
     assert "tt_atan(" in text
     assert not [name for name in ("sin", "exp", "log", "atan2", "floor", "sinf") if f"tt_{name}(" in text]
     lines = []
-    for k, name in enumerate((*OWN, "pow", "atanhf", "sincosf", "is_finite")):
+    for k, name in enumerate((*OWN_FUNCTIONS, "pow", "atanhf", "sincosf", "is_finite")):
         source = tmp_path / f"one{k}.c"
-        source.write_text(elementary(names=[name]))
+        source.write_text(elementary_text(names=[name]))
         lines.append(str(source))
     subprocess.run(["gcc", "-std=c99", "-pedantic", *FLAGS, "-fsyntax-only", *lines], check=True)
-    (tmp_path / "one.cpp").write_text(elementary(8, names=["sincos"]))
+    (tmp_path / "one.cpp").write_text(elementary_text(8, names=["sincos"]))
     subprocess.run(["g++", *VECTOR, *FLAGS, "-fsyntax-only", str(tmp_path / "one.cpp")], check=True)
 
 
 @needs_compiler
 def test_single_precision_is_the_library_s(tmp_path):
-    names = [name for name in SINGLE if name != "sincos"]
+    names = [name for name in SINGLE_PRECISION_NAMES if name != "sincos"]
     calls = "".join(
         f"void do_{n}(float x, float *y) {{ *y = tt_{n}f({'x, 2.0f' if n in TWO else 'x'}); }}\n" for n in names
     )
-    (tmp_path / "f.c").write_text(elementary(names=[f"{n}f" for n in names]) + calls)
+    (tmp_path / "f.c").write_text(elementary_text(names=[f"{n}f" for n in names]) + calls)
     library = str(tmp_path / "f.so")
     subprocess.run(
         ["gcc", "-std=c99", *FLAGS, "-shared", "-fPIC", str(tmp_path / "f.c"), "-o", library, "-lm"], check=True
@@ -352,6 +352,6 @@ def test_single_precision_is_the_library_s(tmp_path):
 
 def test_refusals():
     with pytest.raises(InputError, match="3"):
-        elementary(3)
+        elementary_text(3)
     with pytest.raises(InputError, match="sinus"):
-        elementary(names=["sinus"])
+        elementary_text(names=["sinus"])

@@ -7,7 +7,7 @@ import numpy as np
 
 from contracts.parts import example, first_state
 from trimtab.core.record import Quantity, declarations
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 
 
 def is_same(a: Any, b: Any) -> bool:
@@ -38,7 +38,7 @@ def assert_stable(folder: str, one: Any) -> None:
     given = example(folder, one)
     state = first_state(folder, one, given, 0)
     now = np.int64(0)
-    new, _ = jax.eval_shape(lambda t: one.step(t, state, strong(given(t))), now)
+    new, _ = jax.eval_shape(lambda t: one.step(t, state, strengthen_types(given(t))), now)
     assert jax.tree.structure(new) == jax.tree.structure(state)
     for (path, a), b in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(new), strict=True):
         where = jax.tree_util.keystr(path)
@@ -54,7 +54,7 @@ def assert_pure(folder: str, one: Any) -> None:
     """
     given = example(folder, one)
     state = first_state(folder, one, given, 0)
-    x = strong(given(np.int64(0)))
+    x = strengthen_types(given(np.int64(0)))
     before = jax.tree.map(np.array, (one, state, x))
     programs = [jax.make_jaxpr(lambda t: one.step(t, state, x))(np.int64(0)) for _ in range(2)]
     assert str(programs[0]) == str(programs[1]), "two calls differ"

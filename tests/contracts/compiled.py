@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.float64 import jax
-from trimtab.native.build import build, load
+from trimtab.native.build import build_library, load_library
 
 CPU = Path("/proc/cpuinfo")
 LANES = 8 if CPU.exists() and "avx512dq" in CPU.read_text() else 4
@@ -52,12 +52,14 @@ def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[st
 def compiled(cases: list[Case], lanes: int, *flags: str) -> list[list[Any]]:
     """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C."""
     if lanes:
-        texts = [_spaced(lowered(c.function, c.sets[0]).text(f"go{k}", lanes), k) for k, c in enumerate(cases)]
-        library = load(build(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
+        texts = [_spaced(lower_function(c.function, c.sets[0]).text(f"go{k}", lanes), k) for k, c in enumerate(cases)]
+        library = load_library(build_library(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
         parts = [_run(getattr(library, f"go{k}"), c, lanes) for k, c in enumerate(cases)]
         return [[leaf for part in row for leaf in part] for row in zip(*parts, strict=True)]
     function, sets = together(cases)
-    library = load(build(lowered(function, sets[0]).text("go", 0), "c", extra=("-O1", "-w", *flags)))
+    library = load_library(
+        build_library(lower_function(function, sets[0]).text("go", 0), "c", extra=("-O1", "-w", *flags))
+    )
     return _run(library.go, Case("all", function, sets), 1)
 
 

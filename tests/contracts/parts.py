@@ -19,11 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Option, Part, Quantity, declarations, numeric, quantity, record
+from trimtab.core.record import Option, Part, Quantity, declarations, quantity, record, to_arrays
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame, Motion, PlanarForce, PlanarState, measured
+from trimtab.core.signals import Estimate, Frame, Motion, PlanarForce, PlanarState, new_sample
 from trimtab.core.time import ms
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 
 FOLDERS = ("vehicles", "sensors", "links", "estimators", "laws", "actuators")
 UNFIT = (AttributeError, KeyError, TypeError, IndexError, ValueError, InputError)
@@ -83,7 +83,7 @@ def made(cls: type) -> Any:
         except UNFIT as error:
             errors.append(str(error))
             continue
-        return numeric(one)
+        return to_arrays(one)
     raise AssertionError(f"{cls.__name__} can't be made from what its fields declare; give them defaults: {errors}")
 
 
@@ -131,7 +131,7 @@ def motion(t: Any) -> Motion:
 
 def vehicle_input(cls: type, t: Any) -> Any:
     """An input of a vehicle's input class."""
-    return planar_force(t) if cls is PlanarForce else numeric(_of(cls)(t))
+    return planar_force(t) if cls is PlanarForce else to_arrays(_of(cls)(t))
 
 
 def _of(cls: type) -> Any:
@@ -223,7 +223,7 @@ def example(folder: str, one: Any) -> Any:
     if folder == "sensors":
         return felt(one)
     if folder == "links":
-        return lambda t: measured(t, planar_state(t))
+        return lambda t: new_sample(t, planar_state(t))
     if folder == "laws":
         fits = [f for f in states() if set(one.reads) <= set(declarations(f(now)))]
         assert fits, f"{type(one).__name__} reads {one.reads}, which no state known here has"
@@ -243,9 +243,9 @@ def example(folder: str, one: Any) -> Any:
         raise AssertionError(f"{type(one).__name__}: no input that the contract tests know fits its step()")
 
     if folder == "estimators":
-        return takes(lambda t, v: Frame(t, {name: measured(t, v) for name in one.listens}), sensed())
+        return takes(lambda t, v: Frame(t, {name: new_sample(t, v) for name in one.listens}), sensed())
     if hasattr(one, "neutral"):
-        return takes(measured, commands())
+        return takes(new_sample, commands())
     return takes(lambda t, v: v, [planar_force, *states()])
 
 
@@ -253,7 +253,7 @@ def first_state(folder: str, one: Any, given: Any, run: Any) -> Any:
     """The state that a run starts from."""
     now = np.int64(0)
     state = one.init(key(run), given(now)) if folder == "links" else one.init(key(run))
-    return strong(state)
+    return strengthen_types(state)
 
 
 def period(one: Any) -> int:
@@ -266,7 +266,7 @@ def rollout(folder: str, one: Any, given: Any, run: Any, n: int) -> tuple[Any, A
 
     def body(state: Any, t: Any) -> Any:
         state_type = jax.tree.map(jnp.result_type, state)
-        new, out = one.step(t, state, strong(given(t)))
+        new, out = one.step(t, state, strengthen_types(given(t)))
         return jax.tree.map(jnp.asarray, new, state_type), out
 
     instants = jnp.arange(n, dtype=np.int64) * period(one)

@@ -10,8 +10,8 @@ import pytest
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import declarations, numeric, part, period, record, replace
-from trimtab.core.signals import Motion, measured
+from trimtab.core.record import declarations, part, period, record, replace, to_arrays
+from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms, to_seconds
 from trimtab.native.compiler import find_compiler
 
@@ -155,7 +155,7 @@ def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
     one = made(cls)
 
     def nothing(t):
-        sample = measured(t, parts.planar_state(t))
+        sample = new_sample(t, parts.planar_state(t))
         return replace(sample, valid=False, fresh=False)
 
     _, out = jax.jit(lambda one: rollout(folder, one, nothing, 0, STEPS))(one)
@@ -206,7 +206,7 @@ def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
         f for f in parts.states()[1:] if type(f(np.int64(0))) is parts.typing.get_type_hints(cls.dynamics)["x"]
     )
     takes = parts.typing.get_type_hints(cls.dynamics)["u"]
-    x, u = state(np.int64(0)), numeric(parts.vehicle_input(takes, ms(20)))
+    x, u = state(np.int64(0)), to_arrays(parts.vehicle_input(takes, ms(20)))
     rate = jax.jit(lambda c, x, u: c.dynamics(0.0, x, u))(one, x, u)
     assert jax.tree.structure(rate) == jax.tree.structure(x)
     checks.assert_finite(rate)
@@ -230,7 +230,7 @@ class _Counter:
         return jnp.asarray(0.0)
 
     def step(self, t, state, motion):
-        return state + 1.0, measured(t, parts.planar_state(t))
+        return state + 1.0, new_sample(t, parts.planar_state(t))
 
 
 class _Forgetful(_Counter):
@@ -243,7 +243,7 @@ class _Impure(_Counter):
 
     def step(self, t, state, motion):
         type(self).calls += 1
-        return state, measured(t, parts.planar_state(t + self.calls))
+        return state, new_sample(t, parts.planar_state(t + self.calls))
 
 
 def test_the_contracts_find_what_they_are_for():

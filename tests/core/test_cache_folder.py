@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from trimtab.core.cache_folder import cache_folder, is_ours
+from trimtab.core.cache_folder import cache_folder, is_owned_by_user
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_somebody_elses_folder_is_refused(home: Path) -> None:
 
 def test_others_may_read(home: Path) -> None:
     cache_folder("a").chmod(0o755)
-    assert is_ours(cache_folder("a").stat())
+    assert is_owned_by_user(cache_folder("a").stat())
 
 
 def test_file_in_its_place_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

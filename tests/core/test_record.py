@@ -18,13 +18,13 @@ from trimtab.core.record import (
     declarations,
     is_record,
     leaves,
-    numeric,
     option,
     part,
     period,
     quantity,
     record,
     replace,
+    to_arrays,
     with_leaf,
 )
 
@@ -153,7 +153,7 @@ def test_changing_an_option_compiles_again_and_a_quantity_does_not():
         traced.append(block.form)
         return block.gains.k1 * 2
 
-    first = numeric(Block())
+    first = to_arrays(Block())
     assert area(first) == 2.0
     assert area(with_leaf(first, "gains.k1", lambda v, _: np.asarray(9.0))) == 18.0
     assert traced == ["literal"]
@@ -207,7 +207,7 @@ def test_with_leaf_refuses_a_path_that_is_no_leaf(path):
 
 
 def test_numeric_gives_every_quantity_its_declared_type():
-    made = numeric(Block())
+    made = to_arrays(Block())
     for path, value, declared in leaves(made):
         if isinstance(declared, Quantity):
             assert isinstance(value, np.ndarray), path
@@ -218,15 +218,15 @@ def test_numeric_gives_every_quantity_its_declared_type():
 
 
 def test_numeric_twice_is_numeric_once():
-    once, twice = numeric(Block()), numeric(numeric(Block()))
+    once, twice = to_arrays(Block()), to_arrays(to_arrays(Block()))
     assert jax.tree.structure(once) == jax.tree.structure(twice)
     assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(once), jax.tree.leaves(twice), strict=True))
 
 
 def test_numeric_reaches_records_in_mappings_and_tuples_at_the_top():
-    made = numeric({"a": (Gains(1, 2),)})
+    made = to_arrays({"a": (Gains(1, 2),)})
     assert made["a"][0].k1.dtype == np.float64
-    assert numeric(()) == ()
+    assert to_arrays(()) == ()
 
 
 def test_records_pass_through_transformations():

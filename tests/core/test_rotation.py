@@ -151,7 +151,7 @@ def test_matrix_update_turns_in_the_body():
     for attitude in RANDOM[:10]:
         wanted = (attitude * Rotation.from_rotvec(TURN)).as_matrix()
         R = jnp.asarray(attitude.as_matrix())
-        np.testing.assert_allclose(r.updated(R, jnp.asarray(TURN)), wanted, atol=5e-16)
+        np.testing.assert_allclose(r.rotate_by_vector(R, jnp.asarray(TURN)), wanted, atol=5e-16)
         E = np.asarray(r.from_rotation_vector(jnp.asarray(-TURN)))
         worst.append(np.abs(E @ attitude.as_matrix() - wanted).max())
         assert np.abs(_printed_update(attitude.as_matrix(), TURN) - wanted).max() > 0.5
@@ -176,7 +176,7 @@ def test_matrix_and_quaternion_updates_are_the_limit_of_small_turns():
 
     def both(carry, turn):
         R, q = carry
-        return (r.updated(R, turn), r.quaternion_updated(q, turn)), None
+        return (r.rotate_by_vector(R, turn), r.rotate_quaternion_by_vector(q, turn)), None
 
     first = (jnp.asarray(start), r.quaternion_from_matrix(jnp.asarray(start)))
     (R, q), _ = jax.jit(lambda c: jax.lax.scan(both, c, turns))(first)
@@ -187,9 +187,9 @@ def test_matrix_and_quaternion_updates_are_the_limit_of_small_turns():
 
 def test_orthonormalised_squares_the_error():
     R = RANDOM[2].as_matrix() + 1e-4 * np.random.default_rng(0).normal(size=(3, 3))
-    before, once = (np.abs(A.T @ A - np.eye(3)).max() for A in (R, np.asarray(r.orthonormalised(jnp.asarray(R)))))
+    before, once = (np.abs(A.T @ A - np.eye(3)).max() for A in (R, np.asarray(r.orthonormalise(jnp.asarray(R)))))
     assert once < before**2 * 2
-    twice = r.orthonormalised(r.orthonormalised(jnp.asarray(R)))
+    twice = r.orthonormalise(r.orthonormalise(jnp.asarray(R)))
     np.testing.assert_allclose(twice.T @ twice, np.eye(3), atol=1e-14)
 
 
@@ -200,12 +200,12 @@ def test_quaternion_from_matrix_and_from_euler_against_scipy():
         assert abs(q @ _scipy_quaternion(rotation)) == pytest.approx(1, abs=1e-14)
         assert q[0] >= 0
         v = jnp.array([0.3, -1.0, 2.0])
-        np.testing.assert_allclose(r.quaternion_rotate(jnp.asarray(q), v), rotation.as_matrix() @ v, atol=1e-14)
+        np.testing.assert_allclose(r.rotate_vector(jnp.asarray(q), v), rotation.as_matrix() @ v, atol=1e-14)
     yaw, pitch, roll = RANDOM[0].as_euler("ZYX")
     q = np.asarray(r.quaternion_from_euler(roll, pitch, yaw))
     assert abs(q @ _scipy_quaternion(RANDOM[0])) == pytest.approx(1, abs=1e-14)
-    np.testing.assert_array_equal(r.quaternion_normalised(jnp.zeros(4)), [1, 0, 0, 0])
-    np.testing.assert_allclose(r.quaternion_normalised(3 * jnp.asarray(q)), q, atol=1e-15)
+    np.testing.assert_array_equal(r.normalise_quaternion(jnp.zeros(4)), [1, 0, 0, 0])
+    np.testing.assert_allclose(r.normalise_quaternion(3 * jnp.asarray(q)), q, atol=1e-15)
 
 
 @pytest.mark.parametrize("pitch", [0.0, 1.2, -1.5, 2.5])
@@ -223,6 +223,6 @@ def test_the_singularity_of_euler_angles_is_a_flag_and_stays_finite():
     for pitch, flagged in ((np.pi / 2, True), (-np.pi / 2 + 0.009, True), (np.pi / 2 - 0.011, False), (0.0, False)):
         rates, singular = r.euler_rates(0.3, pitch, w)
         assert bool(singular) is flagged
-        assert bool(r.vertical(r.from_euler(0.3, pitch, 0.2))) is flagged
+        assert bool(r.is_vertical(r.from_euler(0.3, pitch, 0.2))) is flagged
         assert np.isfinite(rates).all()
         assert np.abs(rates).max() < 200

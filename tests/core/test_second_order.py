@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from trimtab.compiler.function import lowered
-from trimtab.core.second_order import Section, SectionState, at_rest, filtered, low_pass
+from trimtab.compiler.function import lower_function
+from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
 
 DT = 0.0065536
 INPUT = np.random.default_rng(1).normal(size=(300, 2))
 
 
 def run(section, state, u):
-    return jax.jit(lambda s, u: jax.lax.scan(lambda s, u: filtered(section, s, u), s, u))(state, jnp.asarray(u))[1]
+    return jax.jit(lambda s, u: jax.lax.scan(lambda s, u: filter_sample(section, s, u), s, u))(state, jnp.asarray(u))[1]
 
 
 def test_section_is_scipys_filter():
@@ -35,8 +35,10 @@ def test_low_pass_is_scipys_butterworth(frequency):
 def test_at_rest_is_where_a_constant_input_leads():
     section = low_pass(10.0, 0.5, DT)
     u = jnp.array([2.0, -1.0])
-    np.testing.assert_allclose(run(section, at_rest(section, u), np.tile(u, (50, 1))), np.tile(u, (50, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        run(section, steady_state(section, u), np.tile(u, (50, 1))), np.tile(u, (50, 1)), atol=1e-12
+    )
 
 
 def test_exportable():
-    lowered(lambda f, s, u: filtered(low_pass(f, 0.7, DT), s, u), (10.0, SectionState(0.0, 0.0), 1.0))
+    lower_function(lambda f, s, u: filter_sample(low_pass(f, 0.7, DT), s, u), (10.0, SectionState(0.0, 0.0), 1.0))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
-from trimtab.core.time import Clock, ms, parse, seconds, show, timetable, to_seconds
+from trimtab.core.time import Clock, format_time, ms, parse_time, seconds, timetable, to_seconds
 
 
 def test_the_three_periods_of_the_loop_are_exact():
@@ -64,13 +64,13 @@ def test_ms_refuses_likewise(value):
     ],
 )
 def test_parse(text, units):
-    assert parse(text) == units
+    assert parse_time(text) == units
 
 
 @pytest.mark.parametrize("text", ["", "ms", "20 min", "1..2 s", "1 2 s", "50 ns", "e", "--1", "1e99999999 s", "20 m s"])
 def test_parse_refuses_with_the_text(text):
     with pytest.raises(InputError, match="time"):
-        parse(text)
+        parse_time(text)
 
 
 @pytest.mark.parametrize(
@@ -85,12 +85,12 @@ def test_parse_refuses_with_the_text(text):
     ],
 )
 def test_show(units, text):
-    assert show(units) == text
+    assert format_time(units) == text
 
 
 @given(st.integers(-(2**62), 2**62))
 def test_parse_reads_what_show_writes(units):
-    assert parse(show(units)) == units
+    assert parse_time(format_time(units)) == units
 
 
 def test_to_seconds_is_float_and_works_on_arrays():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from trimtab.design.loop_transfer import Loop, of_gain
+from trimtab.design.loop_transfer import FeedbackLoop, loop_of_gain
 
 M, J, D = 2.6, 0.096, 0.32
 
@@ -11,7 +11,7 @@ def lateral(k2, speed, weight=-1.0):
     """v' = -U r + FY/m, r' = -d FY/J, with FY = -k2 (v - d r) forward and FY = +k2 (v + weight d r) in reverse."""
     A, B = [[0.0, -speed], [0.0, 0.0]], [[1 / M], [-D / J]]
     sign = -1 if weight < 0 else 1
-    return of_gain(A, B, [[sign * k2, sign * k2 * weight * D]])
+    return loop_of_gain(A, B, [[sign * k2, sign * k2 * weight * D]])
 
 
 def zero():
@@ -29,10 +29,10 @@ def reverse():
 def spin():
     """Surge, sway and yaw rate about 3 rad/s on the spot; FX = -k1 u, FY = -k2 (v - d (r - 3))."""
     A = [[0.0, 3.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    return of_gain(A, [[1 / M, 0], [0, 1 / M], [0, -D / J]], [[-0.5, 0, 0], [0, -3.5, 3.5 * D]])
+    return loop_of_gain(A, [[1 / M, 0], [0, 1 / M], [0, -D / J]], [[-0.5, 0, 0], [0, -3.5, 3.5 * D]])
 
 
-def rightmost(loop: Loop, delay, nodes=40):
+def rightmost(loop: FeedbackLoop, delay, nodes=40):
     """Largest real part of the poles of x' = A x - B C x(t - delay), hidden ones at 0 left out.
 
     Chebyshev collocation of the history: Trefethen, "Spectral methods in MATLAB", programs 6 and 33.

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from trimtab.core.signals import PlanarForce
-from trimtab.design.model import of_vehicle, system
+from trimtab.design.model import model_of_functions, model_of_vehicle
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 G = 9.81
@@ -20,7 +20,7 @@ def ball_and_beam(*, whole=True):
         r, rd, th, w = x
         return jnp.stack([rd, BALL * ((r * w**2 if whole else 0.0) - G * jnp.sin(th)), w, u[0]])
 
-    return system(f, ("r", "rd", "theta", "w"), ("u",), h=lambda x, u: x[:1], outputs=("r",))
+    return model_of_functions(f, ("r", "rd", "theta", "w"), ("u",), h=lambda x, u: x[:1], outputs=("r",))
 
 
 def vtol(eps, *, centre=False):
@@ -39,7 +39,7 @@ def vtol(eps, *, centre=False):
         return jnp.stack([x[0] - away * jnp.sin(x[4]), x[2] + away * jnp.cos(x[4])])
 
     states = ("x", "vx", "y", "vy", "theta", "w")
-    return system(f, states, ("u1", "u2"), h=h, outputs=("x", "y"), u0=[G, 0.0])
+    return model_of_functions(f, states, ("u1", "u2"), h=h, outputs=("x", "y"), u0=[G, 0.0])
 
 
 def cart_pole(output, *, M=2.0, m=0.5, length=0.7):
@@ -52,7 +52,7 @@ def cart_pole(output, *, M=2.0, m=0.5, length=0.7):
         return jnp.stack([v, push, w, (G * s - push * c) / length])
 
     i = {"p": 0, "a": 2}[output]
-    return system(f, ("p", "v", "a", "w"), ("F",), h=lambda x, u: x[i : i + 1], outputs=(output,))
+    return model_of_functions(f, ("p", "v", "a", "w"), ("F",), h=lambda x, u: x[i : i + 1], outputs=(output,))
 
 
 def hovercraft(away=0.0, **state):
@@ -61,7 +61,7 @@ def hovercraft(away=0.0, **state):
         "north": lambda x, u: x.north + away * jnp.cos(x.heading),
         "east": lambda x, u: x.east + away * jnp.sin(x.heading),
     }
-    return of_vehicle(Hovercraft(), HovercraftState(**state), PlanarForce(0.0, 0.0), outputs=outputs)
+    return model_of_vehicle(Hovercraft(), HovercraftState(**state), PlanarForce(0.0, 0.0), outputs=outputs)
 
 
 def with_centripetal(model, name, rate, factor):

@@ -33,8 +33,8 @@ def z(f, o, weight):
 
 def test_inequality_is_minus_the_left_side(pair):
     f, _ = pair
-    np.testing.assert_allclose(composite.inequality(f), -left_side(A, B, f.K, f.P, QE, RE), atol=1e-10)
-    np.testing.assert_allclose(composite.inequality(f), 0.01 * QE, atol=1e-9)
+    np.testing.assert_allclose(composite.inequality_matrix(f), -left_side(A, B, f.K, f.P, QE, RE), atol=1e-10)
+    np.testing.assert_allclose(composite.inequality_matrix(f), 0.01 * QE, atol=1e-9)
 
 
 def test_least_weight_is_where_z_becomes_positive(pair):
@@ -42,7 +42,7 @@ def test_least_weight_is_where_z_becomes_positive(pair):
     least = composite.least_weight(f, o)
     for factor, positive in ((1.001, True), (0.999, False)):
         assert (np.linalg.eigvalsh(z(f, o, factor * least))[0] > 0) == positive
-        assert (np.linalg.eigvalsh(composite.weighted(f, o, factor * least))[0] > 0) == positive
+        assert (np.linalg.eigvalsh(composite.weighted_matrix(f, o, factor * least))[0] > 0) == positive
 
 
 @pytest.mark.parametrize("robust", [0.0, 0.5, -0.5])
@@ -59,7 +59,7 @@ def test_decrease_is_the_rate_of_the_lyapunov_function(pair, robust):
     def V(e, lag):
         return e @ f.P @ e / 2 + weight * lag @ np.linalg.solve(o.P, lag)
 
-    M, rng, h = composite.decrease(f, o, weight, robust), np.random.default_rng(0), 1e-6
+    M, rng, h = composite.decrease_matrix(f, o, weight, robust), np.random.default_rng(0), 1e-6
     for _ in range(5):
         e, lag = rng.standard_normal(4), rng.standard_normal(2)
         de, dl = rate(e, lag)
@@ -72,8 +72,8 @@ def test_weight_of_the_decrease(pair):
     f, o = pair
     for robust in (0.0, 0.5, -0.5):
         least = composite.least_decrease_weight(f, o, robust)
-        assert np.linalg.eigvalsh(composite.decrease(f, o, 1.001 * least, robust))[0] > 0
-        assert np.linalg.eigvalsh(composite.decrease(f, o, 0.999 * least, robust))[0] < 0
+        assert np.linalg.eigvalsh(composite.decrease_matrix(f, o, 1.001 * least, robust))[0] > 0
+        assert np.linalg.eigvalsh(composite.decrease_matrix(f, o, 0.999 * least, robust))[0] < 0
     assert composite.least_decrease_weight(f, o, 0.5) == pytest.approx(composite.least_weight(f, o) / 2, rel=0.02)
     assert composite.least_decrease_weight(f, o, 2.0) == np.inf  # destabilises: no weight helps
 

@@ -8,7 +8,7 @@ from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
 from trimtab.design.delay_margin import delay_margin
-from trimtab.design.loop_transfer import of_gain, of_polynomials
+from trimtab.design.loop_transfer import loop_of_gain, loop_of_polynomials
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_poles_of_the_delayed_loop_cross_exactly_there(loop):
 
 
 def test_an_integrator_by_hand():
-    found = delay_margin(of_polynomials([3.0], [1.0, 0.0]))
+    found = delay_margin(loop_of_polynomials([3.0], [1.0, 0.0]))
     assert found.delay == pytest.approx(math.pi / 6, rel=1e-12)
     assert found.crossovers[0].frequency == pytest.approx(3.0, rel=1e-12)
 
@@ -46,7 +46,7 @@ def test_of_several_crossovers_the_shortest_delay_decides():
     zeta, w, c = 0.01, 30.0, 1.2
     mode = np.poly1d([1.0, 2 * zeta * w, w * w])
     num, den = mode + np.poly1d([c, 0, 0]), mode * np.poly1d([1.0, 0])
-    found = delay_margin(of_polynomials(num.c, den.c))
+    found = delay_margin(loop_of_polynomials(num.c, den.c))
     assert len(found.crossovers) == 3
     assert found.delay < 0.1  # the integrator's own crossover alone would say pi/2
     # oracle: real roots of |N(j w)|^2 - |D(j w)|^2, each squared size a polynomial N(s) N(-s)
@@ -62,8 +62,8 @@ def test_of_several_crossovers_the_shortest_delay_decides():
 def test_a_peak_that_hardly_passes_one_is_not_missed():
     zeta, w = 1e-3, 11.0
     peak = 2 * zeta * math.sqrt(1 - zeta**2)
-    above = delay_margin(of_polynomials([-peak * w * w * (1 + 1e-6)], [1, 2 * zeta * w, w * w]))
-    below = delay_margin(of_polynomials([-peak * w * w * (1 - 1e-6)], [1, 2 * zeta * w, w * w]))
+    above = delay_margin(loop_of_polynomials([-peak * w * w * (1 + 1e-6)], [1, 2 * zeta * w, w * w]))
+    below = delay_margin(loop_of_polynomials([-peak * w * w * (1 - 1e-6)], [1, 2 * zeta * w, w * w]))
     assert len(above.crossovers) == 2
     assert below == (math.inf, ())
 
@@ -72,17 +72,17 @@ def test_of_two_signals_the_eigenvalue_loci_decide():
     """Two integrators coupled by a rotation: eigenvalues k exp(+-j angle)/(j w), so margin (pi/2 - angle)/k."""
     angle, k = 0.7, 2.0
     turn = k * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    found = delay_margin(of_gain(np.zeros((2, 2)), np.eye(2), -turn))
+    found = delay_margin(loop_of_gain(np.zeros((2, 2)), np.eye(2), -turn))
     assert found.delay == pytest.approx((math.pi / 2 - angle) / k, rel=1e-9)
 
 
 def test_no_crossover_no_limit_and_a_direct_part_of_one_none_at_all():
-    assert delay_margin(of_polynomials([0.5], [1.0, 1.0])).delay == math.inf
-    assert delay_margin(of_polynomials([2.0, 1.0], [1.0, 1.0])).delay == 0.0
+    assert delay_margin(loop_of_polynomials([0.5], [1.0, 1.0])).delay == math.inf
+    assert delay_margin(loop_of_polynomials([2.0, 1.0], [1.0, 1.0])).delay == 0.0
 
 
 def test_refusals():
     with pytest.raises(InputError, match="not stable without a delay: pole \\+2"):
-        delay_margin(of_polynomials([-3.0], [1.0, 1.0]))
+        delay_margin(loop_of_polynomials([-3.0], [1.0, 1.0]))
     with pytest.raises(InputError, match="sampled"):
-        delay_margin(of_polynomials([1.0], [1.0, 0.0]).sampled(0.1))
+        delay_margin(loop_of_polynomials([1.0], [1.0, 0.0]).sampled(0.1))

@@ -45,7 +45,7 @@ def test_outside_the_cones_and_in_a_row_there_is_no_fix():
     assert np.isinf(found.dilution[1:, 1]).all()
     row = np.array([[0.0, y, -H] for y in (-1, 0, 1)])
     assert np.isinf(dilution_map(row, [0.0], [0.2]).dilution[0, 0])
-    assert found.covered(limit=9.0) == pytest.approx(np.mean(found.dilution <= 9.0))
+    assert found.coverage(limit=9.0) == pytest.approx(np.mean(found.dilution <= 9.0))
 
 
 def test_more_beacons_never_dilute_more():

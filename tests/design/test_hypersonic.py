@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.once import QUICKLY
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.core.record import replace
-from trimtab.design.lie import affine_fields, curved_inputs, extend, lie_derivative, relative_degree
+from trimtab.design.lie import affine_fields, curved_inputs, extend_inputs, lie_derivative, relative_degree
 from trimtab.design.linearise import linearise
-from trimtab.design.model import of_vehicle
+from trimtab.design.model import model_of_vehicle
 from trimtab.design.normal_form import normal_form
 from trimtab.design.trim import trim
 from trimtab.design.zero_dynamics import zero_dynamics
@@ -33,7 +33,7 @@ RADIUS = {"h": 500.0, "V": 50.0, "alpha": 0.01, "theta": 0.01, "q": 0.01, "Phi":
 def model_of(kmode="parker", **changes):
     vehicle = replace(Hypersonic(**changes), modes=FlexibleModes(kmode=kmode))
     x = HypersonicState(H, V, 0.03, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return of_vehicle(vehicle, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
+    return model_of_vehicle(vehicle, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def level(model):
-    return trim(model, free=FREE, bounds=BOUNDS).require()
+    return trim(model, free=FREE, bounds=BOUNDS).require_trim()
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,9 @@ def test_check_02_trim(model, level):
 def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_ground(level):
     """[H] 2.4."""
     for kmode in ("paper", "author"):
-        found = trim(model_of(kmode), free=FREE, bounds=BOUNDS).require()
+        found = trim(model_of(kmode), free=FREE, bounds=BOUNDS).require_trim()
         np.testing.assert_allclose([*found.x, *found.u], [*level.x, *level.u], rtol=1e-9, atol=1e-12)
-    heavy = trim(model_of(g=32.174), free=FREE, bounds=BOUNDS).require()
+    heavy = trim(model_of(g=32.174), free=FREE, bounds=BOUNDS).require_trim()
     np.testing.assert_allclose(
         [heavy.x[2] / DEG, heavy.u[0], heavy.u[1] / DEG], [1.644566, 0.268090, 12.539973], rtol=1e-5
     )
@@ -74,7 +74,7 @@ def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_gr
 def test_a_trim_that_does_not_exist_says_why(model):
     """Too slow to fly level: the elevator ends at its bound, and lift is missing."""
     found = trim(model, x={"V": 3000.0}, free=FREE, bounds=BOUNDS)
-    assert not found.found
+    assert not found.is_found
     assert set(found.active) & {"alpha", "theta", "delta_e", "Phi"}
     assert "off are" in found.why[0]
     assert "at a bound are" in found.why[1]
@@ -109,22 +109,22 @@ def test_lie_derivatives(model, level):
 def test_relative_degree_and_decoupling(model, form):
     """[H] 3.1: degrees 2 and 1, dv/du and its determinant at the trim; 2.5: what is not affine."""
     found = form.degree
-    assert (found.degrees, found.total, found.defined) == ({"h": 2, "V": 1}, 3, True)
+    assert (found.degrees, found.total, found.is_defined) == ({"h": 2, "V": 1}, 3, True)
     np.testing.assert_allclose(found.matrix, [[0.685649, 86.387771], [24.596085, -40.341697]], rtol=2e-6)
     np.testing.assert_allclose(found.determinant, -2152.4612, rtol=1e-6)
     assert curved_inputs(model, form.x0, form.u0, radius=RADIUS) == {"delta_e": ("V",)}
 
 
 def test_extended_by_the_elevator_it_is_affine(model, form):
-    longer = extend(model, ("delta_e",))
+    longer = extend_inputs(model, ("delta_e",))
     x, u = np.append(form.x0, form.u0[1]), np.array([form.u0[0], 0.0])
     assert curved_inputs(longer, x, u, radius={**RADIUS, "delta_e'": 0.1}) == {}
     found = relative_degree(longer, x, u, radius={**RADIUS, "delta_e'": 0.1})
-    assert not found.defined  # the fuel comes first in both: then it must be extended too
-    both = extend(model, ("Phi", "delta_e"))
+    assert not found.is_defined  # the fuel comes first in both: then it must be extended too
+    both = extend_inputs(model, ("Phi", "delta_e"))
     z = np.concatenate([form.x0, form.u0])
     found = relative_degree(both, z, np.zeros(2), radius=RADIUS)
-    assert (found.degrees, found.defined) == ({"h": 3, "V": 2}, True)
+    assert (found.degrees, found.is_defined) == ({"h": 3, "V": 2}, True)
     np.testing.assert_allclose(found.determinant, -2152.4612, rtol=1e-6)
 
 
@@ -180,7 +180,7 @@ def test_check_06_inversion(form, model):
         gam, gam_rate = x[3] - x[2], rate[3] - rate[2]
         return jnp.stack([rate[1] * jnp.sin(gam) + x[1] * gam_rate * jnp.cos(gam), rate[1]]) - v
 
-    got = jax.jit(jax.vmap(miss), compiler_options=QUICKLY)(states)
+    got = jax.jit(jax.vmap(miss), compiler_options=FAST_COMPILE_OPTIONS)(states)
     assert np.abs(got).max() < 1e-9
 
 

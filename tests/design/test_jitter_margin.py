@@ -6,7 +6,7 @@ from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
 from trimtab.design.delay_margin import delay_margin, jitter_margin, jitter_margin_samples
-from trimtab.design.loop_transfer import of_polynomials
+from trimtab.design.loop_transfer import loop_of_polynomials
 
 
 @pytest.mark.parametrize(("loop", "milliseconds"), [(loops.zero, 276), (loops.forward, 172), (loops.reverse, 365)])
@@ -17,9 +17,9 @@ def test_check_25_jitter_margins(loop, milliseconds):
 
 def test_first_and_second_order_by_hand():
     """T = a/(s + a): w |T| rises to a.  T = w^2/(s^2 + 2 z w s + w^2): highest at w, w/(2 z)."""
-    assert jitter_margin(of_polynomials([2.5], [1.0, 0.0])) == pytest.approx(0.4, rel=1e-12)
+    assert jitter_margin(loop_of_polynomials([2.5], [1.0, 0.0])) == pytest.approx(0.4, rel=1e-12)
     w, z = 3.0, 1e-3
-    assert jitter_margin(of_polynomials([w * w], [1.0, 2 * z * w, 0.0])) == pytest.approx(2 * z / w, rel=1e-9)
+    assert jitter_margin(loop_of_polynomials([w * w], [1.0, 2 * z * w, 0.0])) == pytest.approx(2 * z / w, rel=1e-9)
 
 
 def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
@@ -36,13 +36,13 @@ def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
     # oracle: brute force over a fine grid
     w = np.geomspace(1e-3, 1e4, 400_000)
     for d, value in zip(delays[:4], found[:4], strict=True):
-        L = loop.response(w)[:, 0, 0] * np.exp(-1j * w * d)
+        L = loop.frequency_response(w)[:, 0, 0] * np.exp(-1j * w * d)
         assert value == pytest.approx(1 / (w * np.abs(L / (1 + L))).max(), rel=1e-4)
 
 
 def test_samples_by_hand():
     """L = k/(z - 1): |z - 1| |T| is highest at z = -1, 2k/(2 - k)."""
-    loop = of_polynomials([0.3], [1.0, 0.0]).sampled(1.0)
+    loop = loop_of_polynomials([0.3], [1.0, 0.0]).sampled(1.0)
     assert jitter_margin_samples(loop) == pytest.approx(1.7 / 0.6, rel=1e-9)
 
 
@@ -77,7 +77,7 @@ def _late(loop, N, pattern, steps=3000):
 
 
 def test_a_direct_part_leaves_no_margin_and_misuse_is_refused():
-    assert jitter_margin(of_polynomials([0.5, 1.0], [1.0, 0.0])) == 0.0
+    assert jitter_margin(loop_of_polynomials([0.5, 1.0], [1.0, 0.0])) == 0.0
     with pytest.raises(InputError, match="continuous"):
         jitter_margin_samples(loops.forward())
     with pytest.raises(InputError, match="sampled"):

@@ -6,7 +6,7 @@ from design.published import G, vtol
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
-from trimtab.design.model import system
+from trimtab.design.model import model_of_functions
 from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import trim
 
@@ -17,7 +17,7 @@ def curved():
     def f(x, u):
         return jnp.stack([x[1] + x[0] ** 2, -x[0] + jnp.sinh(u[0]) * (2 + x[2]), -x[2] + x[0] + u[0]])
 
-    return system(f, ("a", "b", "c"), ("p",), h=lambda x, u: x[:1], outputs=("y",))
+    return model_of_functions(f, ("a", "b", "c"), ("p",), h=lambda x, u: x[:1], outputs=("y",))
 
 
 def test_against_the_first_order_by_hand():
@@ -32,7 +32,7 @@ def test_against_the_first_order_by_hand():
 def test_away_from_the_origin_curvature_of_the_coordinates_counts():
     """Trim a = 1, b = -1: Phi = [[1, 0, 0], [2, 1, 0], [0, 0, 1]]; v = y'' as below."""
     model = curved()
-    found = trim(model, x={"a": 1.0, "b": -1.0}, free=("c", "p")).require()
+    found = trim(model, x={"a": 1.0, "b": -1.0}, free=("c", "p")).require_trim()
     p, c = float(found.u[0]), float(found.x[2])
     got = linear_normal_form(model, {"y": 2}, ("c",), found.x, found.u)
     # v = -a + sinh(p)(2 + c) + 2 a (b + a^2): with da = dy, db = dy' - 2 dy

@@ -7,7 +7,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.signals import PlanarForce
 from trimtab.design.linearise import linearise
-from trimtab.design.model import of_vehicle, system
+from trimtab.design.model import model_of_functions, model_of_vehicle
 from trimtab.vehicles.hovercraft import Friction, Hovercraft, HovercraftState
 
 M, J, D, C1 = 2.6, 0.096, 0.32, 0.8
@@ -16,13 +16,17 @@ M, J, D, C1 = 2.6, 0.096, 0.32, 0.8
 def hovercraft():
     craft = Hovercraft(friction=Friction(force_viscous=C1))
     x = HovercraftState(0.5, -0.2, 0.3, 1.0, 2.0, 0.7)
-    return of_vehicle(craft, x, PlanarForce(0.4, 0.1), outputs={"course": lambda x, u: x.heading + u.FX * x.yaw_rate})
+    return model_of_vehicle(
+        craft, x, PlanarForce(0.4, 0.1), outputs={"course": lambda x, u: x.heading + u.FX * x.yaw_rate}
+    )
 
 
 def oscillator(w, zeta, unit):
     """y'' = -w^2 y - 2 zeta w y' + u, y in metres, its rate in units of `unit` m/s."""
     A = np.array([[0, unit], [-w * w / unit, -2 * zeta * w]])
-    return system(lambda x, u: A @ x + jnp.array([0.0, 1 / unit]) * u, ("y", "rate"), ("u",), outputs=("y", "rate"))
+    return model_of_functions(
+        lambda x, u: A @ x + jnp.array([0.0, 1 / unit]) * u, ("y", "rate"), ("u",), outputs=("y", "rate")
+    )
 
 
 def test_the_hovercraft_by_hand():
@@ -67,7 +71,7 @@ def test_modes_do_not_depend_on_units(unit):
 def test_poles_modes_and_their_states():
     A = np.diag([2.0, -3.0, 0.0])
     A[0, 1] = 1e-3
-    found = linearise(system(lambda x, u: A @ x + u, ("fast", "slow", "still"), ("u",)))
+    found = linearise(model_of_functions(lambda x, u: A @ x + u, ("fast", "slow", "still"), ("u",)))
     np.testing.assert_allclose(found.poles(), [2, 0, -3], atol=1e-15)
     modes = found.modes()
     assert [m.states[0][0] for m in modes] == ["fast", "still", "slow"]
@@ -78,14 +82,14 @@ def test_poles_modes_and_their_states():
 
 def test_poles_that_coincide_share_their_states():
     """A triple integrator has one eigenvector; a pair of equal oscillators, coupled one way, two for four poles."""
-    chain = linearise(system(lambda x, u: jnp.stack([x[1], x[2], u[0]]), ("a", "b", "c"), ("u",)))
+    chain = linearise(model_of_functions(lambda x, u: jnp.stack([x[1], x[2], u[0]]), ("a", "b", "c"), ("u",)))
     assert len(chain.modes()) == 3
     for mode in chain.modes():
         assert mode.pole == 0
         np.testing.assert_allclose(sorted(s for _, s in mode.states), [1 / 3] * 3, rtol=1e-9)
     A = np.kron(np.eye(2), [[0, 1.0], [-4, -0.2]])
     A[3, 0] = 1.0
-    modes = linearise(system(lambda x, u: A @ x, ("p", "pd", "q", "qd"), ("u",))).modes()
+    modes = linearise(model_of_functions(lambda x, u: A @ x, ("p", "pd", "q", "qd"), ("u",))).modes()
     for mode in modes:
         np.testing.assert_allclose(mode.frequency, 2.0, rtol=1e-6)
         np.testing.assert_allclose([s for _, s in mode.states], 0.25, atol=0.1)
@@ -98,7 +102,7 @@ def test_parts_and_scales():
     np.testing.assert_allclose(part.B, [[0], [-D / J]], rtol=1e-14)
     assert (part.states, part.inputs) == (("heading", "yaw_rate"), ("FY",))
     sizes = np.array([1.0, 2, 0.1, 10, 10, 0.5])
-    scaled = found.scaled(sizes, inputs=[3.0, 4.0])
+    scaled = found.rescale(sizes, inputs=[3.0, 4.0])
     np.testing.assert_allclose(scaled.A, np.diag(1 / sizes) @ found.A @ np.diag(sizes), rtol=1e-14)
     np.testing.assert_allclose(scaled.B, np.diag(1 / sizes) @ found.B @ np.diag([3.0, 4.0]), rtol=1e-14)
     np.testing.assert_allclose(scaled.poles(), found.poles(), atol=1e-8)
@@ -109,6 +113,6 @@ def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="no 'pitch'"):
         found.part(states=("pitch",))
     with pytest.raises(InputError, match=r"scaled\.inputs"):
-        found.scaled(np.ones(6), inputs=[1.0, 0.0])
+        found.rescale(np.ones(6), inputs=[1.0, 0.0])
     with pytest.raises(InputError, match="not finite for b"):
-        linearise(system(lambda x, u: jnp.stack([x[1], jnp.sqrt(x[0])]), ("a", "b"), ("u",)))
+        linearise(model_of_functions(lambda x, u: jnp.stack([x[1], jnp.sqrt(x[0])]), ("a", "b"), ("u",)))

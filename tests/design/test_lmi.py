@@ -8,7 +8,7 @@ from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR, left_side
 from scipy.linalg import sqrtm
 
 from trimtab.core.errors import InputError
-from trimtab.design.lmi import STRICT, lmi_gain, minimise, symmetric, violation
+from trimtab.design.lmi import STRICT, least_violation, lmi_gain, minimise, symmetric_matrix
 from trimtab.design.lqr import lqr
 
 CASES = {
@@ -76,7 +76,8 @@ def test_semidefinite_programs_with_known_answers():
     found = minimise(lambda z: z[0], [lambda z: z[0] * np.eye(5) - M], 1)
     assert found.objective == pytest.approx(np.linalg.eigvalsh(M)[-1], rel=1e-7)
     # least tr X with [X, M; M, X] >= 0 is the trace norm of M
-    found = minimise(lambda z: np.trace(symmetric(z, 5)), [lambda z: np.kron([[1, 0], [0, 1]], symmetric(z, 5)) +
+    trace = lambda z: np.trace(symmetric_matrix(z, 5))  # noqa: E731
+    found = minimise(trace, [lambda z: np.kron([[1, 0], [0, 1]], symmetric_matrix(z, 5)) +
                      np.kron([[0, 1], [1, 0]], M)], 15)  # fmt: skip
     assert found.objective == pytest.approx(np.trace(np.real(sqrtm(M @ M))), rel=1e-6)
-    assert violation([lambda z: np.diag([z[0] - 1, -1 - z[0]])], 1) == pytest.approx(1.0, rel=1e-6)
+    assert least_violation([lambda z: np.diag([z[0] - 1, -1 - z[0]])], 1) == pytest.approx(1.0, rel=1e-6)

@@ -5,8 +5,8 @@ import pytest
 from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
-from trimtab.design.loop_transfer import Loop, of_gain, of_law, of_polynomials
-from trimtab.laws.spin import SupervisedSpin, SupervisorState
+from trimtab.design.loop_transfer import FeedbackLoop, loop_of_gain, loop_of_law, loop_of_polynomials
+from trimtab.laws.spin import SpinSupervisorState, SupervisedSpin
 from trimtab.laws.velocity import ForwardMomentum, ReverseMomentum, ZeroVelocity
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
@@ -14,21 +14,23 @@ W = np.geomspace(0.05, 50, 17)
 
 
 def test_polynomials_are_what_they_say():
-    loop = of_polynomials([2.0, 1.0], [1.0, 0.3, 4.0, 0.0])
+    loop = loop_of_polynomials([2.0, 1.0], [1.0, 0.3, 4.0, 0.0])
     s = 1j * W
-    np.testing.assert_allclose(loop.response(W)[:, 0, 0], (2 * s + 1) / (s**3 + 0.3 * s**2 + 4 * s), rtol=1e-12)
-    np.testing.assert_allclose(of_polynomials([0.5], [2.0]).response(W)[:, 0, 0], 0.25)
-    closed = loop.closed()
-    L = loop.response(W)
-    np.testing.assert_allclose(closed.response(W), L / (1 + L), rtol=1e-10)
+    np.testing.assert_allclose(
+        loop.frequency_response(W)[:, 0, 0], (2 * s + 1) / (s**3 + 0.3 * s**2 + 4 * s), rtol=1e-12
+    )
+    np.testing.assert_allclose(loop_of_polynomials([0.5], [2.0]).frequency_response(W)[:, 0, 0], 0.25)
+    closed = loop.complementary_sensitivity()
+    L = loop.frequency_response(W)
+    np.testing.assert_allclose(closed.frequency_response(W), L / (1 + L), rtol=1e-10)
 
 
 def test_a_loop_with_a_direct_part_is_closed():
-    loop = of_polynomials([1.0, 3.0], [2.0, 1.0])
-    L = loop.response(W)
-    np.testing.assert_allclose(loop.closed().response(W), L / (1 + L), rtol=1e-12)
+    loop = loop_of_polynomials([1.0, 3.0], [2.0, 1.0])
+    L = loop.frequency_response(W)
+    np.testing.assert_allclose(loop.complementary_sensitivity().frequency_response(W), L / (1 + L), rtol=1e-12)
     with pytest.raises(InputError, match="no inverse"):
-        of_polynomials([-1.0, 3.0], [1.0, 1.0]).closed()
+        loop_of_polynomials([-1.0, 3.0], [1.0, 1.0]).complementary_sensitivity()
 
 
 @pytest.mark.parametrize(
@@ -40,44 +42,44 @@ def test_a_loop_with_a_direct_part_is_closed():
     ],
 )
 def test_a_law_around_the_hovercraft_is_the_lateral_loop_by_hand(law, by_hand):
-    found = of_law(Hovercraft(), law, law.equilibrium()).response(W)
-    np.testing.assert_allclose(found[:, 1, 1], by_hand().response(W)[:, 0, 0], rtol=1e-9)
+    found = loop_of_law(Hovercraft(), law, law.equilibrium()).frequency_response(W)
+    np.testing.assert_allclose(found[:, 1, 1], by_hand().frequency_response(W)[:, 0, 0], rtol=1e-9)
     np.testing.assert_allclose(found[:, 0, 0], law.k1 / (2.6j * W), rtol=1e-9)
     np.testing.assert_allclose(found[:, [0, 1], [1, 0]], 0, atol=1e-12)
 
 
 def test_of_a_law_with_modes_it_is_the_loop_of_one():
     law, trim = SupervisedSpin(), HovercraftState(yaw_rate=3.0)
-    spins = SupervisorState(mode=np.int32(1), switches=np.int32(1))
-    found = of_law(Hovercraft(), law, trim, spins)
-    np.testing.assert_allclose(found.response(W), loops.spin().response(W), rtol=1e-9, atol=1e-12)
+    spins = SpinSupervisorState(mode=np.int32(1), switches=np.int32(1))
+    found = loop_of_law(Hovercraft(), law, trim, spins)
+    np.testing.assert_allclose(found.frequency_response(W), loops.spin().frequency_response(W), rtol=1e-9, atol=1e-12)
     with pytest.raises(InputError, match="does not rest"):
-        of_law(Hovercraft(), law, HovercraftState(surge_velocity=1.0, yaw_rate=3.0), spins)
+        loop_of_law(Hovercraft(), law, HovercraftState(surge_velocity=1.0, yaw_rate=3.0), spins)
 
 
 def test_a_sampled_loop_is_that_of_its_exact_step():
     a, h = 1.5, 0.1
-    loop = of_gain([[a]], [[2.0]], [[-3.0]]).sampled(h)
+    loop = loop_of_gain([[a]], [[2.0]], [[-3.0]]).sampled(h)
     np.testing.assert_allclose(loop.A, np.exp(a * h))
     np.testing.assert_allclose(loop.B, 2 * (np.exp(a * h) - 1) / a)
     z = np.exp(1j * h)
-    np.testing.assert_allclose(loop.response(1.0)[0, 0, 0], 3 * loop.B[0, 0] / (z - np.exp(a * h)))
+    np.testing.assert_allclose(loop.frequency_response(1.0)[0, 0, 0], 3 * loop.B[0, 0] / (z - np.exp(a * h)))
     with pytest.raises(InputError, match="continuous"):
         loop.sampled(h)
 
 
 def test_hidden_poles_do_not_count_and_seen_ones_do():
-    assert loops.zero().unstable() == ()  # a pole at 0 that neither moves nor is seen
-    bad = of_gain([[0.5, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[-0.2, 0.0]])
-    assert bad.unstable() == pytest.approx((0.3,))
-    integrator = Loop(*(np.array(m, float) for m in ([[0.0]], [[1.0]], [[0.0]], [[0.0]])))
-    assert integrator.unstable() == ()
-    assert of_gain([[0.0]], [[1.0]], [[-3.0]]).sampled(1.0).unstable() == pytest.approx((-2.0,))
+    assert loops.zero().unstable_poles() == ()  # a pole at 0 that neither moves nor is seen
+    bad = loop_of_gain([[0.5, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[-0.2, 0.0]])
+    assert bad.unstable_poles() == pytest.approx((0.3,))
+    integrator = FeedbackLoop(*(np.array(m, float) for m in ([[0.0]], [[1.0]], [[0.0]], [[0.0]])))
+    assert integrator.unstable_poles() == ()
+    assert loop_of_gain([[0.0]], [[1.0]], [[-3.0]]).sampled(1.0).unstable_poles() == pytest.approx((-2.0,))
 
 
 def test_the_grid_is_dense_at_a_light_mode():
     w, zeta = 7.0, 1e-4
-    grid = of_polynomials([1e-3], [1, 2 * zeta * w, w * w]).grid()
+    grid = loop_of_polynomials([1e-3], [1, 2 * zeta * w, w * w]).grid()
     assert (np.abs(grid - w) < zeta * w).sum() > 20
     assert grid[0] < 1e-3 * w
     assert grid[-1] > 1e3 * w
@@ -86,9 +88,9 @@ def test_the_grid_is_dense_at_a_light_mode():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: of_polynomials([1, 0, 0], [1, 2]), "no proper"),
-        (lambda: of_polynomials([1], [0]), "no proper"),
-        (lambda: of_gain([[1.0]], [[1.0]], [[1.0, 2.0]]), "don't fit"),
+        (lambda: loop_of_polynomials([1, 0, 0], [1, 2]), "no proper"),
+        (lambda: loop_of_polynomials([1], [0]), "no proper"),
+        (lambda: loop_of_gain([[1.0]], [[1.0]], [[1.0, 2.0]]), "don't fit"),
     ],
 )
 def test_refusals(make, says):

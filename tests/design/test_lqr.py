@@ -5,7 +5,7 @@ import pytest
 from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR
 
 from trimtab.core.errors import InputError
-from trimtab.design.lqr import kalman_bucy, lqr, with_integrals
+from trimtab.design.lqr import augment_integrals, kalman_bucy, lqr
 
 
 def by_hamiltonian(A, B, Q, R):
@@ -26,7 +26,7 @@ def test_double_integrator_has_the_gain_of_the_textbook():
 
 
 def test_scale_does_not_change_the_gain_and_integral_action_is_another_system():
-    A, B = with_integrals(*BALL_AND_BEAM, [0])
+    A, B = augment_integrals(*BALL_AND_BEAM, [0])
     np.testing.assert_array_equal(A[4], [1, 0, 0, 0, 0])
     assert B.shape == (5, 1)
     Q, R = np.diag([1.0, 0.1, 3.0, 0.1, 0.5]), np.array([[0.04]])

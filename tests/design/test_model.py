@@ -6,7 +6,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.signals import PlanarForce
-from trimtab.design.model import indices, of_vehicle, system, unpacked, vector
+from trimtab.design.model import find_indices, model_of_functions, model_of_vehicle, record_vector, unpack_record
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 X = HovercraftState(0.3, -0.2, 0.1, 4.0, 5.0, 7.0)
@@ -15,27 +15,29 @@ U = PlanarForce(0.4, -0.1)
 
 def test_a_vehicle_as_a_function_of_vectors():
     craft = Hovercraft()
-    model = of_vehicle(craft, X, U)
+    model = model_of_vehicle(craft, X, U)
     want = craft.dynamics(0.0, X, U)
     np.testing.assert_array_equal(model.f(model.x0, model.u0), [float(getattr(want, n)) for n in model.states])
     assert model.states == ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")
     assert model.inputs == ("FX", "FY")
     assert model.outputs == model.states
-    assert float(unpacked(X, vector(X)).heading) == 7.0  # not wrapped: a trim may turn
+    assert float(unpack_record(X, record_vector(X)).heading) == 7.0  # not wrapped: a trim may turn
     assert float(model.state(model.x0).yaw_rate) == 0.1
     assert float(model.input(model.u0).FY) == -0.1
 
 
 def test_outputs_by_name_and_by_function():
-    model = of_vehicle(Hovercraft(), X, U, outputs=("east", "yaw_rate"))
+    model = model_of_vehicle(Hovercraft(), X, U, outputs=("east", "yaw_rate"))
     np.testing.assert_array_equal(model.h(model.x0, model.u0), [5.0, 0.1])
-    made = of_vehicle(Hovercraft(), X, U, outputs={"speed": lambda x, u: jnp.hypot(x.surge_velocity, x.sway_velocity)})
+    made = model_of_vehicle(
+        Hovercraft(), X, U, outputs={"speed": lambda x, u: jnp.hypot(x.surge_velocity, x.sway_velocity)}
+    )
     np.testing.assert_allclose(made.h(made.x0, made.u0), [np.hypot(0.3, 0.2)], rtol=1e-15)
     assert made.outputs == ("speed",)
 
 
 def test_points_from_changes_records_and_vectors():
-    model = of_vehicle(Hovercraft(), X, U)
+    model = model_of_vehicle(Hovercraft(), X, U)
     x, u = model.point({"north": 9.0}, [1.0, 2.0])
     np.testing.assert_array_equal(x, [0.3, -0.2, 0.1, 9.0, 5.0, 7.0])
     np.testing.assert_array_equal(u, [1.0, 2.0])
@@ -44,7 +46,7 @@ def test_points_from_changes_records_and_vectors():
 
 
 def test_what_does_not_fit_is_refused():
-    model = of_vehicle(Hovercraft(), X, U)
+    model = model_of_vehicle(Hovercraft(), X, U)
     with pytest.raises(InputError, match="no 'hedding'") as error:
         model.point({"hedding": 1.0})
     assert "'heading'" in error.value.fix
@@ -54,14 +56,14 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(InputError, match="shape"):
         model.point(np.zeros(5))
     with pytest.raises(InputError, match="twice"):
-        indices("here", ("a", "a"), ("a", "b"))
+        find_indices("here", ("a", "a"), ("a", "b"))
     with pytest.raises(InputError, match="no 'depth'"):
-        of_vehicle(Hovercraft(), X, U, outputs=("depth",))
+        model_of_vehicle(Hovercraft(), X, U, outputs=("depth",))
     with pytest.raises(InputError, match="not a record"):
-        of_vehicle(Hovercraft(), np.zeros(6), U)
+        model_of_vehicle(Hovercraft(), np.zeros(6), U)
     with pytest.raises(InputError, match=r"2 names for f\(x, u\)"):
-        system(lambda x, u: jnp.zeros(3), ("a", "b"), ("u",))
+        model_of_functions(lambda x, u: jnp.zeros(3), ("a", "b"), ("u",))
     with pytest.raises(InputError, match="names something twice"):
-        system(lambda x, u: x, ("a", "a"), ("u",))
+        model_of_functions(lambda x, u: x, ("a", "a"), ("u",))
     with pytest.raises(InputError, match=r"h\(x, u\)"):
-        system(lambda x, u: x, ("a", "b"), ("u",), h=lambda x, u: x[:1], outputs=("p", "q"))
+        model_of_functions(lambda x, u: x, ("a", "b"), ("u",), h=lambda x, u: x[:1], outputs=("p", "q"))

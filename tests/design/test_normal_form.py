@@ -7,10 +7,10 @@ import pytest
 from design.published import G, ball_and_beam, vtol
 
 from trimtab.core.errors import InputError
-from trimtab.core.once import QUICKLY
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.design.linearise import linearise
-from trimtab.design.model import system
-from trimtab.design.normal_form import normal_form, solve
+from trimtab.design.model import model_of_functions
+from trimtab.design.normal_form import normal_form, solve_root
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +18,7 @@ EPS = 0.3
 
 
 def quick(f):
-    return jax.jit(f, compiler_options=QUICKLY)
+    return jax.jit(f, compiler_options=FAST_COMPILE_OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_the_model_in_new_coordinates_has_chains_of_integrators(form):
 
 
 def test_there_and_back_and_an_input_that_is_not_affine():
-    model = system(
+    model = model_of_functions(
         lambda x, u: jnp.stack([x[1], jnp.tanh(x[0]) + u[0] + 0.3 * u[0] ** 2, x[0] * x[1] - x[2] ** 3]),
         ("a", "b", "c"),
         ("u",),
@@ -84,7 +84,7 @@ def test_there_and_back_and_an_input_that_is_not_affine():
 def test_states_are_chosen_and_feedthrough_has_no_chain():
     chosen = normal_form(vtol(EPS)).internals
     assert chosen == ("theta", "w")
-    lag = system(lambda x, u: u - 2 * x, ("a",), ("u",), h=lambda x, u: x + u, outputs=("y",))
+    lag = model_of_functions(lambda x, u: u - 2 * x, ("a",), ("u",), h=lambda x, u: x + u, outputs=("y",))
     form = normal_form(lag)
     assert (form.external, form.internals, form.virtual) == ((), ("a",), ("y",))
     linear = linearise(form.model())  # a' = y - 3 a
@@ -92,17 +92,17 @@ def test_states_are_chosen_and_feedthrough_has_no_chain():
 
 
 def test_solve_is_differentiable_and_says_when_there_is_no_root():
-    cube = lambda a: solve(lambda z: z**3 - a, jnp.array([1.0]))[0]  # noqa: E731
+    cube = lambda a: solve_root(lambda z: z**3 - a, jnp.array([1.0]))[0]  # noqa: E731
     np.testing.assert_allclose([cube(8.0), jax.grad(cube)(8.0)], [2.0, 1 / 12], rtol=1e-12)
     np.testing.assert_allclose(jax.grad(jax.grad(cube))(8.0), -2 / 9 * 8 ** (-5 / 3), rtol=1e-9)
-    assert np.isnan(solve(lambda z: z**2 + 1, jnp.array([0.7]))).all()
+    assert np.isnan(solve_root(lambda z: z**2 + 1, jnp.array([0.7]))).all()
 
 
 def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="no relative degree here: the inputs enter derivative 3"):
         normal_form(ball_and_beam())
     with pytest.raises(InputError, match="2 outputs and 1 inputs"):
-        normal_form(system(lambda x, u: x + u, ("a", "b"), ("u",)))
+        normal_form(model_of_functions(lambda x, u: x + u, ("a", "b"), ("u",)))
     with pytest.raises(InputError, match=r"leave 2\.") as error:
         normal_form(vtol(EPS), internal=("theta",))
     assert "vy" in error.value.choices

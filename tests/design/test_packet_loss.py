@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.design.delay_margin import critical_loss, growth, mean_square, mean_squares
+from trimtab.design.delay_margin import critical_loss, mean_square, mean_square_growth, mean_squares
 
 
 def by_every_pattern(a, q, steps, start, tries):
@@ -44,7 +44,7 @@ def test_other_numbers_of_retransmissions(retransmissions):
     found = mean_squares(a, q, 6, retransmissions=retransmissions)
     assert found[-1] == pytest.approx(by_every_pattern(a, q, 6, 0.0, 1 + retransmissions), rel=1e-13)
     limit = critical_loss(a, retransmissions=retransmissions)
-    assert growth(a, limit, retransmissions=retransmissions) == pytest.approx(1.0)
+    assert mean_square_growth(a, limit, retransmissions=retransmissions) == pytest.approx(1.0)
 
 
 def test_critical_loss():
@@ -53,8 +53,8 @@ def test_critical_loss():
 
 def test_refusals():
     with pytest.raises(InputError, match="q in"):
-        growth(1.5, 1.2)
+        mean_square_growth(1.5, 1.2)
     with pytest.raises(InputError, match="finite pole"):
-        growth(np.nan, 0.2)
+        mean_square_growth(np.nan, 0.2)
     with pytest.raises(InputError, match="whole number"):
-        growth(1.5, 0.2, retransmissions=-1)
+        mean_square_growth(1.5, 0.2, retransmissions=-1)

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 from trimtab.core.signals import PlanarForce
-from trimtab.design.stabilisability import brockett, byrnes_isidori, controllability_rank, reaches, uncontrollable
+from trimtab.design.stabilisability import (
+    brockett,
+    byrnes_isidori,
+    controllability_rank,
+    is_reachable,
+    uncontrollable_eigenvalues,
+)
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 CRAFT = Hovercraft()
@@ -40,7 +46,7 @@ def test_check_08_byrnes_isidori_excludes_a_smooth_stabiliser():
     assert (v.rank_f2, v.rank_inputs, v.n1) == (3, 2, 3)
     assert v.h1
     assert v.h2
-    assert v.excluded
+    assert v.is_excluded
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e-2])
@@ -48,18 +54,18 @@ def test_check_08_brockett_is_solvable_only_on_a_line(scale):
     """Acceptance check 8, exact: (b1, b2, b3, 0) is reached if and only if b3 = -d b2. [1] section 2.3."""
     draws = np.random.default_rng(3).uniform(-scale, scale, (5, 3))
     for b1, b2, off in draws:
-        assert reaches(turning, [b1, b2, -D * b2, 0.0], 2)
-        assert not reaches(turning, [b1, b2, -D * b2 + off, 0.0], 2)
+        assert is_reachable(turning, [b1, b2, -D * b2, 0.0], 2)
+        assert not is_reachable(turning, [b1, b2, -D * b2 + off, 0.0], 2)
 
 
 def test_check_08_brockett_verdict():
     """Acceptance check 8: controllability rank 3 of 4 with the eigenvalue 0 left over, and the image has holes."""
     v = brockett(turning, 4, 2)
     assert v.controllability_rank == 3
-    assert v.unstable == ()
-    assert not v.onto
-    assert v.excluded
-    along = v.missed / np.linalg.norm(v.missed, axis=1, keepdims=True)
+    assert v.uncontrollable_unstable == ()
+    assert not v.is_onto
+    assert v.is_excluded
+    along = v.missed_targets / np.linalg.norm(v.missed_targets, axis=1, keepdims=True)
     hole = np.array([0.0, D, 1.0, 0.0]) / np.hypot(D, 1.0)
     assert np.any(np.abs(along @ hole) > 1 - 1e-9)
 
@@ -77,34 +83,34 @@ def test_a_third_actuator_lifts_the_exclusion():
 
     v = byrnes_isidori(f1_full, f2, 3, 3, 3)
     assert v.rank_inputs == 3
-    assert not v.excluded
+    assert not v.is_excluded
 
 
 def test_h1_and_h2_fail_where_they_should():
     # x2' = x1^2 has no slope at 0; x2' = x1 + x2 vanishes along a line
     flat = byrnes_isidori(lambda x, u: u[:1] * 0, lambda a, b: a**2, 1, 1, 1)
-    assert (flat.h1, flat.h2, flat.excluded) == (False, False, False)
+    assert (flat.h1, flat.h2, flat.is_excluded) == (False, False, False)
     line = byrnes_isidori(lambda x, u: u[:1] * 0, lambda a, b: a + b, 1, 1, 1)
-    assert (line.h1, line.h2, line.excluded) == (False, True, False)
+    assert (line.h1, line.h2, line.is_excluded) == (False, True, False)
 
 
 def test_brockett_on_systems_with_a_known_verdict():
     # Brockett 1983: the nonholonomic integrator, and the unicycle, fail; a double integrator passes;
     # x' = u^3 has no slope but reaches everything; x' = x with a useless input is unstable for ever
-    assert brockett(lambda x, u: jnp.stack([u[0], u[1], x[0] * u[1] - x[1] * u[0]]), 3, 2).excluded
-    assert brockett(lambda x, u: jnp.stack([u[0] * jnp.cos(x[2]), u[0] * jnp.sin(x[2]), u[1]]), 3, 2).excluded
+    assert brockett(lambda x, u: jnp.stack([u[0], u[1], x[0] * u[1] - x[1] * u[0]]), 3, 2).is_excluded
+    assert brockett(lambda x, u: jnp.stack([u[0] * jnp.cos(x[2]), u[0] * jnp.sin(x[2]), u[1]]), 3, 2).is_excluded
     good = brockett(lambda x, u: jnp.stack([x[1], u[0]]), 2, 1)
-    assert (good.onto, good.excluded, good.controllability_rank) == (True, False, 2)
+    assert (good.is_onto, good.is_excluded, good.controllability_rank) == (True, False, 2)
     cubic = brockett(lambda x, u: u**3, 1, 1)
-    assert (cubic.onto, cubic.excluded, cubic.controllability_rank) == (True, False, 0)
+    assert (cubic.is_onto, cubic.is_excluded, cubic.controllability_rank) == (True, False, 0)
     stuck = brockett(lambda x, u: jnp.stack([x[0], u[0]]), 2, 1)
-    assert stuck.excluded
-    np.testing.assert_allclose(stuck.unstable, [1.0])
+    assert stuck.is_excluded
+    np.testing.assert_allclose(stuck.uncontrollable_unstable, [1.0])
 
 
 def test_controllability_against_kalman_and_hautus():
     A, B = np.array([[1.0, 0.0], [0.0, 2.0]]), np.array([[1.0], [0.0]])
     assert controllability_rank(A, B) == 1
-    np.testing.assert_allclose(uncontrollable(A, B), [2.0])
+    np.testing.assert_allclose(uncontrollable_eigenvalues(A, B), [2.0])
     assert controllability_rank(A, np.array([[1.0], [1.0]])) == 2
-    assert uncontrollable(A, np.array([[1.0], [1.0]])) == ()
+    assert uncontrollable_eigenvalues(A, np.array([[1.0], [1.0]])) == ()

@@ -5,20 +5,20 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from trimtab.core.errors import InputError
-from trimtab.design.stable_inversion import filter_matrix, following
+from trimtab.design.stable_inversion import exosystem_matrix, solve_steady_response
 
 
 def test_a_sine_into_an_unstable_system():
     """z' = 2 z + sin t: the bounded solution is -(2 sin t + cos t)/5."""
-    X = following([[2.0]], [[0.0, 1.0], [-1.0, 0.0]], [[1.0, 0.0]])
+    X = solve_steady_response([[2.0]], [[0.0, 1.0], [-1.0, 0.0]], [[1.0, 0.0]])
     np.testing.assert_allclose(X, [[-0.4, -0.2]], atol=1e-15)
 
 
 def test_it_solves_the_equation_and_moves_as_the_system_does():
     draws = np.random.default_rng(4)
     A, G = draws.normal(size=(4, 4)), draws.normal(size=(4, 3))
-    S = filter_matrix(0.7, 3)
-    X = following(A, S, G)
+    S = exosystem_matrix(0.7, 3)
+    X = solve_steady_response(A, S, G)
     np.testing.assert_allclose(X @ S, A @ X + G, atol=1e-12)
     start = np.array([-1.0, 0.0, 0.0])
     together = solve_ivp(
@@ -32,7 +32,7 @@ def test_it_solves_the_equation_and_moves_as_the_system_does():
 
 @pytest.mark.parametrize("order", [1, 3, 4])
 def test_filter_matrix_has_its_poles_and_its_step_response(order):
-    S = filter_matrix(0.06, order)
+    S = exosystem_matrix(0.06, order)
     np.testing.assert_allclose(np.poly(S), np.poly([-0.06] * order), rtol=1e-12)
     start = -np.eye(order)[0]
     a = 0.06 * 40
@@ -52,4 +52,4 @@ def test_filter_matrix_has_its_poles_and_its_step_response(order):
 )
 def test_wrong_input_is_refused(A, S, G, text):
     with pytest.raises(InputError, match=text):
-        following(A, S, G)
+        solve_steady_response(A, S, G)

@@ -7,7 +7,7 @@ from scipy.optimize import fsolve
 
 from trimtab.core.errors import InputError
 from trimtab.core.signals import PlanarForce
-from trimtab.design.model import of_vehicle, system
+from trimtab.design.model import model_of_functions, model_of_vehicle
 from trimtab.design.trim import trim
 from trimtab.vehicles.hovercraft import Friction, Hovercraft, HovercraftState
 
@@ -18,7 +18,7 @@ CRAFT = Hovercraft(friction=Friction(force_viscous=0.8, force_quadratic=0.3, tor
 
 
 def hovercraft(**outputs):
-    return of_vehicle(CRAFT, HovercraftState(), PlanarForce(0.0, 0.0), outputs=outputs or None)
+    return model_of_vehicle(CRAFT, HovercraftState(), PlanarForce(0.0, 0.0), outputs=outputs or None)
 
 
 def vtol(eps):
@@ -29,15 +29,15 @@ def vtol(eps):
         s, c = jnp.sin(th), jnp.cos(th)
         return jnp.stack([vx, -u[0] * s + eps * u[1] * c, vy, u[0] * c + eps * u[1] * s - G, w, u[1]])
 
-    return system(f, ("x", "vx", "y", "vy", "theta", "w"), ("u1", "u2"))
+    return model_of_functions(f, ("x", "vx", "y", "vy", "theta", "w"), ("u1", "u2"))
 
 
 def test_a_straight_run_needs_the_force_of_friction():
     found = trim(hovercraft(), x={"surge_velocity": 0.5}, free=("FX", "FY"), loose=PLACE)
-    assert found.found
+    assert found.is_found
     assert found.why == ()
     np.testing.assert_allclose(found.u, [0.8 * 0.5 + 0.3 * 0.25, 0.0], rtol=1e-13, atol=1e-13)
-    assert found.require() is found
+    assert found.require_trim() is found
 
 
 def test_a_steady_turn_against_scipy_on_the_plain_equations():
@@ -45,7 +45,7 @@ def test_a_steady_turn_against_scipy_on_the_plain_equations():
     model = hovercraft(**speed)
     free = ("surge_velocity", "sway_velocity", "FX", "FY")
     start = {"yaw_rate": 0.3, "surge_velocity": 1.0}
-    found = trim(model, x=start, free=free, loose=PLACE, outputs={"speed": 1.2}).require()
+    found = trim(model, x=start, free=free, loose=PLACE, outputs={"speed": 1.2}).require_trim()
     m, J, d = CRAFT.mass, CRAFT.inertia, CRAFT.arm
 
     def plain(z):
@@ -60,25 +60,25 @@ def test_a_steady_turn_against_scipy_on_the_plain_equations():
 
 
 def test_hover_and_an_accelerated_climb():
-    hover = trim(vtol(0.1), x={"theta": 0.3}, free=("theta", "u1", "u2")).require()
+    hover = trim(vtol(0.1), x={"theta": 0.3}, free=("theta", "u1", "u2")).require_trim()
     np.testing.assert_allclose([hover.x[4], *hover.u], [0.0, G, 0.0], atol=1e-12)
-    climb = trim(vtol(0.1), free=("theta", "u1", "u2"), derivatives={"vy": 2.0, "vx": -1.0}).require()
+    climb = trim(vtol(0.1), free=("theta", "u1", "u2"), derivatives={"vy": 2.0, "vx": -1.0}).require_trim()
     np.testing.assert_allclose([climb.x[4], climb.u[0]], [np.arctan2(1.0, G + 2), np.hypot(1.0, G + 2)], rtol=1e-12)
 
 
 def test_a_bound_that_stops_it_is_named():
     found = trim(hovercraft(), x={"surge_velocity": 0.5}, free=("FX", "FY"), loose=PLACE, bounds={"FX": (-0.1, 0.4)})
-    assert not found.found
+    assert not found.is_found
     assert found.active == {"FX": "high"}
     np.testing.assert_allclose(found.residual["surge_velocity'"], (0.4 - 0.475) / 2.6, rtol=1e-6)
     with pytest.raises(InputError, match=r"surge_velocity' by -0\.0288.*at a bound are FX \(high, 0\.4\)"):
-        found.require("hovercraft")
+        found.require_trim("hovercraft")
 
 
 def test_one_force_cannot_push_sideways_without_turning():
     """Kulis 2006, section 2.3: sway and yaw accelerations have the fixed ratio -J/(m d)."""
     found = trim(hovercraft(), free=("FX", "FY"), derivatives={"sway_velocity": 0.1}, loose=PLACE)
-    assert not found.found
+    assert not found.is_found
     assert found.rank == 2
     assert any("nothing that is free moves" in w and "sway_velocity'" in w and "yaw_rate'" in w for w in found.why)
     ratio = trim(
@@ -87,26 +87,28 @@ def test_one_force_cannot_push_sideways_without_turning():
         derivatives={"sway_velocity": 0.1, "yaw_rate": -0.1 * 2.6 * 0.32 / 0.096},
         loose=PLACE,
     )
-    assert ratio.found
+    assert ratio.is_found
     np.testing.assert_allclose(ratio.u, [0.0, 0.26], atol=1e-12)
 
 
 def test_unknowns_without_authority_and_solutions_that_are_not_alone():
     found = trim(hovercraft(), free=("FX", "FY", "north", "east"), x={"north": 3.0}, loose=())
-    assert found.found
-    assert found.powerless == ("north", "east")
-    assert len(found.undetermined) == 2
+    assert found.is_found
+    assert found.powerless_unknowns == ("north", "east")
+    assert len(found.undetermined_unknowns) == 2
     wrong = trim(hovercraft(), free=("north",), x={"surge_velocity": 0.5}, loose=("north",))
-    assert not wrong.found
+    assert not wrong.is_found
     assert any("no authority here: north" in w for w in wrong.why)
 
 
 def test_a_minimum_that_is_no_solution_and_another_start_that_finds_one():
-    cubic = system(lambda x, u: x**3 - 3 * x + 4.0, ("x",), ("u",), x0=[1.5])  # minimum at 1, root near -2.2
+    cubic = model_of_functions(
+        lambda x, u: x**3 - 3 * x + 4.0, ("x",), ("u",), x0=[1.5]
+    )  # minimum at 1, root near -2.2
     alone = trim(cubic, free=("x",), starts=1)
-    assert not alone.found
+    assert not alone.is_found
     assert any("minimum that is not zero" in w or "nothing that is free" in w for w in alone.why)
-    several = trim(cubic, free=("x",), bounds={"x": (-4.0, 4.0)}).require()
+    several = trim(cubic, free=("x",), bounds={"x": (-4.0, 4.0)}).require_trim()
     np.testing.assert_allclose(several.x, min(np.roots([1, 0, -3, 4]).real), rtol=1e-12)
 
 
@@ -115,7 +117,7 @@ def test_an_equation_that_only_rounding_moves_is_left_alone():
     model = hovercraft(surge=lambda x, u: x.surge_velocity)
     start = {"surge_velocity": 0.5, "heading": np.pi / 2}
     free, wanted = ("FX", "FY", "surge_velocity"), {"surge": 0.7}
-    found = trim(model, x=start, free=free, loose=("east", "heading"), outputs=wanted).require()
+    found = trim(model, x=start, free=free, loose=("east", "heading"), outputs=wanted).require_trim()
     np.testing.assert_allclose(found.x[0], 0.7, rtol=1e-12)
     turned = trim(model, x=start, free=(*free, "heading"), loose=("east",), outputs=wanted, starts=1)
     np.testing.assert_allclose(np.cos(turned.x[5]), 0.0, atol=1e-12)
@@ -134,6 +136,6 @@ def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="wanted derivative too"):
         trim(model, free=("FX",), derivatives={"north": 1.0}, loose=("north",))
     with pytest.raises(InputError, match="not finite at the start"):
-        trim(system(lambda x, u: jnp.log(x), ("x",), ("u",)), free=("x",))
+        trim(model_of_functions(lambda x, u: jnp.log(x), ("x",), ("u",)), free=("x",))
     with pytest.raises(InputError, match="wanted values"):
         trim(model, free=("FX",), outputs={"north": np.inf})

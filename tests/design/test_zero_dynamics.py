@@ -7,7 +7,7 @@ from scipy.signal import tf2ss
 
 from trimtab.core.errors import InputError
 from trimtab.design.linearise import linearise
-from trimtab.design.model import system
+from trimtab.design.model import model_of_functions
 from trimtab.design.zero_dynamics import transmission_zeros, zero_dynamics
 
 
@@ -17,7 +17,7 @@ def linear(A, B, C, D=None, rest=None):
     D = np.zeros((len(C), B.shape[1])) if D is None else np.atleast_2d(D)
     names = tuple(f"x{i}" for i in range(len(A)))
     inputs = tuple(f"u{i}" for i in range(B.shape[1]))
-    return system(lambda x, u: A @ x + B @ u, names, inputs, h=lambda x, u: C @ x + D @ u)
+    return model_of_functions(lambda x, u: A @ x + B @ u, names, inputs, h=lambda x, u: C @ x + D @ u)
 
 
 def of_transfer(numerator, denominator):
@@ -32,7 +32,7 @@ def test_the_cart_under_an_upright_pole():
     want = np.sqrt(G / 0.7)
     np.testing.assert_allclose(found.zeros.zeros, [want, -want], rtol=1e-12)
     np.testing.assert_allclose(found.poles, [want, -want], rtol=1e-12)
-    np.testing.assert_allclose(found.offending, [want], rtol=1e-12)
+    np.testing.assert_allclose(found.offending_zeros, [want], rtol=1e-12)
     assert found.internals == ("a", "w")
     assert found.why[0].endswith((", in a, w", ", in w, a"))
     swing = zero_dynamics(cart_pole("a"))  # the cart may coast
@@ -124,4 +124,4 @@ def test_a_tolerance_of_ones_own():
     assert zero_dynamics(slow).verdict == "minimum phase"
     found = zero_dynamics(slow, tolerance=1e-2)
     assert found.verdict == "marginal"
-    np.testing.assert_allclose(found.offending, [-1e-3], rtol=1e-9)
+    np.testing.assert_allclose(found.offending_zeros, [-1e-3], rtol=1e-9)

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.environment.geodetic import RATE, coriolis, earth_rate, ned_axes, transport_rate
 
 
@@ -44,4 +44,4 @@ def test_transport_rate_is_how_the_local_axes_turn():
 
 
 def test_exportable():
-    lowered(lambda phi, v: coriolis(earth_rate(phi), v) + transport_rate(phi, 1.0, v), (0.3, jnp.ones(3)))
+    lower_function(lambda phi, v: coriolis(earth_rate(phi), v) + transport_rate(phi, 1.0, v), (0.3, jnp.ones(3)))

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.environment import geodetic as g
 
 RNG = np.random.default_rng(5)
@@ -51,4 +51,4 @@ def test_tangent_plane():
 
 def test_exportable():
     plane = g.TangentPlane(latitude=0.68, longitude=-1.34, height=50.0)
-    lowered(lambda plane, p: plane.to_ned(*plane.from_ned(p)), (plane, jnp.zeros(3)))
+    lower_function(lambda plane, p: plane.to_ned(*plane.from_ned(p)), (plane, jnp.zeros(3)))

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.environment import geodetic
 from trimtab.environment.geodetic import GM, RATE, gravity, normal_gravity
 
@@ -47,4 +47,4 @@ def test_vector_points_down():
     g = np.asarray(gravity(0.6805, 50.0))
     assert g[0] == g[1] == 0
     assert g[2] == pytest.approx(9.80065, abs=1e-5)
-    lowered(lambda phi, h: gravity(phi, h), (jnp.asarray(0.3), jnp.asarray(2.0)))
+    lower_function(lambda phi, h: gravity(phi, h), (jnp.asarray(0.3), jnp.asarray(2.0)))

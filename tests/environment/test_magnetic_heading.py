@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.rotation import from_euler, wrap
 from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading, strength_ratio
 
@@ -46,4 +46,4 @@ def test_strength_ratio():
 
 
 def test_exportable():
-    lowered(lambda b, w, r, p: (magnetic_heading(b, w, r, p), strength_ratio(b, w)), (FIELD, FIELD, 0.1, 0.1))
+    lower_function(lambda b, w, r, p: (magnetic_heading(b, w, r, p), strength_ratio(b, w)), (FIELD, FIELD, 0.1, 0.1))

@@ -9,13 +9,13 @@ import pytest
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.replay import difference
+from trimtab.run.replay import compare_logs
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = range(100)
-NAMES = list(catalogue.names())
+NAMES = list(catalogue.scenario_names())
 HERE = ("hovercraft/zero-velocity", "hovercraft/forward", "hovercraft/heading-bang-bang", "navigation/still")
 """Between them they have the laws' switches, links, actuators and filters; the others are with the slow tests."""
 QUICK = [n if n in HERE else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
@@ -23,14 +23,14 @@ QUICK = [n if n in HERE else pytest.param(n, marks=pytest.mark.slow) for n in NA
 
 def agree(name, duration, ideal):
     """Compare 100 seeds; gives the switches that differed, for the record."""
-    scenario, _ = catalogue.load(name)
+    scenario, _ = catalogue.load_scenario(name)
     scenario = replace(scenario.ideal() if ideal else scenario, duration=duration)
     reference = simulate_many(scenario, seeds=SEEDS, backend="jax")
     lanes = simulate_many(scenario, seeds=SEEDS, backend="c", threads=2)
     switches = []
     for seed, (a, b) in enumerate(zip(reference, lanes, strict=True)):
-        found = difference(a, b)
-        assert found.equal, f"{name}, seed {seed}: {found.number}"
+        found = compare_logs(a, b)
+        assert found.is_equal, f"{name}, seed {seed}: {found.number}"
         if found.switch is not None:
             switches.append((seed, found.switch))
     for seed in (0, 57, 99):
@@ -52,12 +52,12 @@ def test_backends_agree(name):
 @pytest.mark.parametrize("ideal", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_backends_agree_over_whole_runs(name, ideal):
-    scenario, _ = catalogue.load(name)
+    scenario, _ = catalogue.load_scenario(name)
     agree(name, scenario.duration, ideal)
 
 
 def test_threads_change_nothing():
-    scenario, _ = catalogue.load("hovercraft/heading-bang-bang")
+    scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     scenario = replace(scenario, duration=seconds(1))
     one = simulate_many(scenario, seeds=SEEDS, backend="c", threads=1)
     two = simulate_many(scenario, seeds=SEEDS, backend="c", threads=3)

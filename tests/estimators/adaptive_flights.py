@@ -13,9 +13,9 @@ import numpy as np
 from estimators.flexible_flights import DT, NAMES, trim
 
 from trimtab.core.integrate import rk4
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key, normals
-from trimtab.core.signals import Frame, measured
+from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
 from trimtab.sensors.flight_state import FlightStateSensor
@@ -83,7 +83,7 @@ def fly_many(factors, one, seeds, move=rest, seconds=10, noise=0.01, qacc=0.0, d
     craft, x = plants(factors, disturbance, off)
     seeds, n = np.asarray(seeds, np.uint32), round(seconds / DT)
     held = 0.0 if (move is rest or not size) and disturbance is None else 1.0
-    out = _fly(craft, x, trim()[2], numeric(one), seeds, float(noise), float(qacc), held, float(size), move, n)
+    out = _fly(craft, x, trim()[2], to_arrays(one), seeds, float(noise), float(qacc), held, float(size), move, n)
     return jax.tree.map(np.asarray, Flown(*out))
 
 
@@ -101,7 +101,7 @@ def _fly(craft, x, u, one, seeds, noise, qacc, held, size, move, n):
             motion = craft.motion(t, x, before)
             chi = flight.step(t, root.at("flight"), motion)[1]
             z = felt.step(t, root.at("angular-accelerometer"), motion)[1]
-            frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": measured(t, before)})
+            frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": new_sample(t, before)})
             state, estimate = one.step(t, state, frame)
             truth = jnp.stack([getattr(x, name) for name in NAMES])
             error = jnp.stack([getattr(estimate.state, name) for name in NAMES]) - truth

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.optimize import fsolve
 
 from trimtab.core.integrate import rk4
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key, normals
-from trimtab.core.signals import Frame, measured
+from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
 from trimtab.sensors.flight_state import FlightStateSensor
@@ -27,15 +27,15 @@ NAMES = ("eta1", "eta1_rate", "eta2", "eta2_rate")
 def trim(kmode="parker", detuned=1.0):
     """Vehicle, state and input of level flight at the reference point."""
     craft = Hypersonic()
-    craft = replace(craft, modes=replace(craft.modes.detuned(detuned), kmode=kmode))
+    craft = replace(craft, modes=replace(craft.modes.detune(detuned), kmode=kmode))
 
     def residual(z):
-        rate = craft.dynamics(0.0, craft.at_rest(85000.0, 7702.0808, z[0], z[2]), HypersonicInput(z[1], z[2]))
+        rate = craft.dynamics(0.0, craft.level_state(85000.0, 7702.0808, z[0], z[2]), HypersonicInput(z[1], z[2]))
         return [float(rate.V), float(rate.alpha) * 7702, float(rate.q)]
 
     alpha, Phi, delta_e = fsolve(residual, [0.03, 0.3, 0.2], xtol=1e-14)
-    x = craft.at_rest(85000.0, 7702.0808, alpha, delta_e)
-    return numeric(craft), numeric(x), numeric(HypersonicInput(Phi, delta_e))
+    x = craft.level_state(85000.0, 7702.0808, alpha, delta_e)
+    return to_arrays(craft), to_arrays(x), to_arrays(HypersonicInput(Phi, delta_e))
 
 
 def steady(k, u):
@@ -55,7 +55,7 @@ def fly(craft, x, u, one, seed=0, noise=0.01, inputs=steady, qacc=0.0, offset=0.
     qacc: density of white acceleration on the modes, applied each step with variance qacc/dt.
     """
     numbers = (float(v) for v in (noise, qacc, offset))
-    return _fly(craft, x, u, numeric(one), np.uint32(seed), *numbers, inputs)
+    return _fly(craft, x, u, to_arrays(one), np.uint32(seed), *numbers, inputs)
 
 
 @functools.partial(jax.jit, static_argnames="inputs")
@@ -73,7 +73,7 @@ def _fly(craft, x, u, one, seed, noise, qacc, offset, inputs):
         motion = craft.motion(t, x, u_before)
         chi = flight.step(t, sensor_keys[0], motion)[1]
         z = felt.step(t, sensor_keys[1], motion)[1]
-        frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": measured(t, u_before)})
+        frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": new_sample(t, u_before)})
         state, estimate = one.step(t, state, frame)
         error = jnp.stack([getattr(estimate.state, n) - getattr(x, n) for n in NAMES])
         u_now = inputs(k, u)

@@ -14,13 +14,13 @@ import numpy as np
 from trimtab.core.record import Scalar, quantity, record, replace
 from trimtab.core.rng import key, normals
 from trimtab.core.rotation import planar
-from trimtab.core.signals import Frame, held, measured
+from trimtab.core.signals import Frame, hold_sample, new_sample
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.measurement_history import newest
+from trimtab.estimators.inertial.measurement_history import newest_node
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.kalman import nees
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.imu import InertialReading
 
 TICK = ms(6.5536)
@@ -183,7 +183,7 @@ def frames(form: Any, now: Any, felt: Any, heading: Any = None, position: Any = 
     for name, (made, one) in given.items():
         if name:
             t, values, fresh = (np.array(x) for x in one)
-            sample = held(now, measured(t, made(*values.T)), fresh=fresh)
+            sample = hold_sample(now, new_sample(t, made(*values.T)), fresh=fresh)
             samples[name] = replace(sample, valid=np.ones(len(t), bool))
     return Frame(now, samples)
 
@@ -234,8 +234,8 @@ def fly_frames(form: Any, given: Frame) -> Any:
     def step(state, frame):
         return form.step(frame.t, state, frame)
 
-    state, told = jax.lax.scan(step, strong(form.init(key(0))), given)
-    return told, form.belief(newest(state.history))
+    state, told = jax.lax.scan(step, strengthen_types(form.init(key(0))), given)
+    return told, form.belief(newest_node(state.history))
 
 
 MEMS = InertialNoise(gyro=np.deg2rad(0.72) ** 2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8)

@@ -19,10 +19,10 @@ from trimtab.core.time import ms
 from trimtab.environment.acoustics import Air
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import LeverArms, turned_lever
+from trimtab.estimators.inertial.mechanisation import LeverArms, rotate_lever
 from trimtab.estimators.ranging.position import RangingPosition
-from trimtab.estimators.ranging.range_model import predicted
-from trimtab.estimators.ranging.start import tracked
+from trimtab.estimators.ranging.range_model import predict_range
+from trimtab.estimators.ranging.start import update_running
 from trimtab.sensors.time_of_flight import Beacons, Medium, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 
@@ -286,8 +286,8 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
 
         def ideal(heading: Any, position: Any, unit: Any) -> Any:
             g = form.geometry(unit)
-            place = position + turned_lever(heading, g.lever)[0]
-            return jax.vmap(lambda b: predicted(b, place, g.down, cone=g.cone).range)(g.beacons)
+            place = position + rotate_lever(heading, g.lever)[0]
+            return jax.vmap(lambda b: predict_range(b, place, g.down, cone=g.cone).range)(g.beacons)
 
         ranges = jax.vmap(ideal)(flight.at.heading, flight.at.position, unit)
         values = jnp.concatenate([(1 + constant[0]) * ranges + constant[1:] + white, unit[:, None]], axis=1)
@@ -299,7 +299,7 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
         hears = jnp.ones(n, bool)
 
         def correct(node: Any, value: Any) -> Any:
-            return tracked(form, node, value[:n], value[n].astype(np.int32), hears)
+            return update_running(form, node, value[:n], value[n].astype(np.int32), hears)
 
         return flown(form, flight, felt, off, values, correct, first)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from estimators.flights import DT, MEMS, NEAR, QUICK, fly
 
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.direct import AidedInertialDirect
 from trimtab.estimators.inertial.dual_filter import InertialNoise
@@ -33,7 +33,7 @@ def unaided(form, felt):
 def test_errors_grow_as_the_theorys_polynomials(cls):
     """Bias of a gyro: heading t, velocity t² and position t³ across a force; bias of a force: t, t²."""
     n, f, b, a = 1000, 0.8, 1e-5, np.array([0.02, -0.01])
-    x = unaided(numeric(cls(noise=MEMS, start=NEAR)), np.tile([b, f + a[0], a[1]], (n + 1, 1))).x
+    x = unaided(to_arrays(cls(noise=MEMS, start=NEAR)), np.tile([b, f + a[0], a[1]], (n + 1, 1))).x
     t = np.arange(1, n + 1) * DT
     np.testing.assert_allclose(x[:, 0], b * t, rtol=1e-11)
     g = f + a[0]  # left out: g b² t³/6 and t⁴/24, below 1e-8
@@ -48,7 +48,7 @@ def test_the_coupled_covariance_grows_as_the_theorys_polynomials():
     """Along a force f: heading and gyro bias reach velocity as f t, f t²/2, and position as f t²/2, f t³/6."""
     n, f = 1500, 0.8
     noise = InertialNoise(gyro=1e-30, gyro_walk=0.0, forward=1e-2, starboard=1e-2, force_walk=1e-3)
-    form = numeric(AidedInertialCoupled(noise=noise, start=NEAR, smoothing=0.0))
+    form = to_arrays(AidedInertialCoupled(noise=noise, start=NEAR, smoothing=0.0))
     P = unaided(form, np.tile([0.0, f, 0.0], (n + 1, 1))).P
     t = np.arange(1, n + 1) * DT
     h, v, r = (float(getattr(NEAR, f"sigma_{name}")) ** 2 for name in ("heading", "velocity", "position"))
@@ -85,7 +85,7 @@ def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
     lap = course(shape)
     truth = fly(lambda t: 0.4 + 6 * jnp.pi * t / T, lambda t: lap(share(t)), np.arange(n) * DT)
     start = replace(NEAR, heading=0.4, north=float(lap(0.0)[0]), east=float(lap(0.0)[1]))
-    x = unaided(numeric(cls(noise=MEMS, start=start)), np.asarray(truth.felt)).x
+    x = unaided(to_arrays(cls(noise=MEMS, start=start)), np.asarray(truth.felt)).x
     assert np.abs(x[:, 3:5] - x[-1, 3:5]).max() > 1.5  # it went round
     np.testing.assert_allclose(x[-1, 3:5], truth.position[0], atol=1e-8)
     np.testing.assert_allclose(x[-1, 1:3], 0.0, atol=1e-9)
@@ -103,7 +103,7 @@ def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
     start = replace(
         NEAR, heading=0.4, velocity_north=float(v[0]), velocity_east=float(v[1]), north=float(r[0]), east=float(r[1])
     )
-    x = unaided(numeric(AidedInertialFeedback(noise=MEMS, start=start)), np.asarray(truth.felt)).x
+    x = unaided(to_arrays(AidedInertialFeedback(noise=MEMS, start=start)), np.asarray(truth.felt)).x
     jerk = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda t: lap(t / T))))(0.0)
     missed = -(DT**2) * T / 12 * np.asarray(jerk)
     np.testing.assert_allclose(x[-1, 3:5] - r, missed, atol=0.01 * np.linalg.norm(missed))
@@ -116,6 +116,6 @@ def test_a_lap_of_force_that_runs_straight_closes_exactly(cls):
     knots = 3.0 * np.array([0, 1, 0, -1, 0, -1, 0, 1, 0])
     for k in (1, 80):
         f = np.interp(np.arange(8 * k + 1) / k, np.arange(9), knots)
-        x = unaided(numeric(cls(noise=MEMS, start=NEAR)), np.stack([0 * f, f, -0.3 * f], axis=1)).x
+        x = unaided(to_arrays(cls(noise=MEMS, start=NEAR)), np.stack([0 * f, f, -0.3 * f], axis=1)).x
         assert np.abs(x[:, 3]).max() > 5.9 * (k * DT) ** 2
         np.testing.assert_allclose(x[-1, 1:5], 0.0, atol=1e-13)

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
-from trimtab.estimators.kalman import discretise, exponential
+from trimtab.estimators.kalman import discretise, matrix_exponential
 
 PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1], [19.6, 0.05, -330.9, -0.66]])
 
@@ -16,7 +16,7 @@ def test_exponential_is_scipys(size):
     A = np.random.default_rng(0).normal(size=(5, 5))
     A *= size / np.abs(A).sum(1).max()
     want = expm(A)
-    np.testing.assert_allclose(exponential(A), want, rtol=0, atol=3e-13 * np.abs(want).max())
+    np.testing.assert_allclose(matrix_exponential(A), want, rtol=0, atol=3e-13 * np.abs(want).max())
 
 
 @pytest.mark.parametrize("dt", [1e-3, 5e-3, 0.05])

@@ -11,7 +11,7 @@ import pytest
 from estimators.flights import DT, TICK, Truth, fly_frames, ride, ticks, weave
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rotation import wrap
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
@@ -28,7 +28,7 @@ BIASES = (0.012, 0.1, -0.08)
 TRUTH = jax.tree.map(np.asarray, weave(ticks(N)))
 AFTER = np.arange(N) >= 500
 FORMS = {
-    cls.__name__: numeric(cls(noise=NOISE, start=START, intake=Intake(slots=48)))
+    cls.__name__: to_arrays(cls(noise=NOISE, start=START, intake=Intake(slots=48)))
     for cls in (AidedInertialFeedback, AidedInertialDirect, AidedInertialFeedforward, AidedInertialCoupled)
 }
 FEEDBACK = FORMS["AidedInertialFeedback"]

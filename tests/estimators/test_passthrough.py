@@ -3,7 +3,7 @@
 import pytest
 
 from trimtab.core.rng import key
-from trimtab.core.signals import Frame, PlanarState, held, measured
+from trimtab.core.signals import Frame, PlanarState, hold_sample, new_sample
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 
@@ -13,8 +13,8 @@ def test_it_listens_to_its_sensor():
 
 
 def test_the_sample_is_the_estimate_with_its_age():
-    sample = held(ms(20), measured(ms(6), PlanarState(1.0, -0.5, 0.2, 3.0)), fresh=True)
-    other = measured(ms(46), PlanarState(0.0, 0.0, 0.0, 0.0))
+    sample = hold_sample(ms(20), new_sample(ms(6), PlanarState(1.0, -0.5, 0.2, 3.0)), fresh=True)
+    other = new_sample(ms(46), PlanarState(0.0, 0.0, 0.0, 0.0))
     estimator = Passthrough()
     state = estimator.init(key(0))
     state, estimate = estimator.step(ms(46), state, Frame(t=ms(46), samples={"navigation": sample, "other": other}))

@@ -38,8 +38,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("CC", "CXX"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("trimtab.native.cache._private", [])
-    monkeypatch.setattr("trimtab.native.cache._trouble", [])
+    monkeypatch.setattr("trimtab.native.cache._private_folders", [])
+    monkeypatch.setattr("trimtab.native.cache._folder_problems", [])
     return tmp_path / "cache" / "c"
 
 

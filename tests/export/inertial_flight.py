@@ -6,7 +6,7 @@ import numpy as np
 
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
-from trimtab.core.signals import measured
+from trimtab.core.signals import new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
@@ -61,12 +61,12 @@ class Noisy:
             value = Heading(true.heading + z[0])
         else:
             value = Position(true.north + z[0], true.east + z[1])
-        return key, measured(t, value)
+        return key, new_sample(t, value)
 
 
 def scenario(name: str = "hovercraft/zero-velocity") -> Any:
     """A scenario of the catalogue with the aided INS in place of the navigation error."""
-    made, _ = catalogue.load(name)
+    made, _ = catalogue.load_scenario(name)
     sensors = {
         "imu": Noisy(sigma=np.array([0.0126, 0.082, 0.082])),
         "heading": Noisy(sigma=np.full(3, 0.0126), kind=1),

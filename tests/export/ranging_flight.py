@@ -23,7 +23,7 @@ SLOTS = 20
 
 def scenario(name: str = "hovercraft/zero-velocity") -> Any:
     """A scenario of the catalogue with the tightly coupled filter in place of the navigation error."""
-    made, _ = catalogue.load(name)
+    made, _ = catalogue.load_scenario(name)
     ranging = UltrasonicRanging(units=PAIR, clients=2, collisions=False, period=ms(2))
     sensors = {"imu": Imu.microstrain_3dm_gx1(), "ranging": ranging}
     world = replace(made.world, sensors=sensors, downlink=Wire(period=ms(1)))

@@ -9,7 +9,7 @@ import pytest
 
 from trimtab.export.boards import TARGETS, emulate
 from trimtab.export.export_c import export_c
-from trimtab.export.verify import compare
+from trimtab.export.verify import compare_samples
 from trimtab.scenarios import catalogue
 
 
@@ -19,7 +19,7 @@ def on_the_board(scenario, target, folder, steps=500):
     flown = emulate(folder, target, steps=steps)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
-    _, first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)
+    _, first = compare_samples(flown.outputs, flown.expected_outputs, about["outputs"], tolerance)
     assert first is None
     return flown
 
@@ -28,7 +28,7 @@ def on_the_board(scenario, target, folder, steps=500):
 @pytest.mark.parametrize("target", sorted(TARGETS))
 @pytest.mark.parametrize("name", ["hovercraft/zero-velocity", "hovercraft/heading-proportional"])
 def test_autopilot_flies_on_the_board(name, target, tmp_path):
-    scenario, _ = catalogue.load(name)
+    scenario, _ = catalogue.load_scenario(name)
     flown = on_the_board(scenario, target, tmp_path)
     least, median, most = flown.instructions_per_step
     print(f"{name} on {target}: {least} … {most} instructions, {flown.flash_bytes} B flash, {flown.ram_bytes} B RAM")
@@ -66,7 +66,7 @@ def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
 def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
     """The tightly coupled filter: its start, then late pings of two units, as one exported step."""
     flown = on_the_board(flight("ranging_flight").scenario(), target, tmp_path, steps=1000)
-    tracking = flown.expected[:, flown.names.index("out.estimate.state.position_fix.tracking")]
+    tracking = flown.expected_outputs[:, flown.names.index("out.estimate.state.position_fix.tracking")]
     assert tracking[0] == 0
     assert tracking[-300:].all()
     least, median, most = flown.instructions_per_step
@@ -95,7 +95,7 @@ def test_filter_of_the_modes_and_stable_inversion_fly_on_the_board(settings, ins
 
     Bounds are 2 % above what gcc 12.2 gives: 3514, 5543, 196 206 and 106 358 instructions at most.
     """
-    scenario, _ = catalogue.load("hypersonic/noise", settings)
+    scenario, _ = catalogue.load_scenario("hypersonic/noise", settings)
     flown = on_the_board(scenario, "cortex-m7", tmp_path)
     least, median, most = flown.instructions_per_step
     print(f"{settings}: {least} … {most} instructions, median {median}, {1e-6 * 200 * median:.2f} million a second")

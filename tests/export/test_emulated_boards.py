@@ -74,7 +74,7 @@ def test_board_and_computer_agree_bit_by_bit(tmp_path, target, real):
     here = flown_here(folder)
     board = emulate(folder, target)
     assert same_bits(board.outputs, here)
-    assert same_bits(board.expected, here)
+    assert same_bits(board.expected_outputs, here)
     assert board.names == ("north", "east", "speed", "sigma", "mode")
     assert set(here[:, 4]) == {0, 1}, "the sample must switch its mode"
     assert np.isnan(here[-1, 0])

@@ -6,16 +6,16 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.export.export_c import export_c
-from trimtab.export.verify import verify
+from trimtab.export.verify import verify_folder
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-NAMES = list(catalogue.names())
+NAMES = list(catalogue.scenario_names())
 
 
 def exported(name, folder, **options):
-    scenario, _ = catalogue.load(name)
+    scenario, _ = catalogue.load_scenario(name)
     return export_c(scenario, folder, **options)
 
 
@@ -31,7 +31,7 @@ MARKED = [b if b[0] in HERE else pytest.param(*b, marks=pytest.mark.slow) for b 
 @pytest.mark.parametrize(("name", "real"), MARKED)
 def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
     exported(name, tmp_path, real=real, steps=1500)
-    verdict = verify(tmp_path)
+    verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first
     assert verdict.sanitized
     assert verdict.steps == 1500
@@ -41,15 +41,15 @@ def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
 
 def test_whole_loop_computes_what_was_simulated(tmp_path):
     exported("hovercraft/zero-velocity", tmp_path, part="loop", steps=1000)
-    verdict = verify(tmp_path)
+    verdict = verify_folder(tmp_path)
     assert verdict.good, verdict.first
     assert verdict.sanitized
 
 
 def test_ideal_loop_too(tmp_path):
-    scenario, _ = catalogue.load("hovercraft/spin")
+    scenario, _ = catalogue.load_scenario("hovercraft/spin")
     export_c(scenario.ideal(), tmp_path, part="loop", steps=500)
-    assert verify(tmp_path).good
+    assert verify_folder(tmp_path).good
 
 
 def test_the_text_says_what_it_is(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.export.export_c import export_c
-from trimtab.export.verify import verify
+from trimtab.export.verify import verify_folder
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 @pytest.fixture
 def folder(tmp_path):
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     export_c(scenario, tmp_path, steps=200)
     return tmp_path
 
@@ -28,7 +28,7 @@ def edit(file, old, new):
 
 def test_a_changed_gain_is_found_with_step_and_name(folder):
     edit(folder / "autopilot.c", "p->law.k2 = ", "p->law.k2 = 1.001 * ")
-    verdict = verify(folder)
+    verdict = verify_folder(folder)
     assert not verdict.good
     step, name, got, wanted = verdict.first
     assert name.startswith("law.")
@@ -39,20 +39,20 @@ def test_a_changed_gain_is_found_with_step_and_name(folder):
 def test_text_that_warns_is_refused(folder):
     edit(folder / "autopilot.c", "void autopilot_init", "static int unused;\nvoid autopilot_init")
     with pytest.raises(InputError, match="refused"):
-        verify(folder)
+        verify_folder(folder)
 
 
 def test_undefined_behaviour_is_found(folder):
     bad = "double room[2] = {0, 0};\n    volatile int k = 2;\n    room[k] = p->law.k1;\n    out->law.lyapunov = room[k]"
     edit(folder / "autopilot.c", "out->law.lyapunov = ", f"{bad}; out->law.lyapunov = ")
     with pytest.raises(InputError, match="stopped with"):
-        verify(folder)
+        verify_folder(folder)
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path, folder):
     with pytest.raises(InputError, match="trimtab export SCENARIO"):
-        verify(tmp_path / "nothing")
+        verify_folder(tmp_path / "nothing")
     about = json.loads((folder / "export.json").read_text())
     (folder / "export.json").write_text(json.dumps(about | {"name": "../../x"}))
     with pytest.raises(InputError, match="not a folder"):
-        verify(folder)
+        verify_folder(folder)

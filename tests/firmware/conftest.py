@@ -44,7 +44,7 @@ def compile_here(folder, output, *arguments):
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory):
-    scenario, _ = catalogue.load("hovercraft/forward", {})
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     return write_firmware(scenario, tmp_path_factory.mktemp("firmware"), KEY)
 
 

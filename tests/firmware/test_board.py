@@ -185,7 +185,7 @@ def test_drift_of_the_boards_clock(peer):
 @pytest.mark.slow
 @pytest.mark.usefixtures("elf")
 def test_the_smaller_board_drives_in_single_precision(tmp_path):
-    scenario, _ = catalogue.load("hovercraft/forward", {})
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     written = write_firmware(scenario, tmp_path / "out", KEY, board="cortex-m4")
     subprocess.run(["make", "-s"], cwd=written.folder, check=True, capture_output=True)
     image = written.folder / "firmware.elf"

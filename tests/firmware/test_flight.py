@@ -11,10 +11,10 @@ from firmware.peer import Peer
 
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.autopilot_end import dialect_for
-from trimtab.live.fly import Flyer
+from trimtab.live.autopilot_end import scenario_dialect
+from trimtab.live.fly import LiveAutopilot
 from trimtab.logs.mcap import read_mcap
-from trimtab.run.fast_step import fast_step
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 
@@ -35,14 +35,14 @@ def line_rate(port, dialect):
 
 def flown(scenario, step, port, file):
     """The log of a flight of 12 s, and the lowest rate of the line before and after it."""
-    rates = [line_rate(port, dialect_for(scenario))]
+    rates = [line_rate(port, scenario_dialect(scenario))]
     with contextlib.closing(open_link(f"tcp://127.0.0.1:{port}")) as link:
         step.reset()
-        one = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        one = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
         one.connect()
         # not before the emulator, which sends byte by byte: each would wake this end
         flight = one.fly(duration=seconds(12), log=file, wanted_real_time=False, tell=print)
-    assert flight.armed is not None
+    assert flight.arming_time is not None
     counts = one.endpoint.counts  # replayed: what the board had sent before it heard of this end
     assert (counts.checksum, counts.unknown, counts.unsigned, counts.wrong_signature) == (0, 0, 0, 0)
     rates.append(line_rate(port, one.endpoint.dialect))
@@ -56,8 +56,8 @@ def test_the_microcontrollers_vehicle_is_flown_to_its_target(elf, tmp_path):
 
     On a machine too busy to emulate the UART commands come late, and the vehicle stops, as it should: flown again, and
     given up only where the line was measured to be too slow."""
-    scenario, _ = catalogue.load("hovercraft/forward", {})
-    step = fast_step(scenario)
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
+    step = compile_autopilot(scenario)
     for attempt in range(ATTEMPTS):
         folder = tmp_path / str(attempt)
         folder.mkdir()

@@ -23,7 +23,7 @@ def test_silent_until_somebody_with_the_key_has_spoken(host):
     assert host.run(1500) == []
     said = host.run(2000, host.pack("HEARTBEAT", type=6))
     assert {m.name for m in said} >= {"HEARTBEAT", "SYS_STATUS", "SERVO_OUTPUT_RAW", "SAMPLE_NAVIGATION"}
-    assert all(m.signed for m in said)
+    assert all(m.is_signed for m in said)
     assert [m.get("system_status") for m in said if m.name == "HEARTBEAT"] == [3, 3]
     times = values(said, "SAMPLE_NAVIGATION", "t")
     np.testing.assert_array_equal(np.diff(times), 60_000)  # each 6 ms, to the 100 ns

@@ -8,20 +8,20 @@ import pytest
 from firmware.host import KEY
 
 from trimtab.actuators.direct import DirectActuation
-from trimtab.commands.firmware import Request, firmware
-from trimtab.compiler.block import Exported
+from trimtab.commands.firmware import FirmwareRequest, firmware
+from trimtab.compiler.block import ExportedBlock
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.export.boards import missing_tools
-from trimtab.export.firmware_folder import emulated, samples_source, write_firmware
-from trimtab.live.world_step import Built
+from trimtab.export.firmware_folder import replace_hardware, samples_source, write_firmware
+from trimtab.live.world_step import WorldBlock
 from trimtab.scenarios import catalogue
-from trimtab.wire.dialect import dialect_of
+from trimtab.wire.dialect import derive_dialect
 
 
 def forward():
-    return catalogue.load("hovercraft/forward", {})[0]
+    return catalogue.load_scenario("hovercraft/forward", {})[0]
 
 
 def test_another_board_is_refused(tmp_path):
@@ -44,7 +44,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
 
 
 def test_the_links_of_the_scenario_are_left_out_and_servo_frames_are_the_firmwares():
-    world = emulated(forward()).world
+    world = replace_hardware(forward()).world
     assert {type(world.uplink).__name__, type(world.downlink).__name__} == {"Wire"}
     assert world.actuators.frame == world.actuators.period == 10_000
 
@@ -65,8 +65,8 @@ def test_a_sample_in_several_messages_is_sent_with_every_number_once():
     value = Many(field=np.zeros(40))
     sample = Sample(value, np.int64(0), np.float64(0), np.bool_(False), np.bool_(False))
     frame, command = Frame(np.int64(0), {"array": sample}), Command(np.int64(0), np.bool_(False), value)
-    dialect = dialect_of(frame, command)
-    text = samples_source(Built(Exported("world", "", "", [], [], []), frame, command), dialect)
+    dialect = derive_dialect(frame, command)
+    text = samples_source(WorldBlock(ExportedBlock("world", "", "", [], [], []), frame, command), dialect)
     places = re.findall(r"\.field\[(\d+)\] = \(double\)out->sensors\.array\.value\.field\[(\d+)\];", text)
     assert sorted(int(source) for _, source in places) == list(range(40))
     assert text.count("link_send") == len(dialect.groups["samples.array"]) == 2
@@ -75,7 +75,7 @@ def test_a_sample_in_several_messages_is_sent_with_every_number_once():
 def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
-    assert firmware(Request("hovercraft/forward", tmp_path / "out", board="cortex-m4"))
+    assert firmware(FirmwareRequest("hovercraft/forward", tmp_path / "out", board="cortex-m4"))
     assert (tmp_path / "config" / "keys" / "hovercraft.key").stat().st_mode & 0o077 == 0
     assert "BOARD ?= cortex-m4" in (tmp_path / "out" / "Makefile").read_text()
     assert "typedef float world_real" in (tmp_path / "out" / "exported" / "world.h").read_text()

@@ -12,7 +12,7 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.loop.supervisor import CAUSES, MODES
 from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import replay
-from trimtab.scenarios.recorded import recorded_scenario
+from trimtab.scenarios.recorded import rebuild_scenario
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 GUIDED, HOLD = 15, 4
@@ -72,5 +72,5 @@ def check_log(log):
     assert asked == [*held, *held, ("ended", "end request")], course
     assert log["supervisor.refusals"][-1] == 0
     assert log["downlink.pilot.fresh"].sum() == 5
-    found = replay(log, recorded_scenario(log), backend="c")
-    assert (found.exact, len(found.replayed)) == (True, len(log)), found.first
+    found = replay(log, rebuild_scenario(log), backend="c")
+    assert (found.exact, len(found.replayed_log)) == (True, len(log)), found.first

@@ -10,7 +10,15 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
-from trimtab.identify.allan import _covariance, _moments, allan, filter_noise, interval, octaves, overlapping_variance
+from trimtab.identify.allan import (
+    _covariance,
+    _moments,
+    confidence_interval,
+    filter_noise,
+    fit_allan,
+    octave_averages,
+    overlapping_variance,
+)
 from trimtab.sensors.imu import Imu
 
 DT = 0.0065536
@@ -64,7 +72,7 @@ def test_covariance_of_the_variances_against_many_logs(theta):
 @pytest.mark.parametrize(("N", "B", "K"), [(1e-3, 0.0, 1e-3), (1e-3, 1e-3, 0.0), (1e-3, 1e-3, 5e-4)])
 def test_what_is_put_in_comes_out_within_the_interval(N, B, K):
     """95 % intervals of 80 logs: each coefficient is inside as often as 95 % allows, or oftener where it is zero."""
-    fits = [allan(still_log(seed, N_SAMPLES, N, B, K), DT) for seed in range(80)]
+    fits = [fit_allan(still_log(seed, N_SAMPLES, N, B, K), DT) for seed in range(80)]
     for name, true in (("white", N), ("flicker", B), ("walk", K)):
         found = [getattr(f, name) for f in fits]
         inside = sum(c.low <= true <= c.high for c in found)
@@ -96,7 +104,7 @@ def test_the_simulated_unit_gives_back_its_parameters():
     inside = 0
     for logs, errors in ((rates, imu.gyro), (forces, imu.accelerometer)):
         for y in np.moveaxis(logs, 2, 1).reshape(6, -1):
-            fit = allan(y, DT)
+            fit = fit_allan(y, DT)
             assert fit.white.value == pytest.approx(errors.noise, rel=0.03)
             inside += fit.white.low <= errors.noise <= fit.white.high
             inside += fit.walk.low <= errors.bias_walk <= fit.walk.high
@@ -104,7 +112,7 @@ def test_the_simulated_unit_gives_back_its_parameters():
 
 
 def test_a_filter_gets_the_variances_of_its_step():
-    fit = allan(still_log(0, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
+    fit = fit_allan(still_log(0, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
     fit = replace(fit, flicker=replace(fit.flicker, value=0.0))
     noise = filter_noise(fit)
     assert noise.sample_variance == pytest.approx(1e-6 / DT, rel=0.05)
@@ -120,8 +128,8 @@ def test_a_filter_gets_the_variances_of_its_step():
 
 
 def test_bars_of_the_plot():
-    fit = allan(still_log(1, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
-    low, high = interval(fit)
+    fit = fit_allan(still_log(1, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
+    low, high = confidence_interval(fit)
     assert (low < fit.deviation).all()
     assert (fit.deviation < high).all()
     assert (np.diff(high / low) > 0).all(), "longer averages are less certain"
@@ -138,5 +146,5 @@ def test_bars_of_the_plot():
 )
 def test_logs_that_say_nothing_are_refused(y, averages, says):
     with pytest.raises(InputError, match=says):
-        allan(y, DT, averages)
-    assert octaves(1024) == (1, 2, 4, 8, 16, 32, 64, 128)
+        fit_allan(y, DT, averages)
+    assert octave_averages(1024) == (1, 2, 4, 8, 16, 32, 64, 128)

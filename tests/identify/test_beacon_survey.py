@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
-from trimtab.identify.beacon_survey import survey
+from trimtab.identify.beacon_survey import survey_beacons
 
 BEACONS = np.array([[1.5, 1.5, -2.7], [1.4, -1.6, -2.6], [-1.5, -1.5, -2.8], [-1.6, 1.4, -2.7]])
 RANGE, STEP = 0.004, 0.003
@@ -26,7 +26,7 @@ def measured(seed, k=60, noise=1.0, missing=0.1):
 
 
 def surveyed(seed, **settings):
-    return survey(*measured(seed, **settings), range_noise=RANGE, odometry_noise=STEP)
+    return survey_beacons(*measured(seed, **settings), range_noise=RANGE, odometry_noise=STEP)
 
 
 def test_without_noise_it_is_exact():
@@ -39,7 +39,7 @@ def test_without_noise_it_is_exact():
 def test_against_scipy():
     """The same sum of squares, by scipy with differences for the Jacobian."""
     ranges, odometry = measured(1, k=25)
-    found = survey(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
+    found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
 
     def f(x):
         beacons, path = x[:12].reshape(4, 3), np.concatenate([np.zeros((1, 2)), x[12:].reshape(-1, 2)])
@@ -67,7 +67,7 @@ def test_errors_are_what_the_covariance_says():
 def test_better_than_the_path_alone():
     """Odometry alone ends a centimetre or more off; the ranges hold the path together."""
     ranges, odometry = measured(3, k=150)
-    found = survey(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
+    found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
     alone = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
     drift = np.sqrt(np.mean((alone - loop(150)) ** 2))
     assert np.sqrt(np.mean((found.path - loop(150)) ** 2)) < 0.5 * drift
@@ -77,8 +77,8 @@ def test_better_than_the_path_alone():
 def test_what_cannot_be_surveyed_is_refused():
     ranges, odometry = measured(0)
     with pytest.raises(InputError, match="shape"):
-        survey(ranges, odometry[:-1], range_noise=RANGE, odometry_noise=STEP)
+        survey_beacons(ranges, odometry[:-1], range_noise=RANGE, odometry_noise=STEP)
     with pytest.raises(InputError, match="noise"):
-        survey(ranges, odometry, range_noise=0.0, odometry_noise=STEP)
+        survey_beacons(ranges, odometry, range_noise=0.0, odometry_noise=STEP)
     with pytest.raises(InputError, match="beacon 0 answered lie on one line"):
-        survey(ranges, odometry * [1, 0], range_noise=RANGE, odometry_noise=STEP)
+        survey_beacons(ranges, odometry * [1, 0], range_noise=RANGE, odometry_noise=STEP)

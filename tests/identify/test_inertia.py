@@ -11,7 +11,14 @@ from scipy.stats import linregress
 
 from trimtab.actuators.rudder import DEG, RudderGeometry
 from trimtab.core.errors import InputError
-from trimtab.identify.inertia import SpinUpTrial, fit_slope, inertia, inertia_error, lateral_force, trial_inertia
+from trimtab.identify.inertia import (
+    SpinUpTrial,
+    fit_slope,
+    inertia_error,
+    lateral_force,
+    moment_of_inertia,
+    trial_inertia,
+)
 
 ARM = 0.32
 PSI = RudderGeometry().force_angle
@@ -29,7 +36,7 @@ def test_check_10_table_4_2(trial, FY, J):
 def test_table_4_2_needs_the_rounded_force():
     """Unrounded: 0.0943 and 0.0979 from the printed psi (14.6, -17.4), 0.0948 and 0.0982 from the printed theta."""
     from_psi = [
-        inertia(ARM, lateral_force(trial.force, psi * DEG), trial.slope)
+        moment_of_inertia(ARM, lateral_force(trial.force, psi * DEG), trial.slope)
         for trial, psi in zip(TRIALS, (14.6, -17.4), strict=True)
     ]
     assert from_psi == pytest.approx([0.0943, 0.0979], abs=5e-5)
@@ -45,7 +52,7 @@ def test_figure_4_6():
     FY = lateral_force(1.0, psi)
     assert np.degrees(psi) == pytest.approx(21.83, abs=0.005)
     assert pytest.approx(-0.3719, abs=5e-5) == FY
-    assert inertia(ARM, FY, 1.2397) == pytest.approx(0.096, abs=1e-5)
+    assert moment_of_inertia(ARM, FY, 1.2397) == pytest.approx(0.096, abs=1e-5)
 
 
 def test_fit_is_ordinary_least_squares_over_the_window():
@@ -74,9 +81,9 @@ def test_error_of_the_inertia():
     rng = np.random.default_rng(2)
     t = np.arange(0, 1.0, 0.01)
     fit = fit_slope(t, 1.2 * t + rng.normal(0, 0.02, len(t)))
-    J = inertia(ARM, -0.37, fit.slope)
+    J = moment_of_inertia(ARM, -0.37, fit.slope)
     slopes, forces = rng.normal(fit.slope, fit.standard_error, 20000), rng.normal(-0.37, 0.37 * 0.02, 20000)
-    spread = inertia(ARM, forces, slopes).std()
+    spread = moment_of_inertia(ARM, forces, slopes).std()
     assert inertia_error(J, fit, 0.02) == pytest.approx(spread, rel=0.05)
 
 

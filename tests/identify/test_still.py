@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.identify.allan import allan, refuse_motion
+from trimtab.identify.allan import fit_allan, refuse_motion
 
 DT, N, K = 0.0065536, 1.0e-3, 1.0e-4
 SIZE = 20_000
@@ -18,7 +18,7 @@ def noise(seed, walk=K):
 def test_noise_passes_also_quantised_and_with_a_walk_that_leads_far():
     for seed in range(30):
         for y in (noise(seed), noise(seed, 0.05), np.round(noise(seed) / 0.02) * 0.02):
-            refuse_motion("gyro", y, allan(y, DT))
+            refuse_motion("gyro", y, fit_allan(y, DT))
 
 
 t = np.arange(SIZE) * DT
@@ -36,4 +36,4 @@ def test_motion_is_refused_with_what_was_seen(name):
     for seed in range(5):
         y = noise(seed) + motion
         with pytest.raises(InputError, match=wanted):
-            refuse_motion("gyro", y, allan(y, DT))
+            refuse_motion("gyro", y, fit_allan(y, DT))

@@ -6,14 +6,14 @@ import time
 import jax
 import numpy as np
 
-from trimtab.core.once import QUICKLY
-from trimtab.core.record import numeric
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import to_arrays
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic import _internal
 from trimtab.vehicles.hypersonic import Hypersonic
 
-CRAFT = numeric(Hypersonic())
-CLIMB = numeric(FilteredClimb(dh=5000.0, dV=1000.0))
+CRAFT = to_arrays(Hypersonic())
+CLIMB = to_arrays(FilteredClimb(dh=5000.0, dV=1000.0))
 H0, V0 = 85000.0, 7702.0808
 SCALES, DT, SECONDS = np.array([1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0]), 0.005, 60.0
 T = DT * np.arange(round(SECONDS / DT))
@@ -35,8 +35,8 @@ def linear():
 
 def run(form, climb=CLIMB, every=1):
     """Last state of a form, and zeta_d (n, 6) at each of T[::every]."""
-    steps = jax.jit(lambda form, climb: _scanned(form, climb, T[::every]), compiler_options=QUICKLY)
-    state, zeta = steps(numeric(form), climb)
+    steps = jax.jit(lambda form, climb: _scanned(form, climb, T[::every]), compiler_options=FAST_COMPILE_OPTIONS)
+    state, zeta = steps(to_arrays(form), climb)
     return state, np.asarray(zeta)
 
 

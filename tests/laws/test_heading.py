@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Estimate, PlanarState
-from trimtab.laws.heading import DAMP, TURN, HeadingBangBang, HeadingProportional, HeadingState, heading_error
+from trimtab.laws.heading import DAMP, TURN, HeadingBangBang, HeadingLawState, HeadingProportional, heading_error
 from trimtab.laws.spin import ConstantSpin
 from trimtab.laws.velocity import ZeroVelocity
 from trimtab.vehicles.hovercraft import Hovercraft
@@ -26,7 +26,7 @@ def eps(reference):
 
 def step(law, mode, reference, e, r=0.0, v=0.0, valid=True, switches=5):
     """One step at heading error e, yaw rate r and sway velocity v, from the given state."""
-    before = HeadingState(np.int32(mode), np.int32(switches), np.float64(reference))
+    before = HeadingLawState(np.int32(mode), np.int32(switches), np.float64(reference))
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=valid, state=PlanarState(0.0, v, r, law.target + e))
     after, output = law.step(0, before, estimate)
     assert int(output.mode) == int(after.mode)

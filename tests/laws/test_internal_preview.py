@@ -11,18 +11,18 @@ from scipy.linalg import expm
 
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.once import QUICKLY
-from trimtab.core.record import numeric, replace
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_preview import FadingModes
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import level_trim, preview_internal
 
-STEP = jax.jit(lambda form, t, state, climb: form.step(t, state, climb), compiler_options=QUICKLY)
+STEP = jax.jit(lambda form, t, state, climb: form.step(t, state, climb), compiler_options=FAST_COMPILE_OPTIONS)
 
 
 def form(**changes):
-    return numeric(preview_internal(CRAFT, level_trim(CRAFT, H0, V0), **changes))
+    return to_arrays(preview_internal(CRAFT, level_trim(CRAFT, H0, V0), **changes))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_asked_twice_at_one_instant_it_says_the_same():
 
 def test_what_it_cannot_fly_is_said_and_stays_finite():
     f = form(intervals=10)
-    state, zeta = STEP(f, 6.0, f.init(None), numeric(FilteredClimb(dh=-1e6, wh=3.0)))
+    state, zeta = STEP(f, 6.0, f.init(None), to_arrays(FilteredClimb(dh=-1e6, wh=3.0)))
     assert not bool(state.found)
     assert np.isfinite(zeta).all()
 
@@ -95,7 +95,7 @@ def test_no_nodes_is_refused_and_so_is_no_horizon():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     f = form(intervals=10)
-    climb, state = numeric(CLIMB), numeric(f.init(None))
+    climb, state = to_arrays(CLIMB), to_arrays(f.init(None))
     compiled = compile_function(lambda f, t, s, c: f.step(t, s, c), f, np.float64(0), state, climb)
     mine = state
     for t in (4.9, 4.905, 5.0, 5.3):

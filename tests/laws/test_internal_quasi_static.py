@@ -11,12 +11,12 @@ from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from scipy.optimize import brentq
 
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_quasi_static import QuasiStaticInternal, QuasiStaticState
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler
 
-FORM = numeric(QuasiStaticInternal(CRAFT))
+FORM = to_arrays(QuasiStaticInternal(CRAFT))
 
 
 def moment(alpha, p):
@@ -88,7 +88,7 @@ def test_where_there_is_none_it_says_so_and_stays_finite():
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
-    climb, state = numeric(CLIMB), numeric(FORM.init(None))
+    climb, state = to_arrays(CLIMB), to_arrays(FORM.init(None))
     run = compile_function(lambda form, t, s, c: form.step(t, s, c), FORM, np.float64(0), state, climb)
     for t in (0.0, 12.0, 40.0):
         state, zeta = run(FORM, np.float64(t), state, climb)

@@ -8,14 +8,14 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
 
 
 @pytest.fixture(scope="module")
 def form():
-    return numeric(sylvester_internal(CRAFT, CLIMB))
+    return to_arrays(sylvester_internal(CRAFT, CLIMB))
 
 
 @pytest.fixture(scope="module")

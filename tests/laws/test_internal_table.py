@@ -7,7 +7,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_quasi_static import InternalTable
 from trimtab.native.compiler import find_compiler
 
@@ -15,7 +15,7 @@ from trimtab.native.compiler import find_compiler
 @pytest.fixture(scope="module")
 def table():
     draws = np.random.default_rng(3)
-    return numeric(InternalTable(draws.normal(size=(9, 6)), draws.normal(size=(9, 6)), first=2.0, spacing=0.25))
+    return to_arrays(InternalTable(draws.normal(size=(9, 6)), draws.normal(size=(9, 6)), first=2.0, spacing=0.25))
 
 
 def test_hermite_between_and_held_outside(table):

@@ -6,7 +6,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
-from trimtab.laws.stable_inversion import StableInversion, refuse_ends
+from trimtab.laws.stable_inversion import StableInversion, check_command_ends
 from trimtab.vehicles.hypersonic import Hypersonic
 
 CRAFT, LIMITS = Hypersonic(), InputLimits()
@@ -16,7 +16,7 @@ CRAFT, LIMITS = Hypersonic(), InputLimits()
     ("dh", "dV"), [(0.0, 0.0), (1000.0, 200.0), (5000.0, 1000.0), (10000.0, 1500.0), (-5000.0, -500.0)]
 )
 def test_climbs_that_are_flown_pass(dh, dV):
-    refuse_ends(CRAFT, FilteredClimb(dh=dh, dV=dV), LIMITS)
+    check_command_ends(CRAFT, FilteredClimb(dh=dh, dV=dV), LIMITS)
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def test_climbs_that_are_flown_pass(dh, dV):
 def test_a_command_that_no_level_flight_begins_or_ends_is_refused_with_the_place(changes, says):
     command = replace(FilteredClimb(), **changes)
     with pytest.raises(InputError, match=says):
-        refuse_ends(CRAFT, command, LIMITS)
+        check_command_ends(CRAFT, command, LIMITS)
     with pytest.raises(InputError, match=says):
         StableInversion(command=command).check()  # the quasi-static form, which has no table
 
@@ -41,9 +41,9 @@ def test_limits_count():
         InputError,
         match=r"at 85000 ft, 7702.08 ft/s needs fuel ratio 0\.2644, limits are 0\.02 and 0\.2\.",
     ):
-        refuse_ends(CRAFT, FilteredClimb(), replace(LIMITS, Phi_high=0.2))
+        check_command_ends(CRAFT, FilteredClimb(), replace(LIMITS, Phi_high=0.2))
 
 
 def test_the_vehicle_believed_in_counts():
     with pytest.raises(InputError, match=r"level flight|balances"):
-        refuse_ends(replace(CRAFT, m=3000.0), FilteredClimb(), LIMITS)
+        check_command_ends(replace(CRAFT, m=3000.0), FilteredClimb(), LIMITS)

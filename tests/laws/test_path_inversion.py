@@ -11,12 +11,12 @@ import pytest
 from scipy.optimize import brentq
 
 from trimtab.compiler.function import compile_function
-from trimtab.core.record import numeric
-from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
+from trimtab.core.record import to_arrays
+from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.native.compiler import find_compiler
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
-CRAFT, DEG = numeric(Hypersonic()), math.pi / 180
+CRAFT, DEG = to_arrays(Hypersonic()), math.pi / 180
 GRID = np.meshgrid(
     np.linspace(80e3, 95e3, 7),
     np.linspace(7e3, 9e3, 5),
@@ -40,7 +40,7 @@ def achieved(h, h_rate, V, alpha, u, q=0.0):
 def test_check_06_inversion():
     """Acceptance check 6, [H] 3.2: |(h'', V') - v| below 1e-9 over the grid, climbing and sinking, for several v."""
     h, V, alpha, h_rate, v1, v2 = (np.ravel(a) for a in GRID)
-    found = invert(CRAFT, h, h_rate, V, alpha, v1, v2)
+    found = invert_path(CRAFT, h, h_rate, V, alpha, v1, v2)
     assert np.asarray(found.solvable).all()
     got = achieved(h, h_rate, V, alpha, found.u)
     assert np.abs(np.asarray(got) - [v1, v2]).max() < 1e-9
@@ -63,7 +63,7 @@ def test_the_root_is_that_of_newtons_iteration():
             normal = (v1 - v2 * sine) / cosine + g * cosine
             return (m * (v2 + g * sine) + D) * math.tan(alpha) + L - m * normal
 
-        got = invert(CRAFT, h, h_rate, V, alpha, v1, v2)
+        got = invert_path(CRAFT, h, h_rate, V, alpha, v1, v2)
         np.testing.assert_allclose(got.u.delta_e, brentq(R, -3.0, 3.0, xtol=1e-14), atol=1e-10)
         assert abs(R(float(got.u.delta_e))) < 1e-8
     assert float(air.S) == 17.0
@@ -73,7 +73,7 @@ def test_without_angle_of_attack_the_quadratic_is_a_line():
     """tan 0 = 0: no digits lost on the way there."""
     alphas = np.array([0.0, 1e-16, 1e-12, 1e-8, 1e-5])
     o = np.zeros(5)
-    found = invert(CRAFT, 85000.0 + o, o, 7700.0 + o, alphas, 1.0 + o, 0.5 + o)
+    found = invert_path(CRAFT, 85000.0 + o, o, 7700.0 + o, alphas, 1.0 + o, 0.5 + o)
     np.testing.assert_allclose(np.diff(found.u.delta_e), 0, atol=1e-4)
     got = achieved(85000.0 + o, o, 7700.0 + o, alphas, found.u)
     np.testing.assert_allclose(got, [1 + o, 0.5 + o], atol=1e-10)
@@ -81,7 +81,7 @@ def test_without_angle_of_attack_the_quadratic_is_a_line():
 
 def test_slope_is_the_derivative_of_the_normal_force():
     """[H] 3.2: R' = qbar S [(2 CD_d2 delta + CD_d) tan alpha + CL_d]."""
-    found = invert(CRAFT, 85000.0, 30.0, 7700.0, 0.03, 1.0, 0.5)
+    found = invert_path(CRAFT, 85000.0, 30.0, 7700.0, 0.03, 1.0, 0.5)
     qS = 6.7429e-5 * 7700.0**2 / 2 * 17
     wanted = qS * ((2 * 0.81993 * float(found.u.delta_e) + 2.7699e-4) * math.tan(0.03) + 0.76224)
     np.testing.assert_allclose(found.slope, wanted, rtol=1e-12)
@@ -92,7 +92,7 @@ def test_what_no_elevator_does_is_said_and_stays_finite():
 
     A formula that only put zero for the root of what is negative gave 9.5 rad here instead of 1.5 rad.
     """
-    found = invert(CRAFT, 85000.0, 0.0, 7700.0, -0.3, 200.0, 0.0)
+    found = invert_path(CRAFT, 85000.0, 0.0, 7700.0, -0.3, 200.0, 0.0)
     assert not bool(found.solvable)
     assert float(found.slope) == 0.0
     assert np.isfinite([found.u.Phi, found.u.delta_e]).all()
@@ -103,7 +103,7 @@ def test_what_no_elevator_does_is_said_and_stays_finite():
 
 
 def test_steeper_than_possible_stays_finite_and_is_said():
-    got = invert(CRAFT, 85000.0, 9000.0, 7700.0, 0.03, 0.0, 0.0)
+    got = invert_path(CRAFT, 85000.0, 9000.0, 7700.0, 0.03, 0.0, 0.0)
     assert np.isfinite([got.u.Phi, got.u.delta_e]).all()
     assert not bool(got.solvable)
 
@@ -125,7 +125,7 @@ def test_internal_rates_are_the_vehicles_with_that_input():
     h, h_rate, V = draws.uniform([80e3, -100, 7e3], [95e3, 100, 9e3], (50, 3)).T
     v1, v2 = draws.uniform(-5, 8, (2, 50))
     zeta = draws.uniform([0, -0.1, 0, -5, 0, -5], [0.07, 0.1, 2, 5, 2, 5], (50, 6)).T
-    u = invert(CRAFT, h, h_rate, V, zeta[0], v1, v2).u
+    u = invert_path(CRAFT, h, h_rate, V, zeta[0], v1, v2).u
     x = HypersonicState(h, V, zeta[0], zeta[0] + np.arcsin(h_rate / V), *zeta[1:])
     rate = CRAFT.dynamics(0.0, x, u)
     wanted = [rate.alpha, rate.q, rate.eta1, rate.eta1_rate, rate.eta2, rate.eta2_rate]
@@ -137,7 +137,7 @@ def test_is_differentiable_at_the_trim():
     """[H] 3.1: du/dv is the inverse of dv/du = [0.685649, 86.387771; 24.596085, -40.341697]."""
 
     def input_for(v):
-        u = invert(CRAFT, 85000.0, 0.0, 7702.0808, 0.02786913, v[0], v[1]).u
+        u = invert_path(CRAFT, 85000.0, 0.0, 7702.0808, 0.02786913, v[0], v[1]).u
         return jax.numpy.stack([u.Phi, u.delta_e])
 
     slope = jax.jacfwd(input_for)(np.zeros(2))
@@ -147,6 +147,6 @@ def test_is_differentiable_at_the_trim():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     arguments = [np.float64(a) for a in (86e3, 40.0, 7800.0, 0.025, 1.0, 2.0)]
-    wanted = invert(CRAFT, *arguments)
-    got = compile_function(lambda craft, *a: tuple(invert(craft, *a)), CRAFT, *arguments)(CRAFT, *arguments)
+    wanted = invert_path(CRAFT, *arguments)
+    got = compile_function(lambda craft, *a: tuple(invert_path(craft, *a)), CRAFT, *arguments)(CRAFT, *arguments)
     np.testing.assert_allclose(jax.tree.leaves(got), jax.tree.leaves(tuple(wanted)), rtol=1e-12)

@@ -16,7 +16,7 @@ from trimtab.laws.spin import (
     SupervisedSpin,
     limit_point_value,
     lyapunov,
-    provision,
+    safe_reference_bound,
     switching_energy,
     switching_energy_sharp,
 )
@@ -128,9 +128,9 @@ def test_check_06_starts_below_the_limit_point_value_spin(continuous, starts):
 
 def test_check_07_provision_coefficient_and_worst_state():
     """Acceptance check 7, [1, eq. 2.69]: coefficient 0.339846 within 1e-5; equality at the worst state."""
-    assert float(provision(CRAFT, 0.0, 1.0)) == pytest.approx(0.339846, abs=1e-5)
+    assert float(safe_reference_bound(CRAFT, 0.0, 1.0)) == pytest.approx(0.339846, abs=1e-5)
     for W, reference in ((0.3, 2.0), (1.1, -0.8), (0.02, 4.0)):
-        v = float(provision(CRAFT, W, reference))
+        v = float(safe_reference_bound(CRAFT, W, reference))
         A = np.sqrt(2 * W / J) + abs(reference)
         assert v == pytest.approx(0.339846 * A, abs=1e-5 * A)
         worst = np.sign(reference) * A
@@ -146,7 +146,7 @@ def test_check_07_provision_is_never_violated():
     """
     reference = RNG.uniform(0.1, 6, 400)
     W = RNG.uniform(0.001, 0.999, 400) * (J + D) * reference**2 / 2
-    least = np.asarray(provision(CRAFT, W, reference))
+    least = np.asarray(safe_reference_bound(CRAFT, W, reference))
     ball = np.array(on_energy_sphere(3000, 1.0)) * RNG.uniform(0, 1, 3000) ** (1 / 3)
     u, v, off = np.sqrt(W)[:, None, None].swapaxes(0, 1) * ball[:, None, :]
     r = off + reference[:, None]
@@ -161,7 +161,7 @@ def test_provision_is_not_enough_above_the_limit_point_value():
     reference, r = 0.5, -4.0
     W = W_numpy(0.0, 0.0, r, reference)
     assert (J + D) * reference**2 / 2 < W
-    new = 2 * float(provision(CRAFT, W, reference))
+    new = 2 * float(safe_reference_bound(CRAFT, W, reference))
     assert W_numpy(0.0, 0.0, r, new) > (J + D) * new**2 / 2
 
 
@@ -170,11 +170,11 @@ def test_check_07_provision_is_below_the_reference_exactly_when_safe():
     reference, W = RNG.uniform(-6, 6, 100_000), RNG.uniform(0, 3, 100_000)
     safe = (J + D) * reference**2 / 2 > W
     assert 0.2 < safe.mean() < 0.99
-    np.testing.assert_array_equal(np.asarray(provision(CRAFT, W, reference)) < np.abs(reference), safe)
+    np.testing.assert_array_equal(np.asarray(safe_reference_bound(CRAFT, W, reference)) < np.abs(reference), safe)
 
 
 def test_provision_has_a_finite_slope_everywhere():
-    slope = jax.grad(lambda W, r: provision(CRAFT, W, r), argnums=(0, 1))
+    slope = jax.grad(lambda W, r: safe_reference_bound(CRAFT, W, r), argnums=(0, 1))
     assert np.isfinite(slope(0.0, 1.0)).all()
     assert np.isfinite(slope(0.5, 1.0)).all()
 

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rng import Key
-from trimtab.core.signals import PlanarState, Sample, measured
+from trimtab.core.signals import PlanarState, Sample, new_sample
 from trimtab.core.time import ms
 
-LIKE = measured(0, PlanarState(0.0, 0.0, 0.0, 0.0), fresh=False)
+LIKE = new_sample(0, PlanarState(0.0, 0.0, 0.0, 0.0), fresh=False)
 
 
 def sent_at(t: Any, sensor_period: int, first: int = 0) -> Sample:
@@ -35,7 +35,7 @@ def _run(channel: Any, key: Key, n: int, sensor_period: int, first: int) -> Any:
 
 def drive(channel: Any, key: Key, n: int, sensor_period: int = ms(1), first: int = 0) -> tuple[Any, Sample, Any]:
     """Instants (n,), what comes out at each, and the channel's state after each."""
-    return jax.tree.map(np.asarray, _run(numeric(channel), key, n, sensor_period, first))
+    return jax.tree.map(np.asarray, _run(to_arrays(channel), key, n, sensor_period, first))
 
 
 @pytest.fixture(name="drive", scope="session")

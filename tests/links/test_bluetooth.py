@@ -8,7 +8,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.rng import key
 from trimtab.core.time import ms
-from trimtab.links.bluetooth import TABLE, bluetooth
+from trimtab.links.bluetooth import TABLE, bluetooth_link
 
 PRINTED = """
 Free2Move/Linksys   2.9/41.0 | 51.04 15.09 22 118 | 39.02 9.23 20 74    | 95.48 18.01 58 157
@@ -34,7 +34,7 @@ def test_check_24_table_5_1_is_verbatim():
 @pytest.mark.parametrize(("pair", "path"), ROWS)
 def test_check_24_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
     """Mean and standard deviation within 2 %; no packet is faster than the smallest seen, less 2 ms."""
-    link = bluetooth(pair, path)
+    link = bluetooth_link(pair, path)
     link.check()
     latency, lost = jax.jit(jax.vmap(lambda k: link.draw(key(1), k)))(jnp.arange(100_000))
     row, drawn = TABLE[pair][path], np.asarray(latency) * 1e3
@@ -47,9 +47,9 @@ def test_check_24_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
 
 
 def test_packets_leave_as_the_source_sends_them():
-    up, down = (bluetooth("free2move/linksys 2.9/22.0", path) for path in ("up", "down"))
+    up, down = (bluetooth_link("free2move/linksys 2.9/22.0", path) for path in ("up", "down"))
     assert (up.send_period, up.period, down.send_period, down.period) == (ms(20), ms(1), ms(6), ms(1))
-    other = bluetooth("free2move/linksys 2.9/22.0", "down", loss=0.02, send_period=ms(12), period=ms(2))
+    other = bluetooth_link("free2move/linksys 2.9/22.0", "down", loss=0.02, send_period=ms(12), period=ms(2))
     assert (other.send_period, other.period, other.loss) == (ms(12), ms(2), 0.02)
     other.check()
 
@@ -65,9 +65,9 @@ def test_the_shape_is_the_reconstructed_one():
 
 def test_unknown_pairs_and_paths_are_refused_with_the_choices():
     with pytest.raises(InputError, match=r"no pair 'linksys'.*\nChoices: .*free2move/free2move 2\.9/22\.0") as caught:
-        bluetooth("linksys", "up")
+        bluetooth_link("linksys", "up")
     assert caught.value.choices == tuple(TABLE)
     with pytest.raises(InputError, match=r"Fix: write 'free2move/linksys 2\.9/22\.0'"):
-        bluetooth("free2move/linksys 2.9/22", "up")
+        bluetooth_link("free2move/linksys 2.9/22", "up")
     with pytest.raises(InputError, match=r"no path 'round trip': it is two links.*\nChoices: up, down"):
-        bluetooth("free2move/linksys 2.9/22.0", "round trip")
+        bluetooth_link("free2move/linksys 2.9/22.0", "round trip")

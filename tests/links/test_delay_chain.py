@@ -8,7 +8,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
-from trimtab.core.signals import PlanarForce, Sample, measured
+from trimtab.core.signals import PlanarForce, Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.links.delay_chain import DelayChain
 
@@ -46,7 +46,7 @@ def test_check_24_loop_delay_is_76_ms():
 
     def body(carry, t):
         lower, upper = carry
-        lower = due(t, down, down.step(t, lower[0], measured(t, PlanarForce(FX=t * 1e-7, FY=0.0))), lower)
+        lower = due(t, down, down.step(t, lower[0], new_sample(t, PlanarForce(FX=t * 1e-7, FY=0.0))), lower)
         upper = due(t, up, up.step(t, upper[0], lower[1]), upper)
         return (lower, upper), t - upper[1].t
 
@@ -78,10 +78,10 @@ def test_the_output_is_differentiable_in_the_input():
     chain = DelayChain(ms(1), 2)
 
     def last(gain):
-        state = chain.init(key(0), measured(0, 0.0))
-        out = measured(0, 0.0)
+        state = chain.init(key(0), new_sample(0, 0.0))
+        out = new_sample(0, 0.0)
         for k in range(4):
-            state, out = chain.step(k * ms(1), state, measured(k * ms(1), gain * (k + 1.0)))
+            state, out = chain.step(k * ms(1), state, new_sample(k * ms(1), gain * (k + 1.0)))
         return out.value
 
     assert jax.grad(last)(1.7) == 2.0  # what went in at k = 1

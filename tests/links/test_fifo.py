@@ -4,9 +4,9 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.rng import key
-from trimtab.core.signals import measured
+from trimtab.core.signals import new_sample
 from trimtab.core.time import ms
-from trimtab.links.fifo import check_ring, slots_needed
+from trimtab.links.fifo import check_ring, required_slots
 from trimtab.links.latency_trace import LatencyTrace
 
 SETTINGS = [  # period, send period, sensor period, first valid sample, longest latency in periods
@@ -48,7 +48,7 @@ def test_it_delivers_as_a_list_of_packets_would(
     random = np.random.default_rng(seed)
     latency = np.round(random.uniform(0, longest * period * 1e-7, 37) * random.integers(0, 2, 37), 7)
     lost = random.random(37) < 0.25
-    capacity = slots_needed(longest * period * 1e-7, send_period, period)  # the shortest ring for any such latencies
+    capacity = required_slots(longest * period * 1e-7, send_period, period)  # the shortest ring for any such latencies
     link = LatencyTrace(latency, lost, send_period, period, capacity)
     link.check()
     t, out, state = drive(link, key(0), 1500, sensor_period, first)
@@ -79,10 +79,10 @@ def test_runs_of_a_batch_have_their_own_packets():
         link = LatencyTrace(latency, lost, ms(1), ms(1), 8)
 
         def body(state, t):
-            state, out = link.step(t, state, measured(t, t * 1.0))
+            state, out = link.step(t, state, new_sample(t, t * 1.0))
             return state, out.t
 
-        return jax.lax.scan(body, link.init(key(0), measured(0, 0.0)), np.arange(12) * ms(1))[1]
+        return jax.lax.scan(body, link.init(key(0), new_sample(0, 0.0)), np.arange(12) * ms(1))[1]
 
     run = jax.jit(run)
     both = jax.vmap(run)(latency, lost)
@@ -92,7 +92,7 @@ def test_runs_of_a_batch_have_their_own_packets():
 
 
 def test_a_ring_that_could_overflow_is_refused():
-    assert slots_needed(0.1, ms(20), ms(1)) == 7  # 5 under way, 1 for the wait to be seen, 1 that has arrived
+    assert required_slots(0.1, ms(20), ms(1)) == 7  # 5 under way, 1 for the wait to be seen, 1 that has arrived
     check_ring("link", 7, 0.1, ms(20), ms(1))
     with pytest.raises(InputError, match=r"link\.capacity.*6 slots.*0\.1 s.*\nFix: set capacity to 7 or more"):
         check_ring("link", 6, 0.1, ms(20), ms(1))

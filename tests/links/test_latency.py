@@ -6,10 +6,10 @@ from scipy import integrate, stats
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Channel
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
 from trimtab.core.time import ms
-from trimtab.links.latency import SPAN, MeasuredLatency, gamma_table, interpolate, mean_latency, scores
+from trimtab.links.latency import SPAN, MeasuredLatency, gamma_table, interpolate_latency, mean_latency, normal_scores
 
 MEAN, SD, SHIFT = 0.034, 0.008, 0.017
 LINK = MeasuredLatency(gamma_table(MEAN, SD, SHIFT), loss=0.1, send_period=ms(6), capacity=20)
@@ -22,13 +22,13 @@ def _draws(link, key, packets):
 
 
 def draws(link, seed, n=20_000):
-    latency, lost = _draws(numeric(link), key(seed), jnp.arange(n))
+    latency, lost = _draws(to_arrays(link), key(seed), jnp.arange(n))
     return np.asarray(latency), np.asarray(lost)
 
 
 def test_the_table_holds_the_quantiles_of_a_shifted_gamma_distribution():
     k, scale = ((MEAN - SHIFT) / SD) ** 2, SD**2 / (MEAN - SHIFT)
-    want = stats.gamma.ppf(stats.norm.cdf(scores()), k, loc=SHIFT, scale=scale)
+    want = stats.gamma.ppf(stats.norm.cdf(normal_scores()), k, loc=SHIFT, scale=scale)
     np.testing.assert_allclose(gamma_table(MEAN, SD, SHIFT), want, rtol=1e-9)
 
 
@@ -39,16 +39,16 @@ def test_moments_that_make_no_distribution_are_refused(moments):
 
 
 def test_between_nodes_the_table_is_linear_and_beyond_them_constant():
-    z = np.concatenate([np.linspace(-7, 7, 1001), scores(), [-SPAN, SPAN]])
-    got = jax.vmap(interpolate, (None, 0))(LINK.latency, z)
-    np.testing.assert_allclose(got, np.interp(z, scores(), LINK.latency), rtol=1e-12)
+    z = np.concatenate([np.linspace(-7, 7, 1001), normal_scores(), [-SPAN, SPAN]])
+    got = jax.vmap(interpolate_latency, (None, 0))(LINK.latency, z)
+    np.testing.assert_allclose(got, np.interp(z, normal_scores(), LINK.latency), rtol=1e-12)
 
 
 def test_the_mean_of_the_table_is_its_integral():
     def integrand(z):
-        return np.interp(z, scores(), LINK.latency) * stats.norm.pdf(z)
+        return np.interp(z, normal_scores(), LINK.latency) * stats.norm.pdf(z)
 
-    nodes = scores()
+    nodes = normal_scores()
     pieces = zip([-12, *nodes], [*nodes, 12], strict=True)
     want = sum(integrate.quad(integrand, a, b)[0] for a, b in pieces)
     assert mean_latency(LINK.latency) == pytest.approx(want, rel=1e-9)
@@ -125,9 +125,9 @@ def test_all_lost_is_never_valid(drive):
 
 def test_a_run_of_a_batch_is_the_run_alone():
     keys = Key(np.full(3, 7, np.uint32), np.arange(3, dtype=np.uint32))
-    batch = jax.vmap(_draws, (None, 0, None))(numeric(LINK), keys, jnp.arange(50))
+    batch = jax.vmap(_draws, (None, 0, None))(to_arrays(LINK), keys, jnp.arange(50))
     for run in range(3):
-        alone = _draws(numeric(LINK), key(7, run), jnp.arange(50))
+        alone = _draws(to_arrays(LINK), key(7, run), jnp.arange(50))
         np.testing.assert_allclose(batch[0][run], alone[0], rtol=1e-14)
         np.testing.assert_array_equal(batch[1][run], alone[1])
 

@@ -9,7 +9,7 @@ pytest.importorskip("bumble", reason="the virtual Bluetooth radios need: pip ins
 from links.ends import EVERY_BYTE, PATIENCE, collect, deliver, meet
 from links.radios import VEHICLE, Radios
 
-from trimtab.links.open_link import parse
+from trimtab.links.open_link import parse_uri
 from trimtab.links.rfcomm import open_rfcomm
 
 URI = f"rfcomm://{VEHICLE}/1"
@@ -24,7 +24,7 @@ def radios():
 
 @pytest.fixture
 def pair(radios):
-    ends = open_rfcomm(parse(URI), listen=True, stack=radios.stack), open_rfcomm(parse(URI), stack=radios.stack)
+    ends = open_rfcomm(parse_uri(URI), listen=True, stack=radios.stack), open_rfcomm(parse_uri(URI), stack=radios.stack)
     meet(*ends)
     yield ends
     for end in ends:
@@ -68,7 +68,7 @@ def test_a_ground_station_that_restarts_is_taken_again(pair, radios):
     ground.close()
     while vehicle.statistics.connected:
         vehicle.receive(0.01)
-    again = open_rfcomm(parse(URI), stack=radios.stack)
+    again = open_rfcomm(parse_uri(URI), stack=radios.stack)
     meet(vehicle, again)
     assert deliver(vehicle, again, EVERY_BYTE) == EVERY_BYTE
     assert vehicle.statistics.reconnects == 1

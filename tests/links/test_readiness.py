@@ -4,17 +4,17 @@ import os
 import select
 import time
 
-from trimtab.links.stream import ready
+from trimtab.links.stream import wait_until_ready
 
 
 def test_it_tells_what_has_come():
     reading, writing = os.pipe()
     try:
-        assert not ready(reading, select.POLLIN, 0.0)
-        assert ready(writing, select.POLLOUT, 1.0)
+        assert not wait_until_ready(reading, select.POLLIN, 0.0)
+        assert wait_until_ready(writing, select.POLLOUT, 1.0)
         os.write(writing, b"x")
-        assert ready(reading, select.POLLIN, 1.0)
-        assert ready(reading, select.POLLIN | select.POLLOUT, 1.0)
+        assert wait_until_ready(reading, select.POLLIN, 1.0)
+        assert wait_until_ready(reading, select.POLLIN | select.POLLOUT, 1.0)
     finally:
         os.close(reading)
         os.close(writing)
@@ -27,7 +27,7 @@ def test_short_waits_are_short():
         times = []
         for _ in range(200):
             began = time.perf_counter()
-            assert not ready(reading, select.POLLIN, 2e-4)
+            assert not wait_until_ready(reading, select.POLLIN, 2e-4)
             times.append(time.perf_counter() - began)
         assert min(times) >= 1.9e-4
         assert sorted(times)[100] < 9e-4
@@ -40,4 +40,4 @@ def test_a_closed_descriptor_is_something():
     reading, writing = os.pipe()
     os.close(reading)
     os.close(writing)
-    assert ready(reading, select.POLLIN, 0.0)
+    assert wait_until_ready(reading, select.POLLIN, 0.0)

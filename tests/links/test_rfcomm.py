@@ -4,7 +4,7 @@ import socket
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.links.open_link import open_link, parse
+from trimtab.links.open_link import open_link, parse_uri
 from trimtab.links.rfcomm import open_rfcomm
 
 URI = "rfcomm://00:11:22:aa:bb:cc/3"
@@ -43,7 +43,7 @@ def test_another_stack_may_make_the_connection():
         def close(self):
             asked.append("closed")
 
-    link = open_rfcomm(parse(URI), listen=True, stack=Stack)
+    link = open_rfcomm(parse_uri(URI), listen=True, stack=Stack)
     assert link.send(b"there")
     assert theirs.recv(10) == b"there"
     theirs.send(b"back")

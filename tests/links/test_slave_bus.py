@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, numeric, quantity, record, replace
+from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
 from trimtab.links.slave_bus import SlaveBus
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 
 
 @record
@@ -29,7 +29,7 @@ BYTES = 5 + 2 * 4 + 1 + 1
 
 def flown(bus, made, n, grid=10_000):
     """Samples at the receiving end at n instants, where samples are measured at the times `made` (ms)."""
-    bus, times = numeric(bus), np.array(made) * ms(1)
+    bus, times = to_arrays(bus), np.array(made) * ms(1)
 
     def given(t):
         newest = jnp.sum(times <= t) - 1
@@ -38,7 +38,7 @@ def flown(bus, made, n, grid=10_000):
         return Sample(value, at, (t - at) * 1e-7, at == t, newest >= 0)
 
     def run(bus):
-        state = strong(bus.init(key(0), given(np.int64(0))))
+        state = strengthen_types(bus.init(key(0), given(np.int64(0))))
         return jax.lax.scan(lambda s, t: bus.step(t, s, given(t)), state, jnp.arange(n, dtype=np.int64) * grid)
 
     return jax.tree.map(np.asarray, jax.jit(run)(bus))
@@ -92,8 +92,8 @@ def test_arrivals_are_those_of_the_slots(made, size):
 
 def test_a_message_follows_from_its_sample():
     value = Ranges(np.zeros(4), np.zeros(4, bool), np.int32(0))
-    assert SlaveBus().bytes_of(value) == BYTES
-    assert SlaveBus(size=12).bytes_of(value) == 12
+    assert SlaveBus().message_size(value) == BYTES
+    assert SlaveBus(size=12).message_size(value) == 12
 
 
 def test_without_delay_it_is_a_wire():

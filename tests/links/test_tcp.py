@@ -3,7 +3,7 @@ import socket
 import pytest
 from links.ends import free_port
 
-from trimtab.links.stream import Calling
+from trimtab.links.stream import ConnectingDialer
 
 
 def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():
@@ -15,7 +15,7 @@ def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():
         found.bind(("127.0.0.1", port))
         return found
 
-    calling = Calling(make, ("127.0.0.1", port))
+    calling = ConnectingDialer(make, ("127.0.0.1", port))
     with pytest.raises(OSError, match="connect"):
         assert [calling.dial() for _ in range(1000)] == [-1] * 1000
     calling.close()

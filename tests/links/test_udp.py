@@ -16,7 +16,7 @@ def test_udp_answers_those_it_has_heard_lately_and_nobody_else(monkeypatch):
     for peer in peers[:2]:
         peer.send(b"here")
         assert server.receive(PATIENCE) == b"here"
-        server.vouch()
+        server.accept_sender()
     assert server.send(b"to two")
     assert [peer.receive(PATIENCE) for peer in peers[:2]] == [b"to two"] * 2
     assert peers[2].receive(0.05) is None
@@ -25,7 +25,7 @@ def test_udp_answers_those_it_has_heard_lately_and_nobody_else(monkeypatch):
     assert len(server.peers) == 2
     peers[0].send(b"again")
     assert server.receive(PATIENCE) == b"again"
-    server.vouch()
+    server.accept_sender()
     monkeypatch.setattr(udp.time, "monotonic", lambda: real() + 11.0)
     assert len(server.peers) == 1
     assert server.send(b"to one")
@@ -36,7 +36,7 @@ def test_udp_answers_those_it_has_heard_lately_and_nobody_else(monkeypatch):
     assert server.send(b"late") is False
     peers[1].send(b"back")
     assert server.receive(PATIENCE) == b"back"
-    server.vouch()
+    server.accept_sender()
     assert (server.statistics.reconnects, server.statistics.connected) == (1, True)
     for link in (server, *peers):
         link.close()
@@ -49,7 +49,7 @@ def test_udp_strangers_do_not_push_out_who_was_there():
     for peer in peers:
         peer.send(b"here")
         server.receive(0.2)
-        server.vouch()
+        server.accept_sender()
     assert len(server.peers) == MOST_PEERS
     assert server.send(b"x")
     assert peers[0].receive(PATIENCE) == b"x"
@@ -70,7 +70,7 @@ def test_udp_tells_strangers_nothing_however_much_they_send():
     assert not server.statistics.connected
     friend.send(b"good")
     assert server.receive(PATIENCE) == b"good"
-    server.vouch()
+    server.accept_sender()
     strangers[0].send(b"me too")
     assert server.receive(PATIENCE) == b"me too"
     assert server.send(b"secret")
@@ -83,13 +83,13 @@ def test_udp_tells_strangers_nothing_however_much_they_send():
 def test_udp_vouches_for_one_packet_once():
     uri = f"udp://:{free_port(socket.SOCK_DGRAM)}"
     server, friend = open_link(uri, listen=True), open_link(uri)
-    server.vouch()  # nobody was heard
+    server.accept_sender()  # nobody was heard
     assert server.peers == ()
     friend.send(b"good")
     server.receive(PATIENCE)
-    server.vouch()
+    server.accept_sender()
     server._heard.clear()
-    server.vouch()
+    server.accept_sender()
     assert server.peers == ()
     for link in (server, friend):
         link.close()

@@ -2,7 +2,7 @@ import numpy as np
 
 from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
-from trimtab.core.signals import held, measured
+from trimtab.core.signals import hold_sample, new_sample
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 
@@ -26,11 +26,11 @@ def test_nothing_is_valid_before_the_first_sample(drive):
 def test_what_is_measured_between_two_looks_is_fresh_once():
     tick, end = ms(6.5536), ms(200)
     wire, made, fresh = Wire(), -1, []
-    state = wire.init(key(0), measured(np.int64(0), 0.0))
+    state = wire.init(key(0), new_sample(np.int64(0), 0.0))
     for t in sorted({*range(0, end, ms(1)), *range(0, end, tick)}):
         made = t if t % tick == 0 else made
         if t % ms(1) == 0:
-            sample = held(np.int64(t), measured(np.int64(made), 0.0), fresh=np.bool_(t == made))
+            sample = hold_sample(np.int64(t), new_sample(np.int64(made), 0.0), fresh=np.bool_(t == made))
             state, out = wire.step(np.int64(t), state, sample)
             fresh += [int(out.t)] if out.fresh else []
     assert fresh == list(range(0, end, tick))

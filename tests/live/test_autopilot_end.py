@@ -8,7 +8,13 @@ from run.stand_ins import Step, dialect, ends
 from wire.line import every
 
 from trimtab.core.signals import Command
-from trimtab.live.autopilot_end import LONGEST_QUEUE, STANDING, STRANGE, Pilot, frame_name
+from trimtab.live.autopilot_end import (
+    LARGEST_TIME_DIFFERENCE,
+    LONGEST_BACKLOG,
+    LONGEST_QUEUE,
+    AutopilotEnd,
+    frame_log_path,
+)
 
 FRAME, DIALECT = dialect({"compass": every(), "inertial-unit": every()}, every())
 MS = 10_000
@@ -21,7 +27,7 @@ class Line:
         self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
         estimator = SimpleNamespace(listens=any_order, ANY_ORDER=bool(any_order))
         scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator))
-        self.pilot, self.ends = Pilot(scenario, DIALECT, self.step), ends(DIALECT)
+        self.pilot, self.ends = AutopilotEnd(scenario, DIALECT, self.step), ends(DIALECT)
         self._vector = np.zeros(len(self.step.inputs))
 
     def send(self, sensor, t, real):
@@ -31,7 +37,7 @@ class Line:
         self._vector[reads[f"{path}.value.real"]] = real
         packets = self.pilot.sensors[sensor].pack(self.ends.there, self._vector)
         for message in (m for p in packets for m in self.ends.here.feed(p)):
-            assert self.pilot.take(message)
+            assert self.pilot.handle_message(message)
 
     def seen(self, sensor, *names):
         return [tuple(s[f"samples.{sensor}.{n}"] for n in names) for s in self.step.seen]
@@ -43,7 +49,7 @@ def test_of_a_burst_each_sample_gets_a_step_of_its_own_in_order():
         line.send("compass", k * MS, float(k + 1))
     line.send("inertial-unit", 2 * MS, 9.0)
     for k in range(5):
-        line.pilot.fly((10 + k) * MS)
+        line.pilot.fly_period((10 + k) * MS)
     assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (2.0, 1), (3.0, 1), (3.0, 0), (3.0, 0)]
     assert line.seen("inertial-unit", "value.real", "fresh")[:2] == [(9.0, 1), (9.0, 0)]
     ages = [age for (age,) in line.seen("compass", "age")]
@@ -55,7 +61,7 @@ def test_a_sample_that_comes_twice_counts_once():
     line = Line()
     for _ in range(2):
         line.send("compass", 5 * MS, 1.0)
-    assert (line.pilot.heard, line.pilot.waiting) == (1, 1)
+    assert (line.pilot.heard, line.pilot.queue_length) == (1, 1)
 
 
 def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
@@ -65,7 +71,7 @@ def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time()
         for k in (600, 602, 601, 603, 50):
             line.send(sensor, k * MS, float(k))
     for k in range(6):
-        line.pilot.fly((700 + k) * MS)
+        line.pilot.fly_period((700 + k) * MS)
     new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
     assert new == {"compass": [600, 602, 603, 50], "inertial-unit": [600, 602, 601, 603, 50]}
     assert line.pilot.overtaken == 2
@@ -76,7 +82,7 @@ def test_too_many_drop_the_oldest_and_are_counted():
     for k in range(LONGEST_QUEUE + 3):
         line.send("compass", (k + 1) * MS, float(k))
     assert line.pilot.overflowed == 3
-    line.pilot.fly(100 * MS)
+    line.pilot.fly_period(100 * MS)
     assert line.seen("compass", "value.real") == [(3.0,)]
 
 
@@ -85,34 +91,34 @@ def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
     line = Line()
     for k in range(5):
         line.send("compass", k * MS, 0.0)
-    for k in range(5, 2 * STANDING):
+    for k in range(5, 2 * LONGEST_BACKLOG):
         line.send("compass", k * MS, 0.0)
-        line.pilot.fly(k * MS)
+        line.pilot.fly_period(k * MS)
     late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
-    assert late[STANDING // 2] == 5
-    assert set(late[-STANDING // 2 :]) == {0}
+    assert late[LONGEST_BACKLOG // 2] == 5
+    assert set(late[-LONGEST_BACKLOG // 2 :]) == {0}
     assert line.pilot.overflowed == 5
 
 
 def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
     line, offset = Line(), 7_000_000
     line.send("compass", offset + 3 * MS, 1.0)
-    line.pilot.fly(5 * MS, lambda t: t - offset)
+    line.pilot.fly_period(5 * MS, lambda t: t - offset)
     assert line.seen("compass", "t", "fresh") == [(3 * MS, 1)]
     line.send("compass", offset + 4 * MS, 2.0)
-    line.pilot.fly(6 * MS, lambda t: t - offset - 100)
+    line.pilot.fly_period(6 * MS, lambda t: t - offset - 100)
     assert line.seen("compass", "t")[-1] == (4 * MS - 100,)
 
 
-@pytest.mark.parametrize("wrong", [-STRANGE - MS, STRANGE + 2 * MS, 2**62])
+@pytest.mark.parametrize("wrong", [-LARGEST_TIME_DIFFERENCE - MS, LARGEST_TIME_DIFFERENCE + 2 * MS, 2**62])
 def test_a_sample_of_another_clock_is_not_believed(wrong):
     line = Line()
     line.send("compass", 3 * MS, 1.0)
-    line.pilot.fly(4 * MS, lambda t: t)
+    line.pilot.fly_period(4 * MS, lambda t: t)
     line.send("compass", 4 * MS + wrong, 2.0)
-    line.pilot.fly(5 * MS, lambda t: t)
+    line.pilot.fly_period(5 * MS, lambda t: t)
     line.send("compass", 6 * MS, 3.0)
-    line.pilot.fly(7 * MS, lambda t: t)
+    line.pilot.fly_period(7 * MS, lambda t: t)
     assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (1.0, 0), (3.0, 1)]
     assert line.pilot.strange == 1
 
@@ -120,8 +126,8 @@ def test_a_sample_of_another_clock_is_not_believed(wrong):
 def test_what_came_before_the_flight_is_forgotten():
     line = Line()
     line.send("compass", MS, 1.0)
-    line.pilot.forget()
-    line.pilot.fly(2 * MS)
+    line.pilot.drop_samples()
+    line.pilot.fly_period(2 * MS)
     assert line.seen("compass", "fresh") == [(0,)]
 
 
@@ -129,16 +135,16 @@ def test_commands_carry_the_vehicles_time():
     line = Line()
     writes, outputs = line.step.writes, line.step.outputs
     outputs[writes["command.t"]], outputs[writes["command.value.real"]] = 5 * MS, 2.5
-    assert not line.pilot.ready
+    assert not line.pilot.has_command
     outputs[writes["command.valid"]] = 1
-    assert line.pilot.ready
-    (packet,) = line.pilot.commands(line.ends.here, shift=111)
+    assert line.pilot.has_command
+    (packet,) = line.pilot.command_packets(line.ends.here, shift=111)
     (message,) = line.ends.there.feed(packet)
     assert message.name == DIALECT.groups["command"][0]
-    assert not line.pilot.take(message)
+    assert not line.pilot.handle_message(message)
     assert (message.get("t"), message.get("valid"), message.get("real")) == (5 * MS + 111, 1, 2.5)
 
 
 def test_frames_have_the_paths_of_a_simulations_log():
-    assert frame_name("samples.inertial-unit.t") == "downlink.inertial-unit.t"
-    assert frame_name("t") is None
+    assert frame_log_path("samples.inertial-unit.t") == "downlink.inertial-unit.t"
+    assert frame_log_path("t") is None

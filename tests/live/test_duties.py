@@ -12,10 +12,10 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.signals import Command
 from trimtab.live.duties import COMPUTER_MODE, MANUAL_MODE, Duties
-from trimtab.live.exchange import Taken
-from trimtab.live.failsafe_step import WIDE
+from trimtab.live.exchange import GroupSample
+from trimtab.live.failsafe_step import UNLIMITED
 from trimtab.native.compiler import find_compiler
-from trimtab.wire.protocol import ArmAsked, Channels, ModeAsked, State, Sticks
+from trimtab.wire.protocol import ArmRequest, JoystickAxes, ModeRequest, ReceiverChannels, State
 from trimtab.wire.station import Status
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
@@ -45,7 +45,7 @@ class Craft:
 
     def taken(self, pulse, rpm, t=None):
         slots = [self.duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
-        return Taken(self.t if t is None else t, slots, (0, 1, pulse, rpm), 0)
+        return GroupSample(self.t if t is None else t, slots, (0, 1, pulse, rpm), 0)
 
     @property
     def acting(self):
@@ -63,11 +63,11 @@ def craft():
 
 
 def arm(wanted=True):
-    return ArmAsked(wanted, WHO)
+    return ArmRequest(wanted, WHO)
 
 
 def receiver(*pulses_us, override=False):
-    return Channels(tuple(p * 1e-6 for p in pulses_us), override, WHO)
+    return ReceiverChannels(tuple(p * 1e-6 for p in pulses_us), override, WHO)
 
 
 STOPPED = (0.0, 1.5e-3, 0.0)
@@ -75,11 +75,11 @@ STOPPED = (0.0, 1.5e-3, 0.0)
 
 def test_nothing_acts_before_it_is_armed(craft):
     craft.run(100, command=(1.7e-3, 5000.0))
-    assert (craft.acting, craft.lift, craft.duties.flying) == (STOPPED, False, False)
+    assert (craft.acting, craft.lift, craft.duties.is_commanded) == (STOPPED, False, False)
     assert craft.duties.status.state == State.STANDBY
     craft.run(10, asks=[arm()])
     craft.run(20, command=(1.7e-3, 5000.0))
-    assert (craft.acting, craft.lift, craft.duties.flying) == ((1.0, 1.7e-3, 5000.0), True, True)
+    assert (craft.acting, craft.lift, craft.duties.is_commanded) == ((1.0, 1.7e-3, 5000.0), True, True)
     assert craft.duties.status == Status(COMPUTER_MODE, True, State.ACTIVE)
     craft.run(10, asks=[arm(False)], command=(1.7e-3, 5000.0))
     assert craft.acting == STOPPED
@@ -161,33 +161,33 @@ def test_channels_without_sticks_are_no_pilot(craft):
 
 def test_a_ground_station_takes_over_by_mode_and_joystick(craft):
     craft.run(10, asks=[arm()])
-    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeAsked(MANUAL_MODE, WHO)])
+    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(MANUAL_MODE, WHO)])
     assert craft.duties.mode.mode == "computer"  # nobody holds a stick
-    held = Sticks(surge=0.5, sway=0.0, heave=0.0, yaw=-1.0, buttons=0, asked_by=WHO)
+    held = JoystickAxes(surge=0.5, sway=0.0, heave=0.0, yaw=-1.0, buttons=0, requester=WHO)
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [held])
     assert craft.duties.mode.mode == "manual"
     assert craft.acting == pytest.approx((1.0, Failsafe().low.rudder_pulse, 9600.0))
-    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeAsked(COMPUTER_MODE, WHO)], every=lambda: [held])
+    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(COMPUTER_MODE, WHO)], every=lambda: [held])
     assert craft.duties.mode.mode == "computer"
 
 
 def test_of_two_requests_in_one_step_the_last_counts(craft):
     craft.run(10, asks=[arm(), arm(False)])
-    assert not craft.duties.flying
+    assert not craft.duties.is_commanded
     craft.run(10, asks=[arm(False), arm()])
-    assert craft.duties.flying
+    assert craft.duties.is_commanded
 
 
 def test_without_limits_there_is_no_place_for_a_stick():
     """A vehicle about whose commands nothing is known: a nudge would ask for 1e299 of something."""
     wide = Failsafe(
         safe=DriveCommand(rudder_pulse=0.0, speed_rpm=0.0),
-        low=DriveCommand(rudder_pulse=-WIDE, speed_rpm=-WIDE),
-        high=DriveCommand(rudder_pulse=WIDE, speed_rpm=WIDE),
+        low=DriveCommand(rudder_pulse=-UNLIMITED, speed_rpm=-UNLIMITED),
+        high=DriveCommand(rudder_pulse=UNLIMITED, speed_rpm=UNLIMITED),
     )
     duties = Duties(wide, COMMAND, SimpleNamespace(reads=READS, inputs=np.full(4, -1.0)))
-    held = Sticks(surge=0.6, sway=0.0, heave=0.0, yaw=0.0, buttons=0, asked_by=WHO)
-    for event in (arm(), ModeAsked(MANUAL_MODE, WHO), held):
+    held = JoystickAxes(surge=0.6, sway=0.0, heave=0.0, yaw=0.0, buttons=0, requester=WHO)
+    for event in (arm(), ModeRequest(MANUAL_MODE, WHO), held):
         duties.ask(event, 0)
     duties.act(0, None)
     assert duties.mode.mode == "computer"

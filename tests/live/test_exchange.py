@@ -6,7 +6,7 @@ from run.stand_ins import dialect, ends, places
 from wire.line import Every, Wide
 
 from trimtab.core.signals import Command
-from trimtab.live.exchange import HELD, Group, command_group, sample_groups
+from trimtab.live.exchange import MOST_INCOMPLETE, MessageGroup, command_group, sample_groups
 
 RNG = np.random.default_rng(1)
 WIDE = Wide(covariance=np.zeros((8, 9)), msg=np.zeros(5), after=Every(0.0, 0.0, 0, 0, 0, False, np.zeros(3)))
@@ -40,13 +40,13 @@ def carried(path):
 
 
 def through(group, packets, endpoint):
-    return [taken for p in packets for m in endpoint.feed(p) if (taken := group.take(m)) is not None]
+    return [taken for p in packets for m in endpoint.feed(p) if (taken := group.assemble(m)) is not None]
 
 
 @pytest.mark.parametrize(("path", "parts"), [("samples.inertial-unit", 1), ("samples.filter", 3)])
 def test_what_is_packed_comes_out_in_its_places_and_nothing_else_changes(path, parts):
     both = ends(DIALECT)
-    group = Group(DIALECT, path, lambda p: READS[p])
+    group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = filled(path)
     packets = group.pack(both.there, sent)
     assert len(packets) == parts
@@ -61,7 +61,7 @@ def test_what_is_packed_comes_out_in_its_places_and_nothing_else_changes(path, p
 
 def test_a_shift_moves_the_time_and_only_that():
     both, path = ends(DIALECT), "samples.inertial-unit"
-    group = Group(DIALECT, path, lambda p: READS[p])
+    group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = filled(path)
     (taken,) = through(group, group.pack(both.there, sent, shift=1000), both.here)
     assert taken.t == T + 1000
@@ -75,7 +75,7 @@ def test_a_shift_moves_the_time_and_only_that():
 def test_parts_of_two_samples_are_never_put_together():
     """Of one sample a part is late: the next is whole by its own parts alone, in whatever order they come."""
     both, path = ends(DIALECT, unsigned=True), "samples.filter"
-    group = Group(DIALECT, path, lambda p: READS[p])
+    group = MessageGroup(DIALECT, path, lambda p: READS[p])
     first, second = filled(path), filled(path)
     second[READS[f"{path}.t"]] = T + 60_000
     late, later = group.pack(both.there, first), group.pack(both.there, second)
@@ -89,7 +89,7 @@ def test_parts_of_two_samples_are_never_put_together():
 
 def test_parts_of_samples_that_overtake_one_another_come_together():
     both, path = ends(DIALECT), "samples.filter"
-    group = Group(DIALECT, path, lambda p: READS[p])
+    group = MessageGroup(DIALECT, path, lambda p: READS[p])
     sent = [filled(path) for _ in range(3)]
     for k, vector in enumerate(sent):
         vector[READS[f"{path}.t"]] = T + k * 60_000
@@ -104,11 +104,11 @@ def test_parts_of_samples_that_overtake_one_another_come_together():
 
 def test_parts_whose_others_were_lost_are_not_kept_for_ever():
     both, path = ends(DIALECT), "samples.filter"
-    group, vector = Group(DIALECT, path, lambda p: READS[p]), filled("samples.filter")
-    for k in range(3 * HELD):
+    group, vector = MessageGroup(DIALECT, path, lambda p: READS[p]), filled("samples.filter")
+    for k in range(3 * MOST_INCOMPLETE):
         vector[READS[f"{path}.t"]] = T + k
         assert through(group, group.pack(both.there, vector)[:2], both.here) == []
-    assert len(group._parts) == HELD
+    assert len(group._parts) == MOST_INCOMPLETE
 
 
 def test_groups_are_found_by_sensor_and_for_another_vector():

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from studies.live_faults.case import STOPS, Case, Outcome, judge
-from studies.live_faults.cases import PARTS, WORDS, cases
-from studies.live_faults.flight import Ended
-from studies.live_faults.page import flown as flown_in_words
-from studies.live_faults.page import page
-from studies.live_faults.verdict import tripped, violations
+from studies.live_faults.case import STOPS, Case, CaseOutcome, evaluate_flight
+from studies.live_faults.cases import PARTS, WORDS, all_cases
+from studies.live_faults.flight import ProcessResult
+from studies.live_faults.page import describe_flights as flown_in_words
+from studies.live_faults.page import format_page
+from studies.live_faults.verdict import failsafe_causes, find_violations
 from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.cli import main
 from trimtab.logs.log import Log
@@ -68,8 +68,8 @@ def changed(log, **signals):
 
 def test_a_vehicle_that_stopped_in_time_was_safe():
     log = flown()
-    assert violations(log) == []
-    assert tripped(log) == ["no command"]
+    assert find_violations(log) == []
+    assert failsafe_causes(log) == ["no command"]
 
 
 @pytest.mark.parametrize(
@@ -83,42 +83,42 @@ def test_a_vehicle_that_stopped_in_time_was_safe():
     ],
 )
 def test_one_that_broke_a_rule_was_not(log, says):
-    assert any(re.search(says, found) for found in violations(log)), violations(log)
+    assert any(re.search(says, found) for found in find_violations(log)), find_violations(log)
 
 
 def test_silence_that_was_flown_on_through_is_found():
     log = flown(stops=4.0)
     fresh = log["firmware.command.fresh"] & ((log.t < 2) | (log.t > 2.3))
-    assert any("flew on through 3" in found for found in violations(changed(log, firmware__command__fresh=fresh)))
+    assert any("flew on through 3" in found for found in find_violations(changed(log, firmware__command__fresh=fresh)))
     refused = np.cumsum(log["firmware.command.fresh"] & (log.t >= 2) & (log.t <= 2.3))
-    assert any("flew on through 3" in found for found in violations(changed(log, firmware__rejected=refused)))
+    assert any("flew on through 3" in found for found in find_violations(changed(log, firmware__rejected=refused)))
 
 
 def test_failsafe_that_is_left_unasked_is_found():
     log = flown()
     mode = np.where(log.t > 3, MODE["computer"], log["firmware.mode"])
     cause = np.where(log.t > 3, CAUSE["takeover ended"], log["firmware.cause"])
-    found = violations(changed(log, firmware__mode=mode, firmware__cause=cause))
+    found = find_violations(changed(log, firmware__mode=mode, firmware__cause=cause))
     assert any("left failsafe" in one for one in found)
 
 
 def test_a_crash_and_a_missing_log_are_found(tmp_path):
     left = [
-        Ended("vehicle-1", 1, "Traceback (most recent call last):", None, tmp_path / "vehicle.mcap"),
-        Ended("autopilot-1", 0, "", None, tmp_path / "flight.mcap"),
+        ProcessResult("vehicle-1", 1, "Traceback (most recent call last):", None, tmp_path / "vehicle.mcap"),
+        ProcessResult("autopilot-1", 0, "", None, tmp_path / "flight.mcap"),
     ]
-    outcome = judge(Case("x", "nothing", lambda _: None, STOPS), left)
+    outcome = evaluate_flight(Case("x", "nothing", lambda _: None, STOPS), left)
     assert outcome.verdict == "fails"
     for says in ("vehicle-1 ended with 1", "vehicle-1 crashed", "log of autopilot-1 can't be read"):
         assert any(says in problem for problem in outcome.problems)
 
 
 def test_the_campaign_has_each_word_on_each_part_and_more():
-    names = [case.name for case in cases()]
+    names = [case.name for case in all_cases()]
     assert len(names) == len(set(names)) >= 40
     parts = [part.rpartition(":")[2] for part in PARTS]
     assert {f"{part}-{word}" for part in parts for word in WORDS} <= set(names)
-    assert all(case.words for case in cases())
+    assert all(case.evidence_checks for case in all_cases())
 
 
 def test_a_case_that_is_not_there_is_refused():
@@ -130,23 +130,23 @@ def test_a_case_that_is_not_there_is_refused():
 
 def test_the_page_shows_all_cases_and_all_hold():
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
-    assert [name for name, _ in rows] == [case.name for case in cases()]
+    assert [name for name, _ in rows] == [case.name for case in all_cases()]
     assert {verdict for _, verdict in rows} <= {"holds"}
 
 
 def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
     order = ["a", "b", "c"]
-    ones = {n: Outcome(n, "does", "happened", (f"said {n}",), ()) for n in order}
-    first = page([ones["a"], ones["c"]], flown_in_words(["a", "c"], 60.0, 2, apart=False), order=order)
+    ones = {n: CaseOutcome(n, "does", "happened", (f"said {n}",), ()) for n in order}
+    first = format_page([ones["a"], ones["c"]], flown_in_words(["a", "c"], 60.0, 2, apart=False), order=order)
     failed = ones["c"]._replace(problems=("broke",))
-    again = page([ones["b"], failed], flown_in_words(["b", "c"], 9.0, 2, apart=True), first, order)
+    again = format_page([ones["b"], failed], flown_in_words(["b", "c"], 9.0, 2, apart=True), first, order)
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", again, re.MULTILINE)
     assert rows == [("a", "holds"), ("b", "holds"), ("c", "**fails**: broke")]
     assert "3 cases, 2 hold, 0 skipped, 1 fail." in again
     runs = re.search(r"^Flown: (.*)\.$", again, re.MULTILINE)
     assert runs
     assert [one.partition(" on ")[0] for one in runs[1].split("; ")] == ["2 cases in 60 s", "`b`, `c` in 9 s"]
-    assert page([ones["a"]], "x", "", order).count("`a`") == 1
+    assert format_page([ones["a"]], "x", "", order).count("`a`") == 1
 
 
 def campaign(*words, timeout):

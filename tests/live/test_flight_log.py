@@ -9,7 +9,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
-from trimtab.live.flight_log import FlightLog, Source
+from trimtab.live.flight_log import FlightLog, LogSource
 from trimtab.logs.mcap import read_mcap
 
 PERIOD = 10_000
@@ -30,7 +30,7 @@ def renamed(path):
 
 def book(file):
     given, made = np.zeros(6), np.zeros(1)
-    sources = [Source(given, MEMBERS, renamed), Source(made, [member("law.out", "i32")], lambda p: p)]
+    sources = [LogSource(given, MEMBERS, renamed), LogSource(made, [member("law.out", "i32")], lambda p: p)]
     return FlightLog(file, sources, OWN, {"scenario": "a test"}), given, made
 
 
@@ -42,9 +42,9 @@ def test_rows_are_the_vectors_as_they_were(tmp_path):
         given[5] = k % 2
         own = (float(rng.standard_normal()), k % 3 == 0)
         rows.append((given.copy(), made.copy(), own))
-        log.put(k * PERIOD, own)
+        log.write_row(k * PERIOD, own)
         if k == 150:
-            log.event("half of it")
+            log.write_event("half of it")
     written = log.close({"truth.x": np.array(2.5)})
     assert (written.rows, written.dropped, written.unwritten, written.whole) == (300, 0, 0, True)
     found = read_mcap(tmp_path / "a.mcap")
@@ -63,13 +63,13 @@ def test_rows_are_the_vectors_as_they_were(tmp_path):
 def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     for k in range(100):
-        log.put(k * PERIOD, (0.0, True))
+        log.write_row(k * PERIOD, (0.0, True))
     os.kill(log._stream.pid, signal.SIGKILL)
     log._stream._process.wait(10)
-    assert not log.alive
+    assert not log.is_alive
     for k in range(100, 20_000):  # more than the ring holds
-        log.put(k * PERIOD, (0.0, True))
-    log.event("nobody hears this")
+        log.write_row(k * PERIOD, (0.0, True))
+    log.write_event("nobody hears this")
     assert log.close() is None
 
 

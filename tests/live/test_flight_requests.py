@@ -5,9 +5,9 @@ from run.stand_ins import KEY, dialect
 from wire.line import every
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.duties import AGAIN, GIVEN_UP, GONE, NOBODY, FlightRequests
+from trimtab.live.duties import AUTOPILOT_TIMEOUT, NO_AUTOPILOT_PROBLEM, REQUEST_TIMEOUT, RESEND_PERIOD, FlightRequests
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import FlightAsked, ModeAsked
+from trimtab.wire.protocol import FlightRequest, ModeRequest
 from trimtab.wire.station import Status
 
 _, DIALECT = dialect({"compass": every()}, every())
@@ -27,7 +27,7 @@ class Line:
 
     def hear(self, name, sender=None, **fields):
         for message in self.vehicle.feed((sender or self.autopilot).pack(name, fields)):
-            self.requests.hear(message, self.now)
+            self.requests.handle_message(message, self.now)
 
     def beat(self, mode, sender=None, kind=18, flags=1):
         self.hear("HEARTBEAT", sender, type=kind, autopilot=8, base_mode=flags, custom_mode=mode)
@@ -55,9 +55,12 @@ def line():
 
 def test_an_autopilot_that_is_heard_can_be_asked_until_it_falls_silent(line):
     assert line.said == ["autopilot: flying"]
-    assert (line.status().deaf, dict(line.status().closed)) == ("", {})
-    line.now += GONE + 1
-    assert (line.status().deaf, dict(line.status().closed)) == (NOBODY, {HOLD: NOBODY})
+    assert (line.status().autopilot_problem, dict(line.status().closed)) == ("", {})
+    line.now += AUTOPILOT_TIMEOUT + 1
+    assert (line.status().autopilot_problem, dict(line.status().closed)) == (
+        NO_AUTOPILOT_PROBLEM,
+        {HOLD: NO_AUTOPILOT_PROBLEM},
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,52 +74,52 @@ def test_an_autopilot_that_is_heard_can_be_asked_until_it_falls_silent(line):
 def test_others_are_not_the_autopilot(beat):
     made = Line()
     made.beat(FLYING, **beat)
-    assert made.status().deaf == NOBODY
+    assert made.status().autopilot_problem == NO_AUTOPILOT_PROBLEM
     assert made.said == []
 
 
 def test_a_request_is_repeated_until_it_is_acknowledged(line):
-    line.requests.ask(FlightAsked("end", GROUND), line.now)
+    line.requests.ask(FlightRequest("end", GROUND), line.now)
     assert line.run(ms(250)) == [(1, LAND, 0, 0), (101, LAND, 0, 1), (201, LAND, 0, 2)]
     line.hear("COMMAND_ACK", command=GOTO, result=0)  # of something else
-    assert len(line.run(AGAIN)) == 1
+    assert len(line.run(RESEND_PERIOD)) == 1
     line.hear("COMMAND_ACK", command=LAND, result=0)
     assert line.run(seconds(1)) == []
     assert line.said == ["autopilot: flying"]
 
 
 def test_a_refusal_and_an_answer_that_never_comes_are_told(line):
-    line.requests.ask(FlightAsked("end", GROUND), line.now)
+    line.requests.ask(FlightRequest("end", GROUND), line.now)
     line.run(ms(1))
     line.hear("COMMAND_ACK", command=LAND, result=3)
-    line.requests.ask(FlightAsked("hold", GROUND), line.now)
-    assert len(line.run(GIVEN_UP + AGAIN)) == GIVEN_UP // AGAIN
+    line.requests.ask(FlightRequest("hold", GROUND), line.now)
+    assert len(line.run(REQUEST_TIMEOUT + RESEND_PERIOD)) == REQUEST_TIMEOUT // RESEND_PERIOD
     assert line.said[1:] == ["autopilot: end refused", "autopilot: hold: no answer"]
     assert line.run(seconds(1)) == []
 
 
 def test_mode_hold_asks_to_hold_and_is_told_when_the_autopilot_holds(line):
-    line.requests.ask(ModeAsked(HOLD, GROUND), line.now)
+    line.requests.ask(ModeRequest(HOLD, GROUND), line.now)
     assert line.run(ms(50)) == [(1, GOTO, 0, 0)]
     assert line.status().mode == COMPUTER
     line.hear("COMMAND_ACK", command=GOTO, result=0)
     line.beat(HOLDING)
     assert (line.status().mode, line.status(MANUAL).mode) == (HOLD, MANUAL)
-    line.now += GONE + 1
+    line.now += AUTOPILOT_TIMEOUT + 1
     assert line.status().mode == COMPUTER
     line.beat(HOLDING)
-    line.requests.ask(ModeAsked(COMPUTER, GROUND), line.now)
+    line.requests.ask(ModeRequest(COMPUTER, GROUND), line.now)
     assert [(command, first) for _, command, first, _ in line.run(ms(50))] == [(GOTO, 1)]
 
 
 def test_mode_computer_asks_for_nothing_where_nothing_is_held(line):
-    line.requests.ask(ModeAsked(COMPUTER, GROUND), line.now)
-    line.requests.ask(ModeAsked(MANUAL, GROUND), line.now)
+    line.requests.ask(ModeRequest(COMPUTER, GROUND), line.now)
+    line.requests.ask(ModeRequest(MANUAL, GROUND), line.now)
     assert line.run(seconds(1)) == []
 
 
 def test_to_go_on_takes_the_place_of_a_hold_that_has_not_been_answered(line):
-    line.requests.ask(ModeAsked(HOLD, GROUND), line.now)
+    line.requests.ask(ModeRequest(HOLD, GROUND), line.now)
     line.run(ms(50))
-    line.requests.ask(ModeAsked(COMPUTER, GROUND), line.now)
+    line.requests.ask(ModeRequest(COMPUTER, GROUND), line.now)
     assert [first for _, _, first, _ in line.run(ms(50))] == [1]

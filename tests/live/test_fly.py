@@ -13,8 +13,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.fly import Flyer
-from trimtab.live.vehicle import Vehicle, on_real_link
+from trimtab.live.fly import LiveAutopilot
+from trimtab.live.vehicle import LiveVehicle, replace_links
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import replay
@@ -30,8 +30,8 @@ class Pair:
 
     def __init__(self, scenario, name, step=None):
         self.there, self.here = open_link(f"loopback://{name}", listen=True), open_link(f"loopback://{name}")
-        self.vehicle = Vehicle(on_real_link(scenario), self.there, lambda d: Endpoint(d, 1, 1, KEY))
-        self.flyer = Flyer(scenario, self.here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        self.vehicle = LiveVehicle(replace_links(scenario), self.there, lambda d: Endpoint(d, 1, 1, KEY))
+        self.flyer = LiveAutopilot(scenario, self.here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
         self._ended, self.served = threading.Event(), []
         self.thread = threading.Thread(target=self._serve)
 
@@ -54,7 +54,7 @@ class Pair:
 @pytest.fixture(scope="module")
 def scenario():
     """Its failsafe waits for longer than a busy machine may keep one of the two threads from running."""
-    found = catalogue.load("hovercraft/zero-velocity")[0]
+    found = catalogue.load_scenario("hovercraft/zero-velocity")[0]
     return replace(found, failsafe=replace(found.failsafe, timeout=seconds(8), age_max=8.0))
 
 
@@ -82,8 +82,8 @@ def flown(scenario, tmp_path_factory):
 
 
 def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
-    assert flown.flight.armed is not None
-    assert flown.flight.t - flown.flight.armed >= LENGTH
+    assert flown.flight.arming_time is not None
+    assert flown.flight.t - flown.flight.arming_time >= LENGTH
     assert flown.served.released is not None
     told = [event["text"] for event in flown.truth.metadata["events"]]
     armed, disarmed, ended = map(told.index, ("computer: arm request", "disarmed: disarm request", "ended by request"))
@@ -136,7 +136,7 @@ def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flow
 def test_the_same_frames_give_the_same_commands_to_the_bit(flown):
     found = replay(flown.log, flown.scenario, backend="c")
     assert (found.exact, found.strict, found.equal, found.first) == (True, True, True, None)
-    assert len(found.replayed) == len(flown.log)
+    assert len(found.replayed_log) == len(flown.log)
 
 
 def test_commands_reach_the_actuators_as_they_were_sent(flown):
@@ -169,14 +169,14 @@ def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario, step):
         flown_by = pair.vehicle.duties.mode
     finally:
         pair.end()
-    assert (flight.armed, flight.t, flight.log) == (None, 0, None)
+    assert (flight.arming_time, flight.t, flight.log) == (None, 0, None)
     assert flown_by == ("computer", "arm request")
 
 
 def test_where_nobody_answers_it_says_what_to_type(scenario, step):
     link = open_link("loopback://test-fly-nobody")
     try:
-        flyer = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
         with pytest.raises(InputError, match="no vehicle answers") as refused:
             flyer.connect(patience=0.1)
         assert f"trimtab vehicle {scenario.name} --listen" in refused.value.fix
@@ -191,7 +191,7 @@ def test_where_frames_come_it_waits_longer_for_the_clock(scenario, step):
     """Heartbeats and nothing else: the clock is never known, and the answer names it, after three times as long."""
     there, link = open_link("loopback://test-fly-deaf", listen=True), open_link("loopback://test-fly-deaf")
     try:
-        flyer = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
         theirs = Endpoint(flyer.endpoint.dialect, 1, 1, KEY)
         while link.receive(0.0) is None:  # until both ends have met
             there.receive(0.0)
@@ -210,12 +210,12 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, st
     _, other = dialect({"compass": every()}, every())
     link = open_link("loopback://test-fly-other")
     try:
-        flyer = Flyer(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
         theirs = Endpoint(other, 1, 1, KEY)
         beat = theirs.pack("HEARTBEAT", {"autopilot": 0})
         version = theirs.pack("AUTOPILOT_VERSION", {"flight_custom_version": theirs.dialect.fingerprint})
         for packet in (beat, version):
-            flyer._hear(packet)
+            flyer._handle_data(packet)
         with pytest.raises(InputError, match="other sensors") as refused:
             flyer.connect(patience=30.0)
         assert "the same --set on both ends" in refused.value.fix

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.live.real_time import BUCKETS, Histogram, upper
+from trimtab.live.real_time import BUCKETS, Histogram, bucket_end
 
 
 def test_quantiles_are_those_of_the_numbers_to_a_bucket():
@@ -27,7 +27,7 @@ def test_quantiles_are_those_of_the_numbers_to_a_bucket():
 def test_every_time_falls_into_the_bucket_that_ends_next():
     previous = -1
     for bucket in range(BUCKETS):
-        end = upper(bucket)
+        end = bucket_end(bucket)
         assert end > previous
         if end < 2**62:
             one = Histogram()

@@ -7,40 +7,42 @@ import pytest
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.commands.fly_scenario import Request, build
+from trimtab.commands.fly_scenario import RunRequest, build_from_request
 from trimtab.core.time import ms, seconds
-from trimtab.live.failsafe_step import failsafe_of
+from trimtab.live.failsafe_step import choose_failsafe
 from trimtab.live.instruments import Instruments
-from trimtab.live.vehicle import on_real_link
+from trimtab.live.vehicle import replace_links
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compiled_world
-from trimtab.wire.dialect import dialect_of
+from trimtab.live.world_step import compile_world
+from trimtab.wire.dialect import derive_dialect
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Channels
+from trimtab.wire.protocol import ReceiverChannels
 
 
 class Told:
     """A vehicle that has stood still for 20 ms, and what is heard of it."""
 
     def __init__(self, scenario, failsafe=None, **truth) -> None:
-        scenario = on_real_link(build(Request(scenario, {f"initial.{k}": str(v) for k, v in truth.items()})))
-        world, frame, command = compiled_world(scenario)
-        dialect = dialect_of(frame, command)
+        scenario = replace_links(
+            build_from_request(RunRequest(scenario, {f"initial.{k}": str(v) for k, v in truth.items()}))
+        )
+        world, frame, command = compile_world(scenario)
+        dialect = derive_dialect(frame, command)
         self.body = VirtualVehicle(scenario, dialect, world)
         for t in self.body.instants():
-            self.body.turn(t, fresh=True, held=True)
+            self.body.advance(t, fresh=True, held=True)
             if t >= ms(20):
                 break
         endpoint = Endpoint(dialect, 1, 1, unsigned=True)
         self.flying = False
         self.instruments = Instruments(
-            self.body, failsafe or failsafe_of(scenario, command), endpoint, lambda: self.flying
+            self.body, failsafe or choose_failsafe(scenario, command), endpoint, lambda: self.flying
         )
-        self._streams, self._ground = self.instruments.streams(), Endpoint(dialect, 255, 190, unsigned=True)
+        self._streams, self._ground = self.instruments.telemetry_streams(), Endpoint(dialect, 255, 190, unsigned=True)
 
     def ask(self, number, now=0):
         """A message's fields; None where there is none."""
-        _, packets = self._streams.order(512, number, 0.0, now)
+        _, packets = self._streams.handle_command(512, number, 0.0, now)
         (message,) = self._ground.feed(b"".join(packets)) or [None]
         return message and message.fields()
 
@@ -71,7 +73,7 @@ def test_servos_show_the_command_between_its_bounds(hovercraft):
 
 def test_receiver_is_told_while_it_is_heard(hovercraft):
     assert hovercraft.ask(65) is None
-    hovercraft.instruments.note(Channels((1.1e-3, 1.9e-3), False, (1, 1)), seconds(1))
+    hovercraft.instruments.handle_event(ReceiverChannels((1.1e-3, 1.9e-3), False, (1, 1)), seconds(1))
     assert hovercraft.ask(65, seconds("1.4"))["chan2_raw"] == 1900
     assert hovercraft.ask(1, seconds("1.4"))["onboard_control_sensors_present"] & 0x10000
     assert hovercraft.ask(65, seconds("1.6")) is None

@@ -17,9 +17,9 @@ from trimtab.links.latency_trace import LatencyTrace, read_trace, write_trace
 from trimtab.links.open_link import open_link
 from trimtab.live import link_test
 from trimtab.live import link_test as link_echo
-from trimtab.live.clock_time import STATUS, UP, ClockTime, Hello, Parser, appended, hello_of
-from trimtab.live.link_delays import Plan, model, rows, traces
-from trimtab.live.link_test import echo
+from trimtab.live.clock_time import STATUS, UP, ClockMessageParser, ClockTimeExchange, Hello, echo_request, parse_hello
+from trimtab.live.link_delays import LinkTestPlan, fit_delay_model, latency_rows, link_traces
+from trimtab.live.link_test import echo_requests
 
 BOOT = b"one boot"
 
@@ -30,7 +30,7 @@ class Sky:
     def __init__(self, far_boot=BOOT, ahead=0, loss=0.0, spread=1.0):
         self.t, self.ahead, self.boot, self.loss = 1_000_000, ahead, far_boot, loss
         self.random, self.spread = random.Random(3), spread
-        self.parser, self.heard, self.coming, self.n = Parser(UP), 0, [], 0
+        self.parser, self.heard, self.coming, self.n = ClockMessageParser(UP), 0, [], 0
         self.up, self.down, self.bytes_out, self.lost_up = [], [], 0, 0
 
     def monotonic(self):
@@ -50,8 +50,8 @@ class Sky:
         for message in self.parser.feed(packet):
             up, down = (round(self.random.uniform(1 - self.spread, 1 + self.spread) * 400_000) for _ in range(2))
             if message.id == STATUS:
-                self._back(Hello(self.boot, hello_of(message.data).session, self.heard).pack(), 10)
-            elif answer := appended(message, self.t + up + self.ahead):
+                self._back(Hello(self.boot, parse_hello(message.data).session, self.heard).pack(), 10)
+            elif answer := echo_request(message, self.t + up + self.ahead):
                 fate = self.random.random()
                 if fate < self.loss:
                     self.lost_up += 1
@@ -78,30 +78,30 @@ def under(monkeypatch):
 
     def run(sky, plan):
         monkeypatch.setattr(link_test, "time", sky)
-        return link_test.measure(sky, ClockTime(7, BOOT), plan, lambda: sky.t)
+        return link_test.measure_delays(sky, ClockTimeExchange(7, BOOT), plan, lambda: sky.t)
 
     return run
 
 
 def test_with_one_clock_each_way_is_measured_for_itself(under):
     sky = Sky()
-    found = under(sky, Plan(2.9, 22.0, 200, 10.0))
-    assert found.shared
-    assert found.answered.all()
+    found = under(sky, LinkTestPlan(2.9, 22.0, 200, 10.0))
+    assert found.has_one_clock
+    assert found.has_reply.all()
     assert found.lost_up == 0
     np.testing.assert_allclose(found.up, sky.up, atol=1.01e-4)  # the resolution, 0.1 ms
     np.testing.assert_allclose(found.up + found.down, np.add(sky.up, sky.down), atol=1e-7)
-    table = rows(found)
+    table = latency_rows(found)
     assert table["round trip"].mean_ms == pytest.approx(1e3 * statistics.mean(np.add(sky.up, sky.down)))
     assert table["up"].sd_ms == pytest.approx(1e3 * statistics.stdev(sky.up), abs=0.02)
-    assert found.sent[-1] == pytest.approx(20.0, rel=0.1)
-    assert found.carried[0] == pytest.approx(2.9, rel=0.03)
+    assert found.send_times[-1] == pytest.approx(20.0, rel=0.1)
+    assert found.data_rates[0] == pytest.approx(2.9, rel=0.03)
 
 
 def test_two_clocks_an_hour_apart_are_set_by_the_quickest(under):
     """Exact round trips; the offset is as good as the difference of the quickest round trip's two ways."""
     sky = Sky(far_boot=b"another.", ahead=36_000_000_000, spread=0.3)
-    found = under(sky, Plan(2.9, 22.0, 400, 20.0))
+    found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
     assert not found.shared
     np.testing.assert_allclose(found.up + found.down, np.add(sky.up, sky.down), atol=1e-7)
     shift = found.up - sky.up
@@ -111,11 +111,11 @@ def test_two_clocks_an_hour_apart_are_set_by_the_quickest(under):
 
 def test_losses_are_told_apart_by_what_the_far_end_heard(under):
     sky = Sky(loss=0.1)
-    found = under(sky, Plan(2.9, 22.0, 400, 20.0))
+    found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
     assert 20 < sky.lost_up == found.lost_up
-    assert found.answered.sum() == len(sky.up) == 400 - sky.lost_up - traces(found)["down"].lost.sum()
-    np.testing.assert_allclose(found.up[found.answered], sky.up, atol=1.01e-4)
-    recorded = traces(found)
+    assert found.has_reply.sum() == len(sky.up) == 400 - sky.lost_up - link_traces(found)["down"].lost.sum()
+    np.testing.assert_allclose(found.up[found.has_reply], sky.up, atol=1.01e-4)
+    recorded = link_traces(found)
     assert recorded["up"].lost.sum() == sky.lost_up
     assert len(recorded["down"].lost) == 400 - sky.lost_up
     for trace in recorded.values():
@@ -124,12 +124,12 @@ def test_losses_are_told_apart_by_what_the_far_end_heard(under):
 
 
 def test_recordings_are_read_back_and_the_model_has_their_moments(under, tmp_path):
-    found = under(Sky(loss=0.05, spread=0.5), Plan(2.9, 22.0, 300, 20.0))
-    for path, trace in traces(found).items():
+    found = under(Sky(loss=0.05, spread=0.5), LinkTestPlan(2.9, 22.0, 300, 20.0))
+    for path, trace in link_traces(found).items():
         write_trace(tmp_path / "t.csv", trace)
         for a, b in zip(read_trace(tmp_path / "t.csv"), trace, strict=True):
             np.testing.assert_array_equal(a, b)
-        m = model(trace)
+        m = fit_delay_model(trace)
         seen = trace.latency_s[~trace.lost]
         assert (m.mean, m.sd) == pytest.approx((seen.mean(), seen.std(ddof=1)))
         assert m.shift == pytest.approx(seen.min() - 0.002)
@@ -143,7 +143,7 @@ def test_recordings_are_read_back_and_the_model_has_their_moments(under, tmp_pat
 def test_nobody_there(under):
     sky = Sky()
     sky.send = lambda packet: False
-    assert under(sky, Plan(2.9, 22.0, 10)) is None
+    assert under(sky, LinkTestPlan(2.9, 22.0, 10)) is None
 
 
 def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself(monkeypatch):
@@ -169,7 +169,7 @@ def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself(monkeypa
 
     ground = Ground()
     monkeypatch.setattr(link_echo, "time", ground)
-    assert echo(ground, stop=lambda: ground.t > 60.0, clock=lambda: round(ground.t * 1e7), boot=BOOT) == 0
+    assert echo_requests(ground, stop=lambda: ground.t > 60.0, clock=lambda: round(ground.t * 1e7), boot=BOOT) == 0
     assert sum(n for t, n in ground.sent if t < 53.0) == pytest.approx(3 * 2200, abs=50)  # two messages
     assert max(t for t, _ in ground.sent) < 53.2
     gaps = np.diff([t for t, _ in ground.sent[2:]])
@@ -184,12 +184,12 @@ def test_over_a_relay_the_figures_are_what_the_relay_put_in():
     """
     port = free_port(socket.SOCK_DGRAM)
     far, stop = open_link(f"udp://:{port}", listen=True), threading.Event()
-    thread = threading.Thread(target=echo, args=(far,), kwargs={"stop": stop.is_set})
+    thread = threading.Thread(target=echo_requests, args=(far,), kwargs={"stop": stop.is_set})
     thread.start()
     try:
         with UdpRelay(("127.0.0.1", port), delay=0.040, jitter=0.015, loss=0.02, seed=11) as relay:
             near = open_link(f"udp://127.0.0.1:{relay.port}")
-            found = link_test.measure(near, ClockTime(1), Plan(2.9, 22.0, 600, 40.0))
+            found = link_test.measure_delays(near, ClockTimeExchange(1), LinkTestPlan(2.9, 22.0, 600, 40.0))
             near.close()
             done = list(relay.passages)
     finally:
@@ -201,5 +201,5 @@ def test_over_a_relay_the_figures_are_what_the_relay_put_in():
         assert np.nanmean(seconds) == pytest.approx(statistics.mean(put_in), abs=0.003)
         assert np.nanstd(seconds) == pytest.approx(statistics.stdev(put_in), abs=0.003)
         assert np.nanmean(seconds) == pytest.approx(0.040, abs=0.004)
-    lost = [trace.lost.mean() for trace in traces(found).values()]
+    lost = [trace.lost.mean() for trace in link_traces(found).values()]
     assert lost == pytest.approx([0.02, 0.02], abs=4 * (0.02 * 0.98 / 600) ** 0.5)

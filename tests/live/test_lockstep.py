@@ -11,7 +11,7 @@ from live.pair import fly_pair
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
-from trimtab.live.lockstep import LockstepPilot, LockstepVehicle
+from trimtab.live.lockstep import LockstepAutopilot, LockstepVehicle
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import metrics
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 SEEDS = {"errors": 1, "ins": 2}
 """Worlds in which every law reaches its targets. In 3 and 8 of 100 the heading laws do not within 35 s, nor do they
 with navigation "errors" in seed 2: `trimtab campaign hovercraft/heading-proportional --metric first_reach:heading`."""
-HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
+HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
 
 
 def same(log, simulated, *, age=True):
@@ -44,7 +44,7 @@ def test_over_a_serial_cable(tmp_path):
         more = ("--lockstep", "--duration", "2", "--seed", "4")
         there, here = fly_pair(tmp_path, "hovercraft/zero-velocity", left, right, *more)
     assert (there[0], here[0]) == (0, 0), (there, here)
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     simulated = simulate(replace(scenario, duration=seconds(2)), seed=4, backend="c")
     logs = [read_mcap(tmp_path / "there" / "vehicle.mcap"), read_mcap(tmp_path / "here" / "flight.mcap")]
     for log in logs:
@@ -61,7 +61,7 @@ def test_over_udp_that_loses_and_delays(tmp_path):
         near, far = f"udp://127.0.0.1:{relay.port}", f"udp://127.0.0.1:{port}"
         there, here = fly_pair(tmp_path, "hovercraft/spin", far, near, "--lockstep", "--duration", "0.5")
     assert (there[0], here[0]) == (0, 0), (there, here)
-    scenario, _ = catalogue.load("hovercraft/spin")
+    scenario, _ = catalogue.load_scenario("hovercraft/spin")
     simulated = simulate(replace(scenario, duration=seconds(0.5)), backend="c")
     assert any(p.delay is None for p in relay.passages)
     for file in ("there/vehicle.mcap", "here/flight.mcap"):
@@ -75,7 +75,7 @@ def in_step(scenario, folder, seed, line=None):
     key = passphrase_key("correct-horse-battery-staple")
     name = f"loopback://{folder.name}"
     vehicle = LockstepVehicle(scenario, lambda d: Endpoint(d, 1, 1, key), seed=seed)
-    pilot = LockstepPilot(scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
+    pilot = LockstepAutopilot(scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
     there, here = line or (open_link(name, listen=True), open_link(name))
     leading = threading.Thread(target=vehicle.run, args=(there, folder / "vehicle.mcap"))
     leading.start()
@@ -93,7 +93,7 @@ def in_step(scenario, folder, seed, line=None):
 @pytest.mark.parametrize("name", HOVERCRAFT)
 def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
     """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
-    scenario, _ = catalogue.load(name, {"navigation": navigation})
+    scenario, _ = catalogue.load_scenario(name, {"navigation": navigation})
     seed = SEEDS[navigation]
     vehicle, flight = in_step(scenario, tmp_path, seed)
     simulated = simulate(scenario, seed=seed, backend="c")
@@ -115,7 +115,7 @@ def test_with_a_bus_on_the_vehicle(tmp_path):
     more = [word for name, value in chosen.items() for word in ("--set", f"{name}={value}")]
     there, here = fly_pair(tmp_path, "hovercraft/forward", line, line, "--lockstep", "--duration", "2", *more)
     assert (there[0], here[0]) == (0, 0), (there, here)
-    scenario, _ = catalogue.load("hovercraft/forward", chosen)
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", chosen)
     simulated = simulate(replace(scenario, duration=seconds(2)), backend="c")
     for file in ("there/vehicle.mcap", "here/flight.mcap"):
         log = read_mcap(tmp_path / file)

@@ -20,7 +20,7 @@ from live.pair import fly_pair
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds, to_seconds
-from trimtab.links.latency import NODES, MeasuredLatency, scores
+from trimtab.links.latency import NODES, MeasuredLatency, normal_scores
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
@@ -47,7 +47,7 @@ def channels(latency, loss, more=(0.0, 0.0)):
 
 
 QUICK = channels(np.full(NODES, DELAY - JITTER), 0.0)
-SLOW = channels(DELAY + JITTER * scores(), LOSS, (0.006, 0.020))
+SLOW = channels(DELAY + JITTER * normal_scores(), LOSS, (0.006, 0.020))
 
 
 def unfit():
@@ -69,7 +69,7 @@ def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
             break
     said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]} {there[2]}"
     check_line(folder, there[1], here[1], said)
-    scenario, _ = catalogue.load("hovercraft/forward", {"supervisor": "automatic"})
+    scenario, _ = catalogue.load_scenario("hovercraft/forward", {"supervisor": "automatic"})
     scenario = replace(scenario, duration=seconds(LENGTH_S))
     flight = released(read_mcap(folder / "there" / "vehicle.mcap"))
     assert flight.t[-1] > LENGTH_S - 0.1, said

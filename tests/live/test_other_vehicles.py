@@ -18,7 +18,7 @@ NAMES = ["hypersonic/noise", "navigation/platform-cricket", "navigation/platform
 
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_the_simulation(name, tmp_path):
-    scenario, _ = catalogue.load(name)
+    scenario, _ = catalogue.load_scenario(name)
     scenario = replace(scenario, duration=seconds("1.5"))
     vehicle, flight = in_step(scenario, tmp_path, 2)
     simulated = simulate(scenario, seed=2, backend="c")

@@ -9,7 +9,7 @@ from live.test_lockstep import in_step, same
 
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.links.open_link import parse
+from trimtab.links.open_link import parse_uri
 from trimtab.links.rfcomm import open_rfcomm
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
@@ -20,12 +20,12 @@ URI = f"rfcomm://{VEHICLE}/1"
 
 
 def test_a_flight_over_virtual_radios_is_the_simulation(tmp_path):
-    scenario, _ = catalogue.load("hovercraft/forward")
+    scenario, _ = catalogue.load_scenario("hovercraft/forward")
     scenario = replace(scenario, duration=seconds("0.5"))
     radios = Radios()
     try:
-        there = open_rfcomm(parse(URI), listen=True, stack=radios.stack)
-        here = open_rfcomm(parse(URI), stack=radios.stack)
+        there = open_rfcomm(parse_uri(URI), listen=True, stack=radios.stack)
+        here = open_rfcomm(parse_uri(URI), stack=radios.stack)
         vehicle, flight = in_step(scenario, tmp_path, 4, (there, here))
         carried = there.statistics, here.statistics
     finally:

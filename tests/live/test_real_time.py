@@ -29,7 +29,7 @@ def test_overruns_are_put_down_to_their_cause():
         kept.start = now - round((late + work) * period) - 10 * period
         processor.ns += round(busy * period)
         woke = now - round(work * period)
-        return kept.done(10, woke, woke + 100, woke + 700)
+        return kept.record_period(10, woke, woke + 100, woke + 700)
 
     causes = []
     for late, work, busy in (

@@ -7,9 +7,9 @@ from run.stand_ins import KEY, Link, dialect, ends
 from wire.line import every
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.remote import MOST_ASKS, QUICK_ASKS, Remote
+from trimtab.live.remote import MOST_ASKS, QUICK_ASKS, RemoteVehicle
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Order, Result
+from trimtab.wire.protocol import CommandCode, CommandResult
 
 _, DIALECT = dialect({"compass": every()}, every())
 _, OTHER = dialect({"compass": every(), "sonar": every()}, every())
@@ -24,14 +24,14 @@ class Line:
     def __init__(self, of=DIALECT):
         both = ends(DIALECT)
         self.here, self.there, self.link = both.here, both.there, Link()
-        self.remote, self.of, self.now, self.said, self.answers = Remote(self.here, self.link), of, 0, [], True
+        self.remote, self.of, self.now, self.said, self.answers = RemoteVehicle(self.here, self.link), of, 0, [], True
         self.remote.tell = self.said.append
         self.orders = []
 
     def hear(self, name, sender=None, **fields):
         for message in self.here.feed((sender or self.there).pack(name, fields)):
             self.link.heard += 1
-            self.remote.take(message, self.now)
+            self.remote.handle_message(message, self.now)
 
     def beat(self, armed=False, sender=None, autopilot=0):
         self.hear("HEARTBEAT", sender, base_mode=ARMED * armed, autopilot=autopilot)
@@ -47,32 +47,32 @@ class Line:
                     self.hear("TIMESYNC", tc1=(self.now + ahead) * 100, ts1=message.get("ts1"))
                 elif message.name == "COMMAND_LONG":
                     self.orders.append((self.now // ms(1), message.get("command"), message.get("param1")))
-                    if self.answers and message.get("command") == Order.REQUEST_MESSAGE:
+                    if self.answers and message.get("command") == CommandCode.REQUEST_MESSAGE:
                         self.hear("AUTOPILOT_VERSION", flight_custom_version=self.of.fingerprint)
 
     def arms(self):
-        return [(t, wanted) for t, command, wanted in self.orders if command == Order.ARM]
+        return [(t, wanted) for t, command, wanted in self.orders if command == CommandCode.ARM]
 
 
 def ready():
     line = Line()
     line.beat()
     line.run(ms(500))
-    assert line.remote.ready
+    assert line.remote.is_ready
     return line
 
 
 def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
     line = Line()
-    assert "no vehicle answers" in line.remote.why_not()
+    assert "no vehicle answers" in line.remote.reason_not_ready()
     line.run(ms(300))
-    assert not line.remote.ready
+    assert not line.remote.is_ready
     line.beat()
-    assert "clock" in line.remote.why_not()
+    assert "clock" in line.remote.reason_not_ready()
     line.run(ms(50) * (QUICK_ASKS - 1))
-    assert not line.remote.ready
+    assert not line.remote.is_ready
     line.run(ms(60))
-    assert line.remote.ready
+    assert line.remote.is_ready
     assert abs(line.remote.offset(line.now) - AHEAD) <= 1
     assert line.remote.sync.to_local(line.now + AHEAD) == line.now
 
@@ -81,9 +81,9 @@ def test_a_vehicle_with_other_sensors_is_refused_by_its_fingerprint():
     line = Line(OTHER)
     line.beat()
     line.run(ms(600))
-    assert not line.remote.ready
-    assert OTHER.fingerprint.hex() in line.remote.why_not()
-    assert DIALECT.fingerprint.hex() in line.remote.why_not()
+    assert not line.remote.is_ready
+    assert OTHER.fingerprint.hex() in line.remote.reason_not_ready()
+    assert DIALECT.fingerprint.hex() in line.remote.reason_not_ready()
 
 
 @pytest.mark.parametrize("how", ["refused", "silent"])
@@ -92,12 +92,12 @@ def test_a_vehicle_that_knows_no_fingerprint_is_flown_nevertheless(how):
     line.answers = False
     line.beat()
     line.run(ms(450))
-    assert not line.remote.ready
+    assert not line.remote.is_ready
     if how == "refused":
-        line.hear("COMMAND_ACK", command=Order.REQUEST_MESSAGE, result=Result.UNSUPPORTED)
+        line.hear("COMMAND_ACK", command=CommandCode.REQUEST_MESSAGE, result=CommandResult.UNSUPPORTED)
     else:
         line.run(ms(500) * MOST_ASKS + ms(100))
-    assert line.remote.ready
+    assert line.remote.is_ready
 
 
 def test_wrong_keys_are_named():
@@ -106,7 +106,7 @@ def test_wrong_keys_are_named():
     stranger = Endpoint(DIALECT, 1, 1, unsigned=True)
     line.beat(sender=stranger)
     assert line.remote.heard is None
-    assert "unsigned or signed with another key" in line.remote.why_not()
+    assert "unsigned or signed with another key" in line.remote.reason_not_ready()
 
 
 def test_it_asks_to_arm_until_that_is_answered():
@@ -116,19 +116,25 @@ def test_it_asks_to_arm_until_that_is_answered():
     times = [t for t, wanted in line.arms() if wanted == 1.0]
     assert len(times) == 3
     assert all(b - a == 500 for a, b in itertools.pairwise(times))
-    line.hear("COMMAND_ACK", command=Order.ARM, result=Result.NOT_NOW)
-    assert line.remote.asking
-    line.hear("COMMAND_ACK", command=Order.ARM, result=Result.ACCEPTED, target_system=1, target_component=77)
-    assert line.remote.asking  # somebody else was answered
-    line.hear("COMMAND_ACK", command=Order.ARM, result=Result.ACCEPTED, target_system=1, target_component=191)
-    assert (line.remote.armed, line.remote.asking) == (True, False)
+    line.hear("COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.NOT_NOW)
+    assert line.remote.is_asking
+    line.hear(
+        "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=77
+    )
+    assert line.remote.is_asking  # somebody else was answered
+    line.hear(
+        "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=191
+    )
+    assert (line.remote.armed, line.remote.is_asking) == (True, False)
     line.run(ms(1200))
     assert len(line.arms()) == 3
     line.remote.disarm()
     line.run(ms(250))
     assert [wanted for _, wanted in line.arms()][3:] == [0.0] * 3
-    line.hear("COMMAND_ACK", command=Order.ARM, result=Result.ACCEPTED, target_system=1, target_component=191)
-    assert (line.remote.armed, line.remote.asking) == (False, False)
+    line.hear(
+        "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=191
+    )
+    assert (line.remote.armed, line.remote.is_asking) == (False, False)
     line.run(ms(1200))
     assert len(line.arms()) == 6
 
@@ -204,12 +210,12 @@ def asked(line, command, first=0.0, *, to=191, sender=None):
 
 def test_what_the_vehicle_passes_on_is_kept_for_the_supervisor_and_answered():
     line = ready()
-    assert asked(line, GOTO) == [Result.UNSUPPORTED]  # no supervisor
+    assert asked(line, GOTO) == [CommandResult.UNSUPPORTED]  # no supervisor
     line.remote.mode = 1
-    assert asked(line, GOTO) == [Result.ACCEPTED]
-    assert asked(line, GOTO, 1.0) == [Result.ACCEPTED]
-    assert asked(line, LAND) == [Result.ACCEPTED]
-    assert asked(line, GOTO, 9.0) == [Result.UNSUPPORTED]
+    assert asked(line, GOTO) == [CommandResult.ACCEPTED]
+    assert asked(line, GOTO, 1.0) == [CommandResult.ACCEPTED]
+    assert asked(line, LAND) == [CommandResult.ACCEPTED]
+    assert asked(line, GOTO, 9.0) == [CommandResult.UNSUPPORTED]
     assert asked(line, LAND, to=1) == []
     assert asked(line, LAND, sender=Endpoint(DIALECT, 255, 190, KEY)) == []
     assert list(line.remote.requests) == ["hold", "resume", "end"]

@@ -3,11 +3,11 @@
 import pytest
 
 from trimtab.core.time import ms
-from trimtab.live.fly import Supervised
-from trimtab.loop.pilot_script import listening
+from trimtab.live.fly import CompiledSupervisor
+from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.supervisor import MODES
 from trimtab.native.compiler import find_compiler
-from trimtab.run.fast_step import fast_step
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
@@ -15,12 +15,12 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 @pytest.fixture(scope="module")
 def scenario():
-    return listening(catalogue.load("hovercraft/forward", {"supervisor": "automatic"})[0])
+    return add_pilot_sensor(catalogue.load_scenario("hovercraft/forward", {"supervisor": "automatic"})[0])
 
 
 @pytest.fixture(scope="module")
 def compiled(scenario):
-    return fast_step(scenario)
+    return compile_autopilot(scenario)
 
 
 class Flight:
@@ -29,7 +29,7 @@ class Flight:
     def __init__(self, scenario, step):
         step.reset()
         step.inputs[:] = 0
-        self.step, self.supervised, self.k = step, Supervised(scenario, step), 0
+        self.step, self.supervised, self.k = step, CompiledSupervisor(scenario, step), 0
 
     def fly(self, n):
         """n periods; the modes, by name."""
@@ -37,10 +37,10 @@ class Flight:
         for _ in range(n):
             t = self.k * ms(1)
             fresh = self.k % 6 == 0
-            self.step.give({"t": t, "samples.navigation.fresh": fresh, "samples.navigation.valid": True})
+            self.step.set_inputs({"t": t, "samples.navigation.fresh": fresh, "samples.navigation.valid": True})
             if fresh:
-                self.step.give({"samples.navigation.t": t})
-            self.supervised.give(t)
+                self.step.set_inputs({"samples.navigation.t": t})
+            self.supervised.set_inputs(t)
             self.step.step()
             found.append(MODES[self.supervised.mode])
             self.k += 1
@@ -77,21 +77,21 @@ def test_what_is_so_already_is_not_asked_again(flight):
 
 
 def test_news_are_told_once(flight):
-    assert flight.supervised.news() == "supervisor: flying: automatic"
+    assert flight.supervised.describe_changes() == "supervisor: flying: automatic"
     flight.supervised.ask("hold")
-    assert flight.supervised.news() == ""
+    assert flight.supervised.describe_changes() == ""
     flight.fly(1)
-    assert flight.supervised.news() == "supervisor: hold: hold request"
-    assert flight.supervised.news() == ""
+    assert flight.supervised.describe_changes() == "supervisor: hold: hold request"
+    assert flight.supervised.describe_changes() == ""
 
 
 def test_without_a_supervisor_it_can_not_be_asked():
-    scenario = listening(catalogue.load("hovercraft/forward")[0])
+    scenario = add_pilot_sensor(catalogue.load_scenario("hovercraft/forward")[0])
     assert "pilot" not in scenario.world.sensors
-    step = fast_step(scenario)
-    supervised = Supervised(scenario, step)
+    step = compile_autopilot(scenario)
+    supervised = CompiledSupervisor(scenario, step)
     supervised.ask("hold")
     before = step.inputs.copy()
-    supervised.give(ms(5))
+    supervised.set_inputs(ms(5))
     assert (step.inputs == before).all()
-    assert (supervised.mode, supervised.news()) == (None, "")
+    assert (supervised.mode, supervised.describe_changes()) == (None, "")

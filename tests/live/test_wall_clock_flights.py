@@ -25,7 +25,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
 ]
-HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
+HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
 SEEDS = range(100, 160)
 REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20), steps=n)) for n in (0, 1))
 """What a line in this machine leaves of the delays: nothing, or one unit each way."""
@@ -34,7 +34,7 @@ REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20
 def check(folder, name, navigation, listen, link, bus="none"):
     """Fly it, and compare it."""
     settings = {"navigation": navigation, "supervisor": "automatic", "bus": bus}
-    scenario, _ = catalogue.load(name, settings)
+    scenario, _ = catalogue.load_scenario(name, settings)
     targets = [t for t in scenario.targets if t.path.startswith("truth.")]
     length = f"{to_seconds(scenario.duration)} s"
     both = ("--set", f"navigation={navigation}", "--set", f"bus={bus}")

@@ -5,7 +5,16 @@ import pytest
 
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.navigation import BY_HEADING, BY_POSITION, fixes, innovations, navigation, series, unaided, updates
+from trimtab.logs.navigation import (
+    BY_HEADING,
+    BY_POSITION,
+    assess_navigation,
+    find_updates,
+    fix_paths,
+    innovations,
+    state_series,
+    unaided_states,
+)
 
 BASE = "estimate.state"
 FIX = f"{BASE}.position_fix"
@@ -49,9 +58,9 @@ def aided(n, **used):
 )
 def test_states_that_nothing_aids_are_left_out_everywhere(used, alone):
     log = aided(400, **used)
-    assert unaided(log) == alone
-    assert set(series(log)) == set(STATES) - alone
-    found = navigation(log)
+    assert unaided_states(log) == alone
+    assert set(state_series(log)) == set(STATES) - alone
+    found = assess_navigation(log)
     assert set(found.learned) == set(STATES) - alone
     assert ("position" in found.errors, "heading" in found.errors) == ("north" not in alone, "heading" not in alone)
 
@@ -60,15 +69,15 @@ def test_without_a_valid_estimate_nothing_is_called_unaided():
     """The aid that was wanted may just not have come: an error budget takes such a run as infinitely wrong."""
     log = aided(400, heading=400, position=0)
     never = Log(t=log.t, ticks=log.ticks, signals={**log.signals, "estimate.valid": np.zeros(400, bool)})
-    assert unaided(never) == frozenset()
-    assert all(len(s.t) == 0 for s in series(never).values())
-    assert "north" in series(never)
+    assert unaided_states(never) == frozenset()
+    assert all(len(s.t) == 0 for s in state_series(never).values())
+    assert "north" in state_series(never)
 
 
 def test_bounds_are_those_of_the_rows_that_are_left():
     """Bonferroni over five rows, not eight: the same errors get narrower bounds."""
     n = 400
-    few, all_ = (navigation(aided(n, heading=n, position=used)) for used in (0, n))
+    few, all_ = (assess_navigation(aided(n, heading=n, position=used)) for used in (0, n))
     assert few.errors["heading"].draws == all_.errors["heading"].draws
     assert few.errors["heading"].low > all_.errors["heading"].low
 
@@ -108,20 +117,20 @@ def ranged():
 
 def test_each_range_is_an_update_of_one_degree_of_freedom(ranged):
     z, refused, log = ranged
-    assert fixes(log) == {"range": FIX}
+    assert fix_paths(log) == {"range": FIX}
     t, nis, dof = innovations(log)["range"]
     assert dof == 1
     came = z != 0
     np.testing.assert_allclose(nis, z[came] ** 2)  # ping by ping, beacon by beacon
     np.testing.assert_allclose(t, np.broadcast_to(0.05 * np.arange(len(z))[:, None], z.shape)[came])
-    found = updates(log, FIX, -np.inf)
-    assert (found.refused, found.unseen) == (int(refused.sum()), 0)
-    assert found.normalised.shape == (len(nis), 1)
+    found = find_updates(log, FIX, -np.inf)
+    assert (found.refusals, found.missed_updates) == (int(refused.sum()), 0)
+    assert found.normalised_innovations.shape == (len(nis), 1)
 
 
 def test_pings_between_two_rows_are_counted_as_unseen(ranged):
     _, _, log = ranged
     few = slice(None, None, 15)
     coarse = Log(t=log.t[few], ticks=log.ticks[few], signals={p: log[p][few] for p in log.paths})
-    found, every = updates(coarse, FIX, -np.inf), updates(log, FIX, -np.inf)
-    assert 0.5 * len(every.nis) < found.unseen < 0.8 * len(every.nis)
+    found, every = find_updates(coarse, FIX, -np.inf), find_updates(log, FIX, -np.inf)
+    assert 0.5 * len(every.nis) < found.missed_updates < 0.8 * len(every.nis)

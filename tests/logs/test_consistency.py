@@ -11,7 +11,7 @@ from trimtab.logs.consistency import (
     PESSIMISTIC,
     chi_square_bounds,
     convergence,
-    gate,
+    gate_threshold,
     nees_verdict,
     nis_verdict,
     whiteness,
@@ -33,8 +33,8 @@ def test_bounds_hold_as_often_as_they_say():
 
 
 def test_the_gate_is_the_quantile():
-    assert gate(1, 0.9999) == pytest.approx(15.137, abs=1e-3)
-    assert gate(2, 0.9999) == pytest.approx(-2 * np.log(1e-4), rel=1e-12)
+    assert gate_threshold(1, 0.9999) == pytest.approx(15.137, abs=1e-3)
+    assert gate_threshold(2, 0.9999) == pytest.approx(-2 * np.log(1e-4), rel=1e-12)
 
 
 @pytest.mark.parametrize(("scale", "verdict"), [(1.0, CONSISTENT), (1.5, OPTIMISTIC), (0.6, PESSIMISTIC)])

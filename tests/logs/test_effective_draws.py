@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.logs.consistency import effective_draws, judge_average
+from trimtab.logs.consistency import assess_average, effective_draws
 
 
 def test_draws_of_white_and_of_lasting_errors():
@@ -24,7 +24,7 @@ def test_zeros_are_one_draw_and_decide_nothing():
     draws = effective_draws(z)
     assert draws[0] == 1.0
     assert 300 < draws[1] <= 500
-    one = judge_average(0.0, draws[:1], 1, 0.025)
+    one = assess_average(0.0, draws[:1], 1, 0.025)
     assert one.verdict == "undecided"
     assert np.isfinite([one.low, one.high, one.draws]).all()
 
@@ -44,7 +44,7 @@ def test_interval_of_the_factor_holds_it_as_often_as_it_says():
     z = first_order(0.95, 1000, 400)
     inside = [
         one.factor_low <= 1 <= one.factor_high
-        for one in (judge_average(np.mean(c * c), effective_draws(c[:, None]), 1, 0.025) for c in z.T)
+        for one in (assess_average(np.mean(c * c), effective_draws(c[:, None]), 1, 0.025) for c in z.T)
     ]
     assert np.mean(inside) >= 0.92
 
@@ -52,7 +52,7 @@ def test_interval_of_the_factor_holds_it_as_often_as_it_says():
 def test_bounds_are_those_of_chi_square_and_verdicts_follow():
     low, high = stats.chi2.ppf([0.025, 0.975], 100) / 50
     for mean, verdict in ((2.0, "consistent"), (8.0, "optimistic"), (0.5, "pessimistic"), (2.4 * 1.2, "consistent")):
-        one = judge_average(mean, np.full(2, 50.0), 2, 0.025)
+        one = assess_average(mean, np.full(2, 50.0), 2, 0.025)
         assert (one.low, one.high) == (pytest.approx(low), pytest.approx(high))
         assert one.factor == pytest.approx(np.sqrt(mean / 2))
         assert one.factor_low == pytest.approx(np.sqrt(mean / high))
@@ -60,6 +60,6 @@ def test_bounds_are_those_of_chi_square_and_verdicts_follow():
 
 
 def test_few_draws_can_only_say_too_large():
-    assert judge_average(1e-3, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
-    assert judge_average(1.0, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
-    assert judge_average(20.0, np.full(1, 5.0), 1, 0.025).verdict == "optimistic"
+    assert assess_average(1e-3, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
+    assert assess_average(1.0, np.full(1, 5.0), 1, 0.025).verdict == "undecided"
+    assert assess_average(20.0, np.full(1, 5.0), 1, 0.025).verdict == "optimistic"

@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 
 from trimtab.core.errors import InputError
-from trimtab.logs.contents import contents_of
+from trimtab.logs.contents import parse_contents
 from trimtab.logs.growing_file import GrowingFile
 from trimtab.logs.messages import Topic
 
@@ -44,7 +44,7 @@ def test_what_does_not_fit_leaves_no_trace(made, monkeypatch, allowed):
     assert path.read_bytes() == before
     monkeypatch.undo()
     file.write(messages(2))
-    file.describe({"about": {"what": "the end"}})
+    file.add_metadata({"about": {"what": "the end"}})
     file.finish()
     assert file.size == path.stat().st_size
     with open(path, "rb") as stream:
@@ -53,7 +53,7 @@ def test_what_does_not_fit_leaves_no_trace(made, monkeypatch, allowed):
         assert [m.metadata["what"] for m in reader.iter_metadata()] == ["a test", "the end"]
     wanted = [(TOPICS[c - 1].name, t, data) for k in (0, 2) for c, _, t, data in messages(k)]
     assert sorted(found) == sorted(wanted)
-    contents = contents_of(path, path.read_bytes())
+    contents = parse_contents(path, path.read_bytes())
     assert contents.metadata == {"about": {"what": "the end"}}
     assert contents.times["/law"] == [*range(10), *range(2000, 2010)]
 
@@ -67,9 +67,9 @@ def test_a_chunk_whose_sum_is_wrong_is_damage_at_its_place_and_the_end_of_a_cut_
     data = bytearray(path.read_bytes())
     data[at] ^= 1
     with pytest.raises(InputError, match="is damaged"):
-        contents_of(path, bytes(data))
-    cut = contents_of(path, bytes(data[:-1]))
-    assert cut.cut
+        parse_contents(path, bytes(data))
+    cut = parse_contents(path, bytes(data[:-1]))
+    assert cut.is_truncated
     assert len(cut.texts["/law"]) in (20, 30)
 
 
@@ -90,6 +90,6 @@ def test_nothing_but_whole_messages_comes_out_of_a_cut_chunk(made):
     plain = path.read_bytes()
     start = plain.index(b"x" * 100)
     for n in (1, 20, 49):
-        assert len(contents_of(path, plain[: start + 131 * n - 31]).texts["/law"]) == n
-        assert len(contents_of(path, plain[: start + 131 * n - 32]).texts["/law"]) == n - 1
-    assert contents_of(path, data[:-30]).texts["/law"] in ([], [m[3] for m in messages(0)[::2]])
+        assert len(parse_contents(path, plain[: start + 131 * n - 31]).texts["/law"]) == n
+        assert len(parse_contents(path, plain[: start + 131 * n - 32]).texts["/law"]) == n - 1
+    assert parse_contents(path, data[:-30]).texts["/law"] in ([], [m[3] for m in messages(0)[::2]])

@@ -10,7 +10,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
-from trimtab.logs.log import Log, plain
+from trimtab.logs.log import Log, to_plain
 
 
 def small(n: int = 5, **changes) -> Log:
@@ -96,7 +96,7 @@ def test_between_is_half_open_and_keeps_the_rest():
     np.testing.assert_array_equal(part.ticks, np.arange(10, 20) * 10_000)
     np.testing.assert_array_equal(part["truth.p_WB"], log["truth.p_WB"][10:20])
     assert part.metadata == log.metadata
-    assert part.declared == log.declared
+    assert part.declarations == log.declarations
     assert part.final["truth.heading"] == 1.25
     pieces = [log.between(a, b) for a, b in ((0, 0.03), (0.03, 0.07), (0.07, np.inf))]
     np.testing.assert_array_equal(np.concatenate([p.ticks for p in pieces]), log.ticks)
@@ -135,7 +135,7 @@ def test_metadata_becomes_plain_and_can_be_written():
     assert dict(log.metadata) == {"a": [1, 2], "b": [0.0, 1.0, 2.0], "c": True, "d": None, "e": "x"}
     assert type(log.metadata["c"]) is bool
     assert json.loads(json.dumps(dict(log.metadata))) == dict(log.metadata)
-    assert type(plain("x", np.float64(1.5))) is float
+    assert type(to_plain("x", np.float64(1.5))) is float
 
 
 def test_copies_and_pickles():
@@ -143,7 +143,7 @@ def test_copies_and_pickles():
     for other in (copy.deepcopy(log), pickle.loads(pickle.dumps(log))):
         assert other.paths == log.paths
         assert dict(other.metadata) == dict(log.metadata)
-        assert dict(other.declared) == dict(log.declared)
+        assert dict(other.declarations) == dict(log.declarations)
         np.testing.assert_array_equal(other["truth.p_WB"], log["truth.p_WB"])
 
 

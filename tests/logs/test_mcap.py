@@ -15,7 +15,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap, replacing, write_mcap
+from trimtab.logs.mcap import read_mcap, replace_file, write_mcap
 
 
 def made(n: int = 200, **changes) -> Log:
@@ -67,7 +67,7 @@ def same(a: Log, b: Log) -> None:
     same_bits(a.t, b.t)
     for path in a.paths:
         same_bits(a[path], b[path])
-    assert dict(a.declared) == dict(b.declared)
+    assert dict(a.declarations) == dict(b.declarations)
     assert repr(dict(a.metadata)) == repr(dict(b.metadata))  # as text, because NaN is not equal to itself
     assert a.final.keys() == b.final.keys()
     for path, value in a.final.items():
@@ -287,6 +287,6 @@ def test_an_error_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path, monk
 
 def test_a_new_file_has_the_usual_rights(tmp_path):
     (tmp_path / "usual").write_text("")
-    with replacing(tmp_path / "new") as stream:
+    with replace_file(tmp_path / "new") as stream:
         stream.write(b"x")
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode

@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, turned
+from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
 
 
 def logged(x, *, dt: float = 1.0, start: float = 0.0, kind: str = "real", name: str = "truth.x", **signals) -> Log:
@@ -133,13 +133,13 @@ def test_an_angle_is_met_at_whichever_turn_it_ends():
     short_way = np.array([0.0, -0.6, -1.2, -1.283, -1.283])
     target = Target("truth.x", 5.0, 0.02)  # 5 rad is -1.283 rad the short way round
     angle, real = logged(short_way, kind="angle"), logged(short_way)
-    assert turned(angle, target) == pytest.approx(5.0 - 2 * np.pi, abs=1e-12)
+    assert nearest_target_value(angle, target) == pytest.approx(5.0 - 2 * np.pi, abs=1e-12)
     assert metrics(angle, [target], ["truth.x"])["truth.x"]["settling_s"] == 3.0
     assert metrics(angle, [target], ["truth.x"])["truth.x"]["overshoot"] == 0.0
-    assert turned(real, target) == 5.0
+    assert nearest_target_value(real, target) == 5.0
     assert metrics(real, [target], ["truth.x"])["truth.x"]["settling_s"] is None
     long_way = logged([0.0, 3.0, 5.0, 5.0], kind="angle")
-    assert turned(long_way, target) == 5.0
+    assert nearest_target_value(long_way, target) == 5.0
 
 
 def test_against_a_plain_loop_on_random_walks():

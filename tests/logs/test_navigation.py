@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from estimators.flights import DT, MEMS, NEAR, QUICK, TICK, draws, own_model, ticks, turn
 
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.estimators.inertial.mechanisation import Belief
-from trimtab.estimators.inertial.navigation_state import at_reference
+from trimtab.estimators.inertial.navigation_state import reference_kinematics
 from trimtab.logs.log import Log
-from trimtab.logs.navigation import innovations, navigation, series
+from trimtab.logs.navigation import assess_navigation, innovations, state_series
 
 N, RUNS, EVERY = 1500, 40, 15
 STATES = ("heading", "north", "east", "surge_velocity", "sway_velocity", "gyro_bias", "forward_bias", "starboard_bias")
@@ -25,16 +25,16 @@ BASE = "estimate.state"
 @pytest.fixture(scope="module")
 def flown():
     """Truth and estimates of RUNS runs by the factor between the sensors' noise and what the filter believes."""
-    form, truth = numeric(AidedInertialFeedforward(noise=MEMS, start=NEAR)), turn(ticks(N))
+    form, truth = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR)), turn(ticks(N))
 
     def one(sensors, run):
         found = own_model(form, truth, draws(run, N), every=EVERY, sensors=sensors)
-        return found, jax.vmap(lambda x, P: at_reference(Belief(x, P), 0.0, 0.0, form.arms))(found.x, found.P)
+        return found, jax.vmap(lambda x, P: reference_kinematics(Belief(x, P), 0.0, 0.0, form.arms))(found.x, found.P)
 
     go = jax.jit(jax.vmap(one, (None, 0)), compiler_options=QUICK)
 
     def fly(factor):
-        sensors = numeric(replace(MEMS, **{name: getattr(MEMS, name) * factor**2 for name in SCALED}))
+        sensors = to_arrays(replace(MEMS, **{name: getattr(MEMS, name) * factor**2 for name in SCALED}))
         return [
             jax.tree.map(lambda a, r=r: np.asarray(a[r]), out)
             for out in [go(sensors, jnp.arange(RUNS))]
@@ -65,7 +65,7 @@ def log_of(found, state):
 @pytest.mark.slow
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "pessimistic"), (1.0, "consistent"), (2.0, "optimistic")])
 def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
-    found = [navigation(log) for log in flown[factor]]
+    found = [assess_navigation(log) for log in flown[factor]]
     assert np.mean([f.verdict == verdict for f in found]) >= 0.9
     for name in ("heading", "position"):
         rows = [f.aiding[name].nis for f in found]
@@ -76,7 +76,7 @@ def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
 
 def test_errors_of_each_group_lie_within_their_interval(flown):
     """The interval says how sure one run can be: wide where errors hang together, and true to what it says."""
-    found = [navigation(log) for log in flown[1.0]]
+    found = [assess_navigation(log) for log in flown[1.0]]
     for group in ("heading", "velocity", "position", "gyro bias", "force bias"):
         rows = [f.errors[group] for f in found]
         assert np.mean([r.factor_low <= 1 <= r.factor_high for r in rows]) >= 0.9, group
@@ -95,8 +95,8 @@ def test_measurements_count_where_the_counter_rises(flown):
         assert (len(kept) - len(nis) <= 1, dof) == (True, width)
     slow = rows[::10]
     coarse = Log(t=to_seconds(slow), ticks=slow, signals={p: held[p][::10] for p in held.paths})
-    assert navigation(coarse).aiding["heading"].unseen > 100
-    assert navigation(held).aiding["heading"].unseen == 0
+    assert assess_navigation(coarse).aiding["heading"].unseen > 100
+    assert assess_navigation(held).aiding["heading"].unseen == 0
 
 
 def test_estimates_are_compared_with_the_truth_of_their_own_time():
@@ -106,7 +106,7 @@ def test_estimates_are_compared_with_the_truth_of_their_own_time():
     told = {"heading": heading - 0.12, "sigma_heading": np.full(len(t), 0.01), "coasting": t >= ms(1500)}
     signals = {"truth.heading": heading, "estimate.age": np.full(len(t), 0.04)}
     log = Log(t=to_seconds(t), ticks=t, signals=signals | {f"{BASE}.{n}": v for n, v in told.items()})
-    found = series(log)["heading"]
+    found = state_series(log)["heading"]
     early = (found.t > 0.01) & (found.t < 1.44)
     np.testing.assert_allclose(found.error[early], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.error[-1], -0.12, atol=1e-12)  # coasting: it speaks of now
@@ -130,7 +130,7 @@ def test_what_is_learned_and_what_is_not():
         "rejected": np.zeros(len(t), int),
     }
     log = Log(t=s, ticks=t, signals=signals | {f"{BASE}.heading_fix.{n}": v for n, v in fix.items()})
-    found = navigation(log).learned
+    found = assess_navigation(log).learned
     trends = {n: found[n].trend for n in sigmas}
     assert trends == {
         "gyro_bias": "converged",
@@ -140,28 +140,28 @@ def test_what_is_learned_and_what_is_not():
     }
     level = 1.5 * (0.001 + 0.1 * np.exp(-10.0))
     assert found["gyro_bias"].settled_s == pytest.approx(-np.log((level - 0.001) / 0.1), abs=0.02)
-    assert navigation(log).errors == {}
+    assert assess_navigation(log).errors == {}
 
 
 def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
     log = flown[1.0][0]
     bare = {p: log[p] for p in log.paths if not p.startswith("estimate.")}
-    assert navigation(Log(t=log.t, ticks=log.ticks, signals=bare)) is None
-    assert series(Log(t=log.t, ticks=log.ticks, signals=bare)) == {}
+    assert assess_navigation(Log(t=log.t, ticks=log.ticks, signals=bare)) is None
+    assert state_series(Log(t=log.t, ticks=log.ticks, signals=bare)) == {}
 
 
 def test_few_draws_decide_nothing(flown):
     """Half a second: a verdict would be a guess; ten times the believed noise is seen all the same."""
-    short = navigation(flown[1.0][3].between(0.0, 0.3))
+    short = assess_navigation(flown[1.0][3].between(0.0, 0.3))
     assert short.errors["heading"].verdict == "undecided"
     wrong = flown[1.0][3].between(0.0, 5.0)
     signals = {p: wrong[p] * (0.1 if "sigma_" in p else 1.0) for p in wrong.paths}
-    found = navigation(Log(t=wrong.t, ticks=wrong.ticks, signals=signals))
+    found = assess_navigation(Log(t=wrong.t, ticks=wrong.ticks, signals=signals))
     assert found.errors["velocity"].verdict == found.verdict == "optimistic"
 
 
 def test_numbers_survive_json(flown):
-    found = navigation(flown[1.0][0])
+    found = assess_navigation(flown[1.0][0])
     again = json.loads(json.dumps(found.plain()))
     assert again["aiding"]["heading"]["nis"]["verdict"] == found.aiding["heading"].nis.verdict
     assert again["learned"]["gyro_bias"]["settled_s"] == found.learned["gyro_bias"].settled_s

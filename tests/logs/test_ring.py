@@ -64,7 +64,7 @@ def test_it_is_a_queue_that_refuses_when_full(moves):
     with Ring.create(columns=1, rows=8) as ring:
         for move in [*moves, None]:
             if move is None:
-                numbers, rows = ring.take()
+                numbers, rows = ring.read_rows()
                 assert numbers.dtype == np.int64
                 taken += list(zip(numbers.tolist(), rows[:, 0].tolist(), strict=True))
                 expected += [(n, n / 4) for n in held]
@@ -72,27 +72,27 @@ def test_it_is_a_queue_that_refuses_when_full(moves):
                 continue
             for _ in range(move):
                 fits = len(held) < 8
-                assert ring.put(np.array([sequence / 4])) is fits
+                assert ring.write_row(np.array([sequence / 4])) is fits
                 held += [sequence] if fits else []
                 dropped += not fits
                 sequence += 1
         assert taken == expected
-        assert (ring.dropped, ring.waiting) == (dropped, 0)
+        assert (ring.dropped_rows, ring.waiting_rows) == (dropped, 0)
         ring.unlink()
 
 
 def test_texts_say_where_they_belong(ring):
-    ring.event("first")
+    ring.write_text("first")
     ring.put([1, 2])
     ring.put([3, 4])
-    ring.event("µ" * TEXT_BYTES)
-    heard = ring.hear()
+    ring.write_text("µ" * TEXT_BYTES)
+    heard = ring.read_texts()
     assert [e.before for e in heard] == [0, 2]
     assert heard[0].text == "first"
     assert heard[1].text == "µ" * (TEXT_BYTES // 2)
-    assert [ring.event("more") for _ in range(6)] == [True] * 4 + [False] * 2
-    assert ring.untold == 2
-    assert len(ring.hear()) == 4
+    assert [ring.write_text("more") for _ in range(6)] == [True] * 4 + [False] * 2
+    assert ring.dropped_texts == 2
+    assert len(ring.read_texts()) == 4
 
 
 def test_numbers_keep_their_bits(ring):
@@ -110,18 +110,18 @@ def test_two_threads_lose_nothing_that_was_taken_in():
 
         def produce():
             for i in range(count):
-                put[0] += ring.put(np.full(4, float(i)))
+                put[0] += ring.write_row(np.full(4, float(i)))
 
         thread = threading.Thread(target=produce)
         thread.start()
         seen = []
-        while thread.is_alive() or ring.waiting:
-            sequence, rows = ring.take()
+        while thread.is_alive() or ring.waiting_rows:
+            sequence, rows = ring.read_rows()
             np.testing.assert_array_equal(rows, np.repeat(sequence[:, None].astype(float), 4, axis=1))
             seen += sequence.tolist()
         thread.join()
         assert seen == sorted(set(seen))
-        assert len(seen) == put[0] == count - ring.dropped
+        assert len(seen) == put[0] == count - ring.dropped_rows
         ring.unlink()
 
 
@@ -132,10 +132,10 @@ def test_what_a_killed_producer_put_is_there():
     assert process.stdout.readline() == "done\n"
     with Ring.attach(name) as ring:
         ended(process)
-        sequence, rows = ring.take()
+        sequence, rows = ring.read_rows()
         assert sequence.tolist() == list(range(40))
         np.testing.assert_array_equal(rows, [[i, i / 8, -i] for i in range(40)])
-        assert [(e.before, e.text) for e in ring.hear()] == [(21, "half way")]
+        assert [(e.before, e.text) for e in ring.read_texts()] == [(21, "half way")]
 
 
 def test_a_killed_consumer_shows_only_in_the_count_of_dropped_rows(ring):
@@ -144,11 +144,11 @@ def test_a_killed_consumer_shows_only_in_the_count_of_dropped_rows(ring):
     assert process.stdout.readline() == "joined\n"
     assert ended(process) == ""
     assert [ring.put([i, i]) for i in range(12)] == [True] * 8 + [False] * 4
-    assert ring.dropped == 4
+    assert ring.dropped_rows == 4
     with Ring.attach(ring.name) as another:  # a new one goes on where the dead one was
-        assert another.take()[0].tolist() == list(range(8))
+        assert another.read_rows()[0].tolist() == list(range(8))
         ring.put([12, 12])
-        assert another.take()[0].tolist() == [12]
+        assert another.read_rows()[0].tolist() == [12]
 
 
 def test_putting_keeps_no_memory(ring):
@@ -164,7 +164,7 @@ def test_putting_keeps_no_memory(ring):
     tracemalloc.stop()
     grown = [s for s in after.compare_to(before, "filename") if s.traceback[0].filename.endswith("ring.py")]
     assert sum(s.size_diff for s in grown) < 1000
-    assert ring.dropped == 5000 + 101 - 8
+    assert ring.dropped_rows == 5000 + 101 - 8
 
 
 def test_what_cannot_be_made_is_refused(ring):

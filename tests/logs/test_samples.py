@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.samples import sample_of, samples
+from trimtab.logs.samples import sample_path, samples
 
 TICK = ms("6.5536")
 
@@ -69,7 +69,7 @@ def test_other_signals_are_sampled_by_the_rows_and_may_jitter():
     g = np.random.default_rng(0)
     rows = np.arange(500) * ms(10) + g.integers(0, ms(2), 500)
     log = Log(t=to_seconds(rows), ticks=rows, signals={"csv.gyro": np.arange(500.0)})
-    assert sample_of(log, "csv.gyro") is None
+    assert sample_path(log, "csv.gyro") is None
     found = samples(log, "csv.gyro")
     assert (len(found.values), found.period) == (500, pytest.approx(0.01, rel=1e-3))
     with pytest.raises(InputError, match="2 samples"):

@@ -5,7 +5,7 @@ import numpy as np
 
 from trimtab.core.record import Quantity
 from trimtab.logs.log import Log
-from trimtab.logs.messages import schema_of, topics_of
+from trimtab.logs.messages import group_by_topic, topic_schema
 
 
 def test_topics_are_blocks_and_several_blocks_have_one_each():
@@ -18,7 +18,7 @@ def test_topics_are_blocks_and_several_blocks_have_one_each():
         "downlink.navigation.age",
         "law.demand.FX",
     )
-    assert topics_of(paths) == {
+    assert group_by_topic(paths) == {
         "/truth": {"truth.heading": ("heading",)},
         "/sensors/navigation": {
             "sensors.navigation.value.yaw_rate": ("value", "yaw_rate"),
@@ -49,7 +49,7 @@ def made() -> dict:
     }
     ticks = np.array([0, 1])
     log = Log(ticks / 1e7, ticks, signals, declared)
-    return schema_of(log, "/law", topics_of(log.paths)["/law"])
+    return topic_schema(log, "/law", group_by_topic(log.paths)["/law"])
 
 
 def test_each_property_has_its_type_unit_and_meaning():

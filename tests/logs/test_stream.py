@@ -103,18 +103,18 @@ def flown(path: Path, ring: Ring, rows: np.ndarray):
     """All rows, as fast as they are taken."""
     stream = start_writer(path, ring, signals=SIGNALS, metadata=METADATA)
     for row in rows:
-        until(lambda: ring.waiting < ring.rows)
-        ring.put(row)
+        until(lambda: ring.waiting_rows < ring.rows)
+        ring.write_row(row)
     return stream
 
 
 def test_it_is_what_write_mcap_would_have_written(tmp_path, ring):
     rows = rows_of(1500)
     stream = flown(tmp_path / "flight.mcap", ring, rows)
-    assert stream.alive
-    ring.event("target reached")
+    assert stream.is_alive
+    ring.write_text("target reached")
     written = stream.close({"truth.heading": 0.5})
-    assert not stream.alive
+    assert not stream.is_alive
     assert written is not None
     assert (written.rows, written.dropped, written.unwritten, written.whole) == (1500, 0, 0, True)
     assert written.size == (tmp_path / "flight.mcap").stat().st_size
@@ -126,7 +126,7 @@ def test_it_is_what_write_mcap_would_have_written(tmp_path, ring):
     assert {k: log.metadata[k] for k in METADATA} == METADATA
     assert {k: log.metadata[k] for k in provenance()} == provenance()
     assert dict(log.final) == {"truth.heading": 0.5}
-    assert log.declared["law.mode"].modes == ("damp", "turn")
+    assert log.declarations["law.mode"].modes == ("damp", "turn")
     write_mcap(log_of(rows), tmp_path / "after.mcap")
     assert schemas(tmp_path / "after.mcap").items() <= schemas(tmp_path / "flight.mcap").items()
 
@@ -236,12 +236,12 @@ def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
     until(lambda: len(read_mcap(path)) == 500)
     _, hard = resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (path.stat().st_size + 100, -1))
     for row in rows[500:1000]:
-        until(lambda: ring.waiting < ring.rows)
+        until(lambda: ring.waiting_rows < ring.rows)
         ring.put(row)
     until(lambda: "can't be written" in capfd.readouterr().err)
     resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (hard, hard))
     for row in rows[1000:]:
-        until(lambda: ring.waiting < ring.rows)
+        until(lambda: ring.waiting_rows < ring.rows)
         assert ring.put(row)
     written = stream.close()
     assert written is not None
@@ -265,11 +265,11 @@ def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
     os.kill(stream.pid, signal.SIGSTOP)
     kept = [ring.put(row) for row in rows[:600]]
     os.kill(stream.pid, signal.SIGCONT)
-    until(lambda: ring.waiting == 0)
+    until(lambda: ring.waiting_rows == 0)
     ring.put(rows[600])
     written = stream.close()
     assert written is not None
-    assert written.dropped == ring.dropped == kept.count(False) == 88
+    assert written.dropped == ring.dropped_rows == kept.count(False) == 88
     log = read_mcap(tmp_path / "flight.mcap")
     assert log["log.dropped"].tolist() == [0] * 512 + [88]
     same(log, rows[[*range(512), 600]])
@@ -301,6 +301,6 @@ def test_what_cannot_be_written_is_refused_before_the_flight(tmp_path, ring):
 def test_closing_after_the_writer_died_says_so(tmp_path, ring):
     stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
     os.kill(stream.pid, signal.SIGKILL)
-    until(lambda: not stream.alive)
+    until(lambda: not stream.is_alive)
     assert stream.close() is None
     assert read_mcap(tmp_path / "flight.mcap").metadata["truncated"] is True

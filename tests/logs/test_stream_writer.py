@@ -7,7 +7,7 @@ import numpy as np
 from trimtab.core.record import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
-from trimtab.logs.messages import layout_of, run_of
+from trimtab.logs.messages import layout_record, run_record
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream_writer import Recorder
 
@@ -17,16 +17,18 @@ def test_rows_that_go_back_in_time_are_left_out_and_counted(tmp_path):
     counts = {"log.dropped": nothing, "log.unwritten": nothing}
     signals = {"law.x": np.empty(0)} | counts
     declared = {"law.x": Quantity("m", "A number.")}
-    empty = Log(t=nothing.astype(float), ticks=nothing, signals=signals, declared=declared, metadata={"scenario": "s"})
+    empty = Log(
+        t=nothing.astype(float), ticks=nothing, signals=signals, declarations=declared, metadata={"scenario": "s"}
+    )
     ring = Ring.create(columns=2, rows=16)
     path = tmp_path / "one.mcap"
     file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     try:
-        recorder = Recorder(ring, file, run_of(empty), layout_of(empty))
+        recorder = Recorder(ring, file, run_record(empty), layout_record(empty))
         for t, x in ((0, 1.0), (10_000, 2.5), (10_000, 9.0), (5_000, 9.0), (20_000, -0.1)):
-            ring.put(np.array([t, x]))
-        recorder.take()
-        recorder.end("{}")
+            ring.write_row(np.array([t, x]))
+        recorder.read_ring()
+        recorder.finish("{}")
     finally:
         os.close(file)
         ring.unlink()

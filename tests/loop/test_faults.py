@@ -10,17 +10,17 @@ import pytest
 from trimtab.actuators.direct import DirectActuation
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, numeric, period, quantity, record, replace
+from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.core.signals import Motion, PlanarForce, Sample, measured
+from trimtab.core.signals import Motion, PlanarForce, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.links.wire import Wire
 from trimtab.loop.fault import WORDS, Fault
-from trimtab.loop.faults import injected, parsed, places, switchable, watchable
+from trimtab.loop.faults import add_dormant_faults, fault_locations, inject_faults, parse_fault, watchable_paths
 from trimtab.loop.faulty_actuators import FaultyActuators
 from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.loop.faulty_sensor import FaultySensor
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
@@ -53,7 +53,7 @@ class Odometer:
         return Reading(motion.p_WB[0], jnp.asarray(True), jnp.round(motion.p_WB[0]).astype(np.int32))
 
     def step(self, t, state, motion):
-        return state, measured(t, self.measure(motion))
+        return state, new_sample(t, self.measure(motion))
 
 
 def motion(t):
@@ -74,12 +74,12 @@ def _scanned(part, given, carried):
     def body(s, t):
         return part.step(t, s, given(t))
 
-    return jax.lax.scan(body, strong(state), jnp.arange(N, dtype=np.int64) * STEP)[1]
+    return jax.lax.scan(body, strengthen_types(state), jnp.arange(N, dtype=np.int64) * STEP)[1]
 
 
 def flown(part, given, carried=False):
     """Outputs of N steps, as numpy arrays; compiled once for all words."""
-    return jax.tree.map(np.asarray, _scanned(numeric(part), given, carried))
+    return jax.tree.map(np.asarray, _scanned(to_arrays(part), given, carried))
 
 
 def sensor(word, severity=1.0, **more):
@@ -88,7 +88,7 @@ def sensor(word, severity=1.0, **more):
 
 def sent(t):
     k = jnp.asarray(t) // STEP
-    return measured(t, Reading(100.0 + k, jnp.asarray(True), (100 + k).astype(np.int32)))
+    return new_sample(t, Reading(100.0 + k, jnp.asarray(True), (100 + k).astype(np.int32)))
 
 
 def channel(word, severity=1.0, **more):
@@ -97,7 +97,7 @@ def channel(word, severity=1.0, **more):
 
 def commanded(t):
     k = jnp.asarray(t) // STEP
-    return measured(t, PlanarForce(1.0 + k, -(1.0 + k)))
+    return new_sample(t, PlanarForce(1.0 + k, -(1.0 + k)))
 
 
 def actuators(word, severity=1.0, **more):
@@ -272,13 +272,13 @@ def test_a_link_watches_what_it_carries():
 
 def test_words_can_be_switched_while_it_runs():
     """One compiled step, another word and another severity."""
-    sensor = numeric(FaultySensor(Odometer(), Fault(), capacity=10))
+    sensor = to_arrays(FaultySensor(Odometer(), Fault(), capacity=10))
     step = jax.jit(lambda p, t, s: p.step(t, s, motion(t)))
-    state = strong(sensor.init(key(0)))
+    state = strengthen_types(sensor.init(key(0)))
     for k in range(30):
         word, severity = ("none", 1.0) if k < 10 else ("wrong", 1.0) if k < 20 else ("delayed", 0.05)
         now = replace(sensor, fault=replace(sensor.fault, word=np.int32(WORDS.index(word)), severity=severity))
-        state, out = step(numeric(now), np.int64(k * STEP), state)
+        state, out = step(to_arrays(now), np.int64(k * STEP), state)
         expected = 100 + k if k < 10 else 2 * (100 + k) if k < 20 else 2 * 119 if k < 25 else 100 + k - 5
         assert float(out.value.distance) == expected, k
     assert step._cache_size() == 1
@@ -295,17 +295,17 @@ def test_words_can_be_switched_while_it_runs():
     ids=["sensor", "channel", "actuators"],
 )
 def test_its_c_computes_the_same(part, given, carried):
-    part = numeric(part)
+    part = to_arrays(part)
     compiled = compile_function(lambda part: _scanned.__wrapped__(part, given, carried), part)
     for word in WORDS:
-        now = numeric(replace(part, fault=fault(word, 0.2)))
+        now = to_arrays(replace(part, fault=fault(word, 0.2)))
         for a, b in zip(jax.tree.leaves(_scanned(now, given, carried)), jax.tree.leaves(compiled(now)), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12, err_msg=word)
 
 
 @pytest.fixture(scope="module")
 def flight():
-    scenario, _ = catalogue.load("hovercraft/heading-bang-bang")
+    scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     return replace(scenario, duration=seconds(1))
 
 
@@ -317,7 +317,7 @@ def flight():
     ],
 )
 def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
-    plain, wrapped = simulate(flight, backend=backend), simulate(switchable(flight), backend=backend)
+    plain, wrapped = simulate(flight, backend=backend), simulate(add_dormant_faults(flight), backend=backend)
     assert plain.paths == wrapped.paths
     for path in plain.paths:
         assert plain[path].tobytes() == wrapped[path].tobytes(), path
@@ -326,7 +326,7 @@ def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_garbage_does_not_reach_the_actuators(flight):
     """A NaN in what the law reads makes the command invalid, for as long as it is there."""
-    log = simulate(injected(flight, ["sensor:navigation garbage @ 300 ms for 300 ms"]), backend="c")
+    log = simulate(inject_faults(flight, ["sensor:navigation garbage @ 300 ms for 300 ms"]), backend="c")
     bad = ~np.isfinite([log[f"estimate.state.{n}"] for n in flight.autopilot.law.reads]).all(axis=0)
     assert bad[300:].any()
     np.testing.assert_array_equal(log["command.valid"] & bad, False)
@@ -337,7 +337,7 @@ def test_garbage_does_not_reach_the_actuators(flight):
 
 
 def test_the_imperfections_keep_their_names(flight):
-    assert switchable(flight).imperfections().keys() == flight.imperfections().keys()
+    assert add_dormant_faults(flight).imperfections().keys() == flight.imperfections().keys()
 
 
 @pytest.mark.parametrize(
@@ -354,10 +354,10 @@ def test_the_imperfections_keep_their_names(flight):
     ],
 )
 def test_texts(flight, text, where, what):
-    place, found = parsed(flight, text)
+    place, found = parse_fault(flight, text)
     assert place == where
     assert {name: getattr(found, name) for name in what} == what
-    assert _part(injected(flight, [text]), place).inner is _part(flight, place)
+    assert _part(inject_faults(flight, [text]), place).inner is _part(flight, place)
 
 
 def _part(scenario, place):
@@ -388,14 +388,14 @@ def _part(scenario, place):
 )
 def test_refusals_name_the_choices(flight, text, match):
     with pytest.raises(InputError, match=match):
-        injected(flight, [text])
+        inject_faults(flight, [text])
 
 
 def test_places_and_what_they_see(flight):
-    assert places(flight) == ("sensor:navigation", "downlink", "uplink", "actuators")
-    assert "p_WB.2" in watchable(flight, "sensor:navigation")
-    assert "value.rudder_pulse" in watchable(flight, "actuators")
-    assert "value.heading" in watchable(flight, "downlink")
+    assert fault_locations(flight) == ("sensor:navigation", "downlink", "uplink", "actuators")
+    assert "p_WB.2" in watchable_paths(flight, "sensor:navigation")
+    assert "value.rudder_pulse" in watchable_paths(flight, "actuators")
+    assert "value.heading" in watchable_paths(flight, "downlink")
 
 
 def test_a_delay_that_is_not_held_is_refused():
@@ -405,6 +405,6 @@ def test_a_delay_that_is_not_held_is_refused():
 
 
 def test_faults_nest(flight):
-    both = injected(flight, ["uplink off @ 1 s for 1 s", "uplink wrong @ 3 s"])
+    both = inject_faults(flight, ["uplink off @ 1 s for 1 s", "uplink wrong @ 3 s"])
     assert both.world.uplink.inner.inner is flight.world.uplink
     both.check()

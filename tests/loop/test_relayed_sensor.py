@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, numeric, period, quantity, record, replace
+from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.core.signals import Motion, measured
+from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.loop.relayed_sensor import RelayedSensor
@@ -32,14 +32,14 @@ class Odometer:
     period: int = period("How often.", default=ms(1))
 
     def init(self, key):
-        return measured(np.int64(0), Place(np.float64(0)), fresh=np.bool_(False))
+        return new_sample(np.int64(0), Place(np.float64(0)), fresh=np.bool_(False))
 
     def measure(self, motion):
         return Place(motion.p_WB[0])
 
     def step(self, t, state, motion):
         due = t % ms(EVERY) == 0
-        new = measured(t, self.measure(motion), fresh=True)
+        new = new_sample(t, self.measure(motion), fresh=True)
         old = replace(state, age=(t - state.t) * 1e-7, fresh=False)
         out = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, old)
         return out, out
@@ -50,7 +50,7 @@ BUS = SlaveBus(size=MESSAGE, queue=ms(60), capacity=64)
 
 def flown(sensor, n):
     """Samples at n milliseconds of a body that moves north by 1 m/s."""
-    sensor, zero = numeric(sensor), jnp.zeros(3)
+    sensor, zero = to_arrays(sensor), jnp.zeros(3)
 
     def at(s, k):
         t = k * ms(1)

@@ -9,14 +9,14 @@ import pytest
 
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, numeric, quantity, record, replace
+from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.signals import Estimate, PlanarForce, Sample
 from trimtab.core.time import ms, seconds
-from trimtab.loop.pilot_script import PilotScript, script
-from trimtab.loop.structure import strong
+from trimtab.loop.pilot_script import PilotScript, pilot_script
+from trimtab.loop.structure import strengthen_types
 from trimtab.loop.supervisor import CAUSES, CHECKS, MODES, REQUESTS, Limit, PilotRequest, Supervisor, SupervisorInput
 from trimtab.native.compiler import find_compiler
-from trimtab.run.fast_step import fast_step
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
@@ -66,7 +66,7 @@ def given(event, request=None):
 
 
 TABLE = jax.tree.map(lambda *v: np.stack(v), *(given(e) for e in EVENTS))
-block = numeric(SUPERVISOR)
+block = to_arrays(SUPERVISOR)
 
 
 def _scan(block, sequence):
@@ -74,7 +74,9 @@ def _scan(block, sequence):
         k, event = k_event
         return block.step(k * STEP, s, jax.tree.map(lambda v: jnp.asarray(v)[event], TABLE))
 
-    return jax.lax.scan(body, strong(block.init()), (jnp.arange(sequence.shape[0], dtype=np.int64), sequence))[1]
+    return jax.lax.scan(
+        body, strengthen_types(block.init()), (jnp.arange(sequence.shape[0], dtype=np.int64), sequence)
+    )[1]
 
 
 many = jax.jit(jax.vmap(_scan, (None, 0)))
@@ -197,7 +199,7 @@ def run(*events, block=block):
 )
 def test_it_does_not_arm_where_a_check_fails(event, check):
     step = jax.jit(SUPERVISOR.step)
-    s, out = step(np.int64(0), strong(block.init()), given(event, "arm"))
+    s, out = step(np.int64(0), strengthen_types(block.init()), given(event, "arm"))
     assert (MODES[int(out.mode)], CHECKS[int(out.refused)], int(out.refusals)) == ("standby", check, 1)
     assert CHECKS[int(out.check)] == check
     _, out = step(np.int64(ms(1)), s, given("arm"))
@@ -208,7 +210,7 @@ def test_silence_does_not_arm():
     out = run("silent", "arm")
     assert [MODES[m] for m in out.mode] == ["standby", "flying"]
     step = jax.jit(SUPERVISOR.step)
-    _, out = step(np.int64(0), strong(block.init()), given("silent", "arm"))
+    _, out = step(np.int64(0), strengthen_types(block.init()), given("silent", "arm"))
     assert CHECKS[int(out.refused)] == "link silent"
 
 
@@ -221,15 +223,15 @@ def test_a_request_that_makes_no_sense_is_refused(before, request_):
 
 def test_an_old_request_is_none():
     again = replace(given("arm"), pilot=replace(given("arm").pilot, fresh=np.bool_(False)))
-    _, out = SUPERVISOR.step(np.int64(0), strong(block.init()), again)
+    _, out = SUPERVISOR.step(np.int64(0), strengthen_types(block.init()), again)
     assert MODES[int(out.mode)] == "standby"
     wild = replace(given("arm"), pilot=replace(given("arm").pilot, value=PilotRequest(np.int32(77))))
-    _, out = SUPERVISOR.step(np.int64(0), strong(block.init()), wild)
+    _, out = SUPERVISOR.step(np.int64(0), strengthen_types(block.init()), wild)
     assert MODES[int(out.mode)] == "standby"
 
 
 def test_automatic_arms_once_checks_pass_but_clears_nothing():
-    out = run("invalid", "stale", "", "outside", "", block=numeric(replace(SUPERVISOR, automatic=True)))
+    out = run("invalid", "stale", "", "outside", "", block=to_arrays(replace(SUPERVISOR, automatic=True)))
     assert [MODES[m] for m in out.mode] == ["standby", "standby", "flying", "fault", "fault"]
     assert CAUSES[out.cause[2]] == "automatic"
 
@@ -251,15 +253,15 @@ def test_refusals():
     with pytest.raises(InputError, match="no field"):
         Limit(fields=()).check()
     with pytest.raises(InputError, match="no request 'fly'"):
-        script((0, "fly"))
+        pilot_script((0, "fly"))
     with pytest.raises(InputError, match="one a period"):
-        script((ms(20), "arm"), (ms(25), "hold")).check()
-    script((ms(20), "arm"), (ms(30), "hold")).check()
+        pilot_script((ms(20), "arm"), (ms(25), "hold")).check()
+    pilot_script((ms(20), "arm"), (ms(30), "hold")).check()
 
 
 @pytest.fixture(scope="module")
 def flight():
-    scenario, _ = catalogue.load("hovercraft/forward")
+    scenario, _ = catalogue.load_scenario("hovercraft/forward")
     return replace(scenario, duration=seconds(2))
 
 
@@ -281,7 +283,9 @@ def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
 
 def test_a_flight_by_request(flight):
     """Nothing moves before arming, hold is neutral and valid, an end stays one until it is cleared."""
-    asked = script((ms(300), "arm"), (ms(1000), "hold"), (ms(1400), "end"), (ms(1600), "clear"), (ms(1700), "arm"))
+    asked = pilot_script(
+        (ms(300), "arm"), (ms(1000), "hold"), (ms(1400), "end"), (ms(1600), "clear"), (ms(1700), "arm")
+    )
     log = simulate(_with(flight, Supervisor(), {"pilot": asked}))
     mode = [MODES[int(m)] for m in log["supervisor.mode"]]
     at = {t: mode[t] for t in (250, 900, 1300, 1550, 1680, 1900)}
@@ -332,10 +336,10 @@ def test_a_script_without_requests_says_nothing():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_the_compiled_step_has_it(flight):
     """Requests go in, modes come out, sample by sample as in the simulation."""
-    flight = _with(flight, Supervisor(), {"pilot": script((ms(100), "arm"), (ms(300), "end"))})
+    flight = _with(flight, Supervisor(), {"pilot": pilot_script((ms(100), "arm"), (ms(300), "end"))})
     flight = replace(flight, duration=ms(500))
     log = simulate(flight, backend="jax")
-    step = fast_step(flight)
+    step = compile_autopilot(flight)
     modes = []
     for k in range(len(log)):
         for path, where in step.reads.items():

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from trimtab.native import build as module
-from trimtab.native.build import FLAGS, BuildFailed, build, load
-from trimtab.native.cache import not_kept
+from trimtab.native.build import FLAGS, BuildError, build_library, load_library
+from trimtab.native.cache import cache_problem
 
 pytestmark = [
     pytest.mark.usefixtures("cache"),
@@ -26,7 +26,7 @@ TEXT = {"c": TWICE, "c++": TWICE_CPP}
 
 
 def twice(path: Path) -> float:
-    function = load(path).twice
+    function = load_library(path).twice
     function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double]
     return function(21.0)
 
@@ -43,30 +43,35 @@ def manifest(library: Path) -> dict[str, str]:
 @pytest.mark.parametrize("language", ["c", "c++"])
 def test_builds_once_and_keeps_it(fake, cache: Path, language: str) -> None:
     script = fake(language=language)
-    library = build(TEXT[language], language)
+    library = build_library(TEXT[language], language)
     assert library.parent == cache
     assert twice(library) == 42.0
-    assert build(TEXT[language], language) == library
+    assert build_library(TEXT[language], language) == library
     assert len(compiled(script)) == 1
     assert set(FLAGS[language]) <= set(compiled(script)[0].split())
-    assert not_kept() == ""
+    assert cache_problem() == ""
     assert {path.suffix for path in cache.iterdir()} == {".so", ".txt", ".note"}, "left-overs"
 
 
 def test_key_has_text_flags_language_compiler_and_cpu(fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake()
-    libraries = [build(TWICE), build(TWICE + " "), build(TWICE, extra=("-DX=1",)), build(TWICE, "c++")]
+    libraries = [
+        build_library(TWICE),
+        build_library(TWICE + " "),
+        build_library(TWICE, extra=("-DX=1",)),
+        build_library(TWICE, "c++"),
+    ]
     monkeypatch.setattr(module, "cpu", lambda: "another")
-    libraries.append(build(TWICE))
+    libraries.append(build_library(TWICE))
     monkeypatch.undo()
     fake(always="""[ "$1" = --version ] && { "$REAL" --version | sed 's/^/my /'; exit; }""")
-    libraries.append(build(TWICE))
+    libraries.append(build_library(TWICE))
     assert len(set(libraries)) == len(libraries)
 
 
 def test_extra_libraries_come_after_the_text(fake) -> None:
     script = fake()
-    build(TWICE, extra=("-DNAME=1", "-lpthread"))
+    build_library(TWICE, extra=("-DNAME=1", "-lpthread"))
     words = compiled(script)[0].split()
     assert words.index("program.c") < words.index("-lpthread")
 
@@ -78,7 +83,7 @@ def test_flags_keep_the_numbers() -> None:
     double fused(double a, double b, double c) { return a * b + c; }
     int32_t grows(int32_t x) { return x + 1 > x; }
     """
-    library = load(build(text))
+    library = load_library(build_library(text))
     library.fused.restype, library.fused.argtypes = ctypes.c_double, [ctypes.c_double] * 3
     a = 1.0 + 2.0**-30
     assert library.fused(a, a, -(a * a)) == 0.0  # fused, it is 2^-60
@@ -98,14 +103,14 @@ def test_vectors_select_like_scalars() -> None:
     x = (ctypes.c_double * 8).from_buffer(buffer, 8 * start)
     y = (ctypes.c_double * 8).from_buffer(buffer, 8 * start + 64)
     x[:] = [-1.0, 2.0, -3.0, 4.0, 5.0, -6.0, 7.0, 0.0]
-    load(build(text, "c++")).positive(x, y)
+    load_library(build_library(text, "c++")).positive(x, y)
     assert list(y) == [0.0, 2.0, 0.0, 4.0, 5.0, 0.0, 7.0, 0.0]
 
 
 def test_refused_text_gives_the_first_lines_and_leaves_nothing(cache: Path) -> None:
     text = "\n".join(f"int f{k}(void) {{ return missing{k}; {400 * ';'} }}" for k in range(60))
-    with pytest.raises(BuildFailed) as refused:
-        build(text)
+    with pytest.raises(BuildError) as refused:
+        build_library(text)
     said = str(refused.value)
     assert "missing0" in said
     assert "missing59" not in said
@@ -114,7 +119,7 @@ def test_refused_text_gives_the_first_lines_and_leaves_nothing(cache: Path) -> N
     assert "gcc" in said
     assert "Fix:" in said
     assert {path.suffix for path in cache.iterdir()} <= {".note"}
-    assert isinstance(pickle.loads(pickle.dumps(refused.value)), BuildFailed)
+    assert isinstance(pickle.loads(pickle.dumps(refused.value)), BuildError)
 
 
 HALF = '"$REAL" "$@"; size=$(wc -c <program.so); head -c $((size / 2)) program.so >half; mv half program.so'
@@ -137,14 +142,14 @@ def test_failing_compiler_is_an_error_and_never_a_library(
 ) -> None:
     monkeypatch.setattr(module, "TIME_LIMIT", 0.5)
     script = fake(program)
-    with pytest.raises(BuildFailed) as failed:
-        build(TWICE)
+    with pytest.raises(BuildError) as failed:
+        build_library(TWICE)
     assert words in str(failed.value)
     assert str(script) in str(failed.value)
     assert {path.suffix for path in cache.iterdir()} == {".note"}, "left-overs"
     monkeypatch.setattr(module, "TIME_LIMIT", 60.0)
     monkeypatch.delenv("CC")
-    assert twice(build(TWICE)) == 42.0
+    assert twice(build_library(TWICE)) == 42.0
 
 
 def refusing(flag: str) -> str:
@@ -155,21 +160,21 @@ def refusing(flag: str) -> str:
 @pytest.mark.parametrize("flag", ["-march=native", "-fno-tree-slp-vectorize", "-fno-math-errno"])
 def test_old_compiler_is_used_without_what_only_speeds_up(fake, flag: str) -> None:
     fake(always=refusing(flag))
-    library = build(TWICE)
+    library = build_library(TWICE)
     assert twice(library) == 42.0
     assert manifest(library)["flags"].split() == [word for word in FLAGS["c"] if word != flag]
 
 
 def test_old_assembler_is_used_without_the_cpus_own_instructions(fake) -> None:
     fake(program=refusing("-march=native"))  # the flag passes, the program's instructions don't
-    library = build(TWICE)
+    library = build_library(TWICE)
     assert twice(library) == 42.0
     assert "-march=native" not in manifest(library)["flags"]
 
 
 def test_standard_has_an_older_name(fake) -> None:
     fake(always=refusing("-std=c++17"), language="c++")
-    library = build(TWICE_CPP, "c++")
+    library = build_library(TWICE_CPP, "c++")
     assert twice(library) == 42.0
     assert manifest(library)["flags"].split()[0] == "-std=c++1z"
 
@@ -177,8 +182,8 @@ def test_standard_has_an_older_name(fake) -> None:
 def test_ancient_compiler_is_named_with_the_version_needed(fake) -> None:
     version = """[ "$1" = --version ] && { echo 'g++ (GCC) 4.6.3'; echo Free Software Foundation; exit; }"""
     script = fake(always="\n".join([version, refusing("-std=c++17"), refusing("-std=c++1z")]), language="c++")
-    with pytest.raises(BuildFailed) as failed:
-        build(TWICE_CPP, "c++")
+    with pytest.raises(BuildError) as failed:
+        build_library(TWICE_CPP, "c++")
     for words in (str(script), "4.6.3", "too old", "-std=c++17", "gcc 8, clang 10 or newer"):
         assert words in str(failed.value)
 
@@ -186,12 +191,12 @@ def test_ancient_compiler_is_named_with_the_version_needed(fake) -> None:
 @pytest.mark.parametrize("flag", ["-ffp-contract=off", "-fwrapv", "-std=c99"])
 def test_what_decides_on_numbers_is_never_left_out(fake, flag: str) -> None:
     script = fake()
-    build("int first;")
+    build_library("int first;")
     times = script.stat()
     script.write_text(script.read_text().replace(":\n\n;;", ":\n;;").replace("exec", f"{refusing(flag)}\nexec"))
     os.utime(script, ns=(times.st_atime_ns, times.st_mtime_ns))  # replaced behind the process's back
-    with pytest.raises(BuildFailed, match=f"too old: it refuses {flag}"):
-        build(TWICE)
+    with pytest.raises(BuildError, match=f"too old: it refuses {flag}"):
+        build_library(TWICE)
 
 
 FULL = "echo 'fatal error: error writing to x.s: No space left on device' >&2; exit 1"
@@ -199,17 +204,17 @@ FULL = "echo 'fatal error: error writing to x.s: No space left on device' >&2; e
 
 def test_full_cache_gives_way_to_a_private_folder(fake, cache: Path) -> None:
     fake(f'case "$PWD" in "$TRIMTAB_CACHE"*) {FULL};; esac')
-    library = build(TWICE)
+    library = build_library(TWICE)
     assert library.parent != cache
     assert twice(library) == 42.0
-    assert build(TWICE) == library, "built again in the same process"
-    assert "No space" in not_kept()
+    assert build_library(TWICE) == library, "built again in the same process"
+    assert "No space" in cache_problem()
 
 
 def test_no_room_anywhere_says_what_to_do(fake, cache: Path) -> None:
     fake(FULL)
-    with pytest.raises(BuildFailed, match="No space left on device") as failed:
-        build(TWICE)
+    with pytest.raises(BuildError, match="No space left on device") as failed:
+        build_library(TWICE)
     assert "TRIMTAB_CACHE" in failed.value.fix
     assert {path.suffix for path in cache.iterdir()} == {".note"}
 
@@ -217,31 +222,31 @@ def test_no_room_anywhere_says_what_to_do(fake, cache: Path) -> None:
 def test_file_in_place_of_the_cache_gives_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "file"))
     (tmp_path / "file").write_text("")
-    assert twice(build(TWICE)) == 42.0
-    assert "file" in not_kept()
+    assert twice(build_library(TWICE)) == 42.0
+    assert "file" in cache_problem()
 
 
 def test_cache_that_others_can_write_to_is_not_used(cache: Path) -> None:
     cache.mkdir(parents=True)
     cache.chmod(0o777)
-    library = build(TWICE)
+    library = build_library(TWICE)
     assert twice(library) == 42.0
     assert list(cache.iterdir()) == []
-    assert "others can write" in not_kept()
+    assert "others can write" in cache_problem()
 
 
 @pytest.mark.skipif(os.getuid() == 0, reason="root may write everywhere")
 def test_cache_without_permission_to_write_is_read(cache: Path) -> None:
-    library = build(TWICE)
+    library = build_library(TWICE)
     cache.chmod(0o500)
-    assert build(TWICE) == library
-    assert build("int other;").parent != cache
+    assert build_library(TWICE) == library
+    assert build_library("int other;").parent != cache
 
 
 def test_temporary_folder_that_does_not_exist_is_not_needed(tmp_path: Path, cache: Path, monkeypatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "gone"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
-    assert build(TWICE).parent == cache
+    assert build_library(TWICE).parent == cache
 
 
 BUILD = f"""
@@ -333,7 +338,7 @@ def test_processes_without_locks_end_with_one_entry(fake, elsewhere, cache: Path
     fake("sleep 0.5")
     unlocked = "import contextlib\nimport trimtab.native.build as b\nb.alone = lambda *_: contextlib.nullcontext()\n"
     processes = [elsewhere(unlocked + BUILD) for _ in range(3)]
-    assert {process.communicate(timeout=60)[0].strip() for process in processes} == {str(build(TWICE))}
+    assert {process.communicate(timeout=60)[0].strip() for process in processes} == {str(build_library(TWICE))}
     assert len(list(cache.glob("*.so"))) == 1
 
 
@@ -348,25 +353,25 @@ def test_killed_build_is_in_nobodys_way(fake, elsewhere, cache: Path) -> None:
     process.send_signal(signal.SIGKILL)
     process.communicate()
     began = time.monotonic()
-    assert twice(build(TWICE)) == 42.0
+    assert twice(build_library(TWICE)) == 42.0
     assert time.monotonic() - began < 3.0, "waited for a dead process"
     (left,) = cache.glob("tmp-*")
     os.utime(left, (0, 0))
-    build("int another;")
+    build_library("int another;")
     assert not left.exists()
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x7fELF", b"garbage"])
 def test_damaged_entry_is_built_again(fake, damage: bytes) -> None:
     script = fake()
-    library = build(TWICE)
+    library = build_library(TWICE)
     library.write_bytes(damage)
-    assert build(TWICE) == library
+    assert build_library(TWICE) == library
     assert len(compiled(script)) == 2
     assert twice(library) == 42.0
 
 
 def test_what_cannot_be_loaded_is_said(tmp_path: Path) -> None:
     (tmp_path / "odd.so").write_text("odd")
-    with pytest.raises(BuildFailed, match="cannot be loaded"):
-        load(tmp_path / "odd.so")
+    with pytest.raises(BuildError, match="cannot be loaded"):
+        load_library(tmp_path / "odd.so")

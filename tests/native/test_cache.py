@@ -9,15 +9,15 @@ import pytest
 
 from trimtab.native import cache as module
 from trimtab.native.cache import (
-    alone,
-    anywhere,
-    kept,
-    lookup,
-    not_kept,
-    private,
-    store,
+    cache_problem,
+    cached_library_folder,
+    find_in_folder,
+    lock_key,
+    private_folder,
+    store_library,
+    try_folders,
     work_folder,
-    write_whole,
+    write_atomically,
 )
 
 pytestmark = pytest.mark.usefixtures("cache")
@@ -29,7 +29,7 @@ DAYS_AGO = time.time() - 3 * module.DAY
 def put(folder: Path, key: str, content: bytes = CONTENT) -> Path:
     with work_folder(folder) as work:
         (work / "made.so").write_bytes(content)
-        return store(folder, key, work / "made.so", {"flags": "-O2 -x"})
+        return store_library(folder, key, work / "made.so", {"flags": "-O2 -x"})
 
 
 def age(path: Path, when: float = DAYS_AGO) -> None:
@@ -100,48 +100,50 @@ DAMAGE = [
 
 @pytest.mark.parametrize("damage", DAMAGE, ids=lambda damage: damage.__name__)
 def test_entry_that_is_not_whole_counts_as_none_and_is_replaced(damage) -> None:
-    library = put(kept(), "one")
-    assert lookup(kept(), "one") == library
+    library = put(cached_library_folder(), "one")
+    assert find_in_folder(cached_library_folder(), "one") == library
     damage(library, library.with_suffix(".txt"))
-    assert lookup(kept(), "one") is None
-    assert put(kept(), "one").read_bytes() == CONTENT
-    assert lookup(kept(), "one") == library
+    assert find_in_folder(cached_library_folder(), "one") is None
+    assert put(cached_library_folder(), "one").read_bytes() == CONTENT
+    assert find_in_folder(cached_library_folder(), "one") == library
 
 
 def test_files_are_their_owners_alone_whatever_the_mask() -> None:
     before = os.umask(0)
     try:
-        library = put(kept(), "one")
+        library = put(cached_library_folder(), "one")
     finally:
         os.umask(before)
-    assert all(not path.stat().st_mode & 0o077 for path in (kept(), library, library.with_suffix(".txt")))
-    assert {path.name for path in kept().iterdir()} == {"one.so", "one.txt"}, "left-overs"
+    assert all(
+        not path.stat().st_mode & 0o077 for path in (cached_library_folder(), library, library.with_suffix(".txt"))
+    )
+    assert {path.name for path in cached_library_folder().iterdir()} == {"one.so", "one.txt"}, "left-overs"
 
 
 def test_manifest_comes_last(monkeypatch: pytest.MonkeyPatch) -> None:
     names = []
     replace = os.replace
     monkeypatch.setattr(os, "replace", lambda old, new: (names.append(Path(new).name), replace(old, new)))
-    put(kept(), "one")
+    put(cached_library_folder(), "one")
     assert names == ["one.so", "one.txt"]
 
 
 def test_failed_write_leaves_the_old_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    path = kept() / "note"
-    write_whole(path, "old")
+    path = cached_library_folder() / "note"
+    write_atomically(path, "old")
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
-        write_whole(path, "new")
+        write_atomically(path, "new")
     assert path.read_text() == "old"
-    assert list(kept().iterdir()) == [path]
+    assert list(cached_library_folder().iterdir()) == [path]
 
 
 def test_left_overs_go_after_a_day() -> None:
-    folder = kept()
+    folder = cached_library_folder()
     old, new = folder / "tmp-old", folder / "tmp-new"
     for left in (old, new):
         left.mkdir()
@@ -162,28 +164,28 @@ def test_left_overs_go_after_a_day() -> None:
 
 def test_what_was_used_longest_ago_goes_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LIMIT", 3 * len(CONTENT))
-    folder = kept()
+    folder = cached_library_folder()
     for hours, key in ((5, "a"), (4, "b"), (3, "c")):
         for path in (library := put(folder, key), library.with_suffix(".txt")):
             age(path, time.time() - 3600.0 * hours)
-    assert lookup(folder, "a") is not None, "used now"
+    assert find_in_folder(folder, "a") is not None, "used now"
     put(folder, "d")
     assert {path.name for path in folder.iterdir()} == {f"{key}.{end}" for key in "acd" for end in ("so", "txt")}
 
 
 def test_new_entry_stays_even_if_it_alone_is_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LIMIT", 10)
-    put(kept(), "a")
-    put(kept(), "b")
-    assert {path.name for path in kept().iterdir()} == {"b.so", "b.txt"}
+    put(cached_library_folder(), "a")
+    put(cached_library_folder(), "b")
+    assert {path.name for path in cached_library_folder().iterdir()} == {"b.so", "b.txt"}
 
 
 def test_private_folder_is_made_anew_if_something_removes_it() -> None:
-    first = private()
+    first = private_folder()
     assert first.stat().st_mode & 0o077 == 0
-    assert private() == first
+    assert private_folder() == first
     first.rmdir()
-    assert private().is_dir()
+    assert private_folder().is_dir()
 
 
 def test_private_folder_ends_with_the_process_not_with_its_children(elsewhere) -> None:
@@ -204,21 +206,21 @@ print(folder, folder.is_dir())
 
 def test_second_folder_is_tried_and_the_reason_kept() -> None:
     def picky(folder: Path) -> Path:
-        if folder == kept():
+        if folder == cached_library_folder():
             raise OSError(28, "No space left on device")
         return folder
 
-    assert not_kept() == ""
-    assert anywhere(picky) == private()
-    assert "No space" in not_kept()
+    assert cache_problem() == ""
+    assert try_folders(picky) == private_folder()
+    assert "No space" in cache_problem()
 
 
 def test_no_folder_gives_both_reasons() -> None:
     def never(folder: Path) -> Path:
         raise OSError(f"not {folder}")
 
-    with pytest.raises(OSError, match=f"not {kept()}; not {private()}"):
-        anywhere(never)
+    with pytest.raises(OSError, match=f"not {cached_library_folder()}; not {private_folder()}"):
+        try_folders(never)
 
 
 def test_noexec_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +233,7 @@ def test_noexec_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(os, "statvfs", noexec)
     with pytest.raises(PermissionError, match="noexec"):
-        kept()
+        cached_library_folder()
 
 
 def test_one_at_a_time_and_no_lock_is_left() -> None:
@@ -239,7 +241,7 @@ def test_one_at_a_time_and_no_lock_is_left() -> None:
 
     def work() -> None:
         nonlocal inside, most
-        with alone(kept(), "one"):
+        with lock_key(cached_library_folder(), "one"):
             inside += 1
             most = max(most, inside)
             time.sleep(0.05)
@@ -251,13 +253,13 @@ def test_one_at_a_time_and_no_lock_is_left() -> None:
     for thread in threads:
         thread.join(10.0)
     assert most == 1
-    assert list(kept().iterdir()) == []
+    assert list(cached_library_folder().iterdir()) == []
 
 
 def test_waiting_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE", 0.1)
-    with alone(kept(), "one"):
+    with lock_key(cached_library_folder(), "one"):
         began = time.monotonic()
-        with alone(kept(), "one"):
+        with lock_key(cached_library_folder(), "one"):
             assert 0.1 <= time.monotonic() - began < 2.0
-        assert (kept() / "one.lock").exists(), "removed by one who didn't hold it"
+        assert (cached_library_folder() / "one.lock").exists(), "removed by one who didn't hold it"

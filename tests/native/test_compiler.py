@@ -9,8 +9,8 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.native import compiler as module
-from trimtab.native.build import build
-from trimtab.native.compiler import NoCompiler, cpu, find_compiler, lanes, search
+from trimtab.native.build import build_library
+from trimtab.native.compiler import NoCompilerError, cpu_identity, find_compiler, lane_count, search_compiler
 
 pytestmark = [
     pytest.mark.usefixtures("cache"),
@@ -25,7 +25,7 @@ def calls(script: Path) -> list[str]:
 
 def forget() -> None:
     """As in a new process."""
-    module._search.cache_clear()
+    module._search_on_path.cache_clear()
 
 
 @pytest.mark.parametrize(("language", "name"), [("c", "gcc"), ("c++", "g++")])
@@ -97,26 +97,26 @@ def test_one_that_does_not_work_is_passed_by(
     assert Path(instead.path).name == "gcc"
     monkeypatch.setattr(module, "NAMES", {"c": ("CC",)})
     forget()
-    assert reason in search("c").problem
+    assert reason in search_compiler("c").problem
 
 
 def test_one_that_hangs_is_stopped(fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(always="sleep 60")
     monkeypatch.setattr(module, "PROBE_LIMIT", 0.3)
     monkeypatch.setattr(module, "NAMES", {"c": ("CC",)})
-    assert "no end after 0.3 s" in search("c").problem
+    assert "no end after 0.3 s" in search_compiler("c").problem
 
 
 def test_none_says_what_was_tried_and_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("CC", "mycc 'unended")
     assert find_compiler() is None
-    with pytest.raises(NoCompiler) as refused:
-        build("int nothing;")
+    with pytest.raises(NoCompilerError) as refused:
+        build_library("int nothing;")
     text = str(refused.value)
     for words in ("mycc 'unended: not found", "gcc: not found", "clang: not found", "cc: not found", "apt install gcc"):
         assert words in text
-    assert isinstance(pickle.loads(pickle.dumps(refused.value)), NoCompiler)
+    assert isinstance(pickle.loads(pickle.dumps(refused.value)), NoCompilerError)
 
 
 def test_language_is_c_or_cpp() -> None:
@@ -133,7 +133,7 @@ def test_lanes_follow_from_what_the_compiler_says(fake, has: str, width: int) ->
     fake(always=f"""case "$*" in *-dM*) printf '{said}'; exit 0;; esac""")
     found = find_compiler()
     assert found is not None
-    assert lanes(found) == width
+    assert lane_count(found) == width
     forget()
     assert find_compiler() == found, "remembered otherwise"
 
@@ -142,7 +142,7 @@ def test_lanes_are_one_where_native_is_refused(fake) -> None:
     fake(always="""case "$*" in *-march=native*) echo 'bad value'; exit 1;; esac""")
     found = find_compiler()
     assert found is not None
-    assert lanes(found) == 1
+    assert lane_count(found) == 1
 
 
 @pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="no /proc/cpuinfo")
@@ -151,7 +151,7 @@ def test_lanes_are_this_cpus() -> None:
     flags = set(lines[0].split()) if lines else set()
     found = find_compiler("c++")
     assert found is not None
-    assert lanes(found) == (8 if {"avx512f", "avx512dq", "avx512vl"} <= flags else 4 if "avx2" in flags else 1)
+    assert lane_count(found) == (8 if {"avx512f", "avx512dq", "avx512vl"} <= flags else 4 if "avx2" in flags else 1)
 
 
 def test_cpu_is_known_by_its_features_not_by_its_clock(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,12 +164,12 @@ def test_cpu_is_known_by_its_features_not_by_its_clock(monkeypatch: pytest.Monke
             return text.format(mhz, flag).encode()
 
         monkeypatch.setattr(Path, "read_bytes", read)
-        cpu.cache_clear()
-        return cpu()
+        cpu_identity.cache_clear()
+        return cpu_identity()
 
     assert identity("1", "avx2") == identity("2", "avx2")
     assert identity("1", "avx2") != identity("1", "avx512f")
-    cpu.cache_clear()
+    cpu_identity.cache_clear()
 
 
 def test_cpu_is_known_without_linux(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,17 +177,17 @@ def test_cpu_is_known_without_linux(monkeypatch: pytest.MonkeyPatch) -> None:
         raise FileNotFoundError(path)
 
     monkeypatch.setattr(Path, "read_bytes", read)
-    cpu.cache_clear()
-    assert os.uname().machine in cpu()
-    cpu.cache_clear()
+    cpu_identity.cache_clear()
+    assert os.uname().machine in cpu_identity()
+    cpu_identity.cache_clear()
 
 
 def test_no_folder_at_all_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake) -> None:
     fake()
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "my-gcc"))  # a file
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
-    with pytest.raises(NoCompiler, match="TRIMTAB_CACHE"):
-        build("int nothing;")
+    with pytest.raises(NoCompilerError, match="TRIMTAB_CACHE"):
+        build_library("int nothing;")
 
 
 def test_imports_are_light(elsewhere) -> None:

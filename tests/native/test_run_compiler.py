@@ -26,7 +26,7 @@ def test_gives_status_and_both_streams(tmp_path: Path) -> None:
     outcome = shell("echo out; echo err >&2; exit 3", tmp_path)
     assert outcome.status == 3
     assert sorted(outcome.text.split()) == ["err", "out"]
-    assert outcome.interrupted == ""
+    assert outcome.interruption == ""
 
 
 def test_works_in_the_folder_without_input_and_speaks_english(tmp_path: Path) -> None:
@@ -39,7 +39,7 @@ def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
     outcome = shell("sleep 60 & echo $! >child; wait", tmp_path, limit=0.3)
     assert time.monotonic() - began < 5.0
     assert outcome.status is None
-    assert "no end after 0.3 s" in outcome.interrupted
+    assert "no end after 0.3 s" in outcome.interruption
     child = int((tmp_path / "child").read_text())
     while is_running(child) and time.monotonic() - began < 5.0:
         time.sleep(0.01)
@@ -55,7 +55,7 @@ def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
     ],
 )
 def test_being_killed_is_no_verdict_on_the_program(tmp_path: Path, text: str, words: str) -> None:
-    assert words in shell(text, tmp_path).interrupted
+    assert words in shell(text, tmp_path).interruption
 
 
 @pytest.mark.parametrize("text", ["No space left on device", "Disk quota exceeded", "File too large"])

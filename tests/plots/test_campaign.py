@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.campaign.sampling.morris import morris, morris_rows
-from trimtab.campaign.sampling.saltelli import saltelli
+from trimtab.campaign.sampling.saltelli import saltelli_rows
 from trimtab.campaign.statistics.quantiles import quantile
 from trimtab.campaign.statistics.sensitivity import sensitivity
 from trimtab.logs.proportion import proportion
@@ -58,7 +58,7 @@ def test_convergence_of_a_quantile_starts_without_a_bound(tmp_path):
 
 def test_bars_are_the_indices_largest_first(tmp_path):
     names = ("world.vehicle.mass", "world.uplink.delay", "law.gain")
-    rows = saltelli(0, 0, 256 * 6, 3)
+    rows = saltelli_rows(0, 0, 256 * 6, 3)
     found = sensitivity(rows.u @ [1.0, 3.0, 0.2], names)
     axes = plot_sensitivity(found, tmp_path / "s.png").axes[0]
     assert [t.get_text() for t in axes.get_yticklabels()] == ["delay", "mass", "gain", "noise (random numbers)"]

@@ -3,11 +3,11 @@
 import numpy as np
 
 from trimtab.plots.error_budget import plot_error_budget
-from trimtab.run.error_budget import Budget, Cost
+from trimtab.run.error_budget import Cost, ErrorBudget
 
 DEAR = Cost("noise", {"yaw_rate": (0.1, 0.01), "x": (2.0, 0.0)}, {"yaw_rate": (0.4, 0.02), "x": (1.0, 0.1)})
 CHEAP = Cost("delay", {"yaw_rate": (0.5, 0.01), "x": (2.0, 0.0)}, {"yaw_rate": (0.0, 0.0), "x": (0.0, 0.0)})
-FOUND = Budget(
+FOUND = ErrorBudget(
     {"yaw_rate": "rad/s", "x": "1"},
     {"yaw_rate": (0.5, 0.01), "x": (2.0, 0.1)},
     {"yaw_rate": (0.05, 0.0), "x": (0.0, 0.0)},

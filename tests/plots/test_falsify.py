@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.search.falsify import Falsified
-from trimtab.campaign.workers.ready import Plan
+from trimtab.campaign.search.falsify import FalsificationResult
+from trimtab.campaign.workers.ready import CampaignPlan
 from trimtab.plots.falsify import plot_falsify
 
 
@@ -14,7 +14,9 @@ def found(least):
     tried[30, 2] = least
     stages = np.repeat([-1, 0, 1, 2], 10)
     names = ("world.vehicle.mass", "autopilot.law.k1")
-    return Falsified(Plan("a"), least, {}, points[30], 2, {}, 160, None, tried, points, stages, names, 1.0)
+    return FalsificationResult(
+        CampaignPlan("a"), least, {}, points[30], 2, {}, 160, None, tried, points, stages, names, 1.0
+    )
 
 
 @pytest.mark.parametrize(("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure, least margin 0.1")])

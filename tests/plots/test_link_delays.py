@@ -3,8 +3,8 @@ import pytest
 from matplotlib.image import imread
 from scipy import stats
 
-from trimtab.live.link_delays import Delays, Model, Plan
-from trimtab.plots.link_delays import density, plot_link_delays
+from trimtab.live.link_delays import DelayModel, Delays, LinkTestPlan
+from trimtab.plots.link_delays import gamma_density, plot_link_delays
 
 
 def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):
@@ -12,7 +12,7 @@ def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):
     up, down = 0.02 + g.gamma(4, 0.005, 300), 0.017 + g.gamma(4, 0.004, 300)
     up[7] = down[7] = np.nan
     sent = np.arange(300) * 0.1
-    measured = [Delays(Plan(2.9, load), sent, up, down, 1, True, (2.9, load)) for load in (41.0, 22.0)]
+    measured = [Delays(LinkTestPlan(2.9, load), sent, up, down, 1, True, (2.9, load)) for load in (41.0, 22.0)]
     figure = plot_link_delays(measured, tmp_path / "a.png")
     titles = [axes.get_title("left") for axes in figure.axes]
     assert titles == [f"{path}, 2.9/{load} kb/s" for load in (41, 22) for path in ("up", "down", "round trip")]
@@ -28,7 +28,7 @@ def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):
 
 
 def test_density_is_that_of_the_shifted_gamma_distribution():
-    m = Model(mean=0.034, sd=0.008, shift=0.017, loss=0.0)
+    m = DelayModel(mean=0.034, sd=0.008, shift=0.017, loss=0.0)
     x = np.linspace(0.01, 0.08, 50)
     k, scale = (0.017 / 0.008) ** 2, 0.008**2 / 0.017
-    assert density(m, x) == pytest.approx(stats.gamma.pdf(x, k, 0.017, scale))
+    assert gamma_density(m, x) == pytest.approx(stats.gamma.pdf(x, k, 0.017, scale))

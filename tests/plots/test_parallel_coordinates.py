@@ -5,7 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
-from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names, thinned
+from trimtab.plots.campaign import MOST_LINES, plot_parallel, short_names, thin_rows
 
 RNG = np.random.default_rng(0)
 
@@ -37,9 +37,9 @@ def test_no_failure_is_drawn_too(tmp_path):
 
 
 def test_thinned_rows_are_even():
-    rows = thinned(np.arange(1000), 10)
+    rows = thin_rows(np.arange(1000), 10)
     np.testing.assert_array_equal(rows, [0, 111, 222, 333, 444, 555, 666, 777, 888, 999])
-    np.testing.assert_array_equal(thinned(np.arange(5), 10), np.arange(5))
+    np.testing.assert_array_equal(thin_rows(np.arange(5), 10), np.arange(5))
 
 
 def test_names_are_as_short_as_can_be():

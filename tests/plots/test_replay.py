@@ -8,7 +8,7 @@ from matplotlib.image import imread
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.plots.replay import plot_replay, rows_of
+from trimtab.plots.replay import common_signals, plot_replay
 from trimtab.plots.run import BLUE, GREY, VERMILION
 
 T = np.arange(0, ms(400), ms(2))
@@ -49,9 +49,9 @@ def test_each_line_is_what_the_note_says(tmp_path):
 
 
 def test_rows_are_real_numbers_that_both_have():
-    assert rows_of(log(**RECORDED), log(**RECORDED)) == ["estimate.state.heading", "law.demand.FX"]
+    assert common_signals(log(**RECORDED), log(**RECORDED)) == ["estimate.state.heading", "law.demand.FX"]
     fewer = {p: v for p, v in RECORDED.items() if "heading" not in p}
-    assert rows_of(log(**RECORDED), log(**fewer)) == ["law.demand.FX"]
+    assert common_signals(log(**RECORDED), log(**fewer)) == ["law.demand.FX"]
 
 
 def test_nothing_in_common_is_refused():

@@ -10,7 +10,7 @@ from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
-from trimtab.plots.run import BLUE, GREY, VERMILION, decimate, panels_of, plot_run
+from trimtab.plots.run import BLUE, GREY, VERMILION, decimate, plot_run, select_panels
 
 UNITS = {
     "truth.surge_velocity": ("m/s", "real"),
@@ -178,12 +178,12 @@ def test_a_foreign_vehicle_gets_its_panels():
         "actuators.valve_open": np.arange(20) > 4,
     }
     log = Log(to_seconds(ticks), ticks, signals)
-    titles = [p.title for p in panels_of(log)]
+    titles = [p.title for p in select_panels(log)]
     assert titles == ["Altitude", "P WB", "Elevator", "Reference", "Flags"]
     figure = plot_run(log, log)
     assert len(axes_of(figure, "P WB").get_lines()) == 6
     only = Log(to_seconds(ticks), ticks, {"estimate.state.x": np.zeros(20)})
-    assert [p.title for p in panels_of(only)] == ["x"]
+    assert [p.title for p in select_panels(only)] == ["x"]
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

@@ -7,8 +7,8 @@ from matplotlib.image import imread
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.plots.run import GREEN, GREY, VERMILION, panels_of
-from trimtab.plots.tracking import plot_tracking, rows_of
+from trimtab.plots.run import GREEN, GREY, VERMILION, select_panels
+from trimtab.plots.tracking import plot_tracking, tracking_rows
 
 T = np.arange(0, ms(5000), ms(10))
 WAVE = np.sin(to_seconds(T))
@@ -30,7 +30,7 @@ def log(**more):
 
 
 def test_tracked_signals_come_first_then_inputs_then_estimated_ones(tmp_path):
-    assert [(r.name, r.estimated) for r in rows_of(log())] == [("h", False), ("bend", True)]
+    assert [(r.name, r.is_estimated) for r in tracking_rows(log())] == [("h", False), ("bend", True)]
     figure = plot_tracking(log(), tmp_path / "t.png", title="Test")
     titles = [axes.get_title("left") for axes in figure.axes if axes.axison]
     assert titles == ["h", "h minus wanted", "fuel", "bend", "bend: estimate minus truth"]
@@ -61,8 +61,8 @@ def test_a_run_without_wanted_signals_is_refused():
 
 
 def test_the_picture_of_the_run_shows_what_is_wanted_behind_what_is_and_leaves_idle_terms_out():
-    panels = {p.paths[0]: p for p in panels_of(log())}
-    assert panels["truth.h"].demanded == "law.h_wanted"
+    panels = {p.paths[0]: p for p in select_panels(log())}
+    assert panels["truth.h"].demand_path == "law.h_wanted"
     assert "law.h_wanted" not in panels
     assert "law.idle" not in panels
-    assert "law.busy" in {p.paths[0] for p in panels_of(log(**{"law.busy": np.ones((len(T), 2))}))}
+    assert "law.busy" in {p.paths[0] for p in select_panels(log(**{"law.busy": np.ones((len(T), 2))}))}

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.search.tune import Tuned
-from trimtab.campaign.search.tune_gradient import Step
+from trimtab.campaign.search.tune import TuningResult
+from trimtab.campaign.search.tune_gradient import TuningStep
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.ready import Plan
+from trimtab.campaign.workers.ready import CampaignPlan
 from trimtab.plots.tune import plot_tune
 
 
@@ -15,9 +15,9 @@ def test_steps_and_intervals_are_drawn(tmp_path, method):
     rng = np.random.default_rng(1)
     before = rng.random(50)
     seen, held = compare(before, before - 0.3 + 0.01 * rng.random(50)), compare(before, before + 0.1)
-    steps = [Step(64 * i, 1 / i, np.array([0.1 * i])) for i in range(1, 6)]
+    steps = [TuningStep(64 * i, 1 / i, np.array([0.1 * i])) for i in range(1, 6)]
     gains = {"autopilot.law.k1": 1.0}, {"autopilot.law.k1": 2.5}
-    made = Tuned(Plan("a"), method, {}, *gains, steps, [], seen, held, 320, 1.0)
+    made = TuningResult(CampaignPlan("a"), method, {}, *gains, steps, [], seen, held, 320, 1.0)
     figure = plot_tune(made, tmp_path / "tune.png", title="a tuning")
     assert (tmp_path / "tune.png").stat().st_size > 5000
     assert figure.get_suptitle() == "a tuning: does NOT help in runs it did not see"
@@ -31,6 +31,18 @@ def test_steps_and_intervals_are_drawn(tmp_path, method):
 
 def test_infinite_costs_are_counted(tmp_path):
     lost = compare(np.array([1.0, np.inf, 2.0]), np.array([0.5, 1.0, 3.0]))
-    made = Tuned(Plan("a"), "search", {}, {"k": 1.0}, {"k": 1.0}, [Step(1, 1.0, np.zeros(1))], [], lost, lost, 1, 1.0)
+    made = TuningResult(
+        CampaignPlan("a"),
+        "search",
+        {},
+        {"k": 1.0},
+        {"k": 1.0},
+        [TuningStep(1, 1.0, np.zeros(1))],
+        [],
+        lost,
+        lost,
+        1,
+        1.0,
+    )
     texts = [t.get_text() for t in plot_tune(made).axes[2].texts]
     assert texts == ["2 better\n1 worse"] * 2

@@ -7,7 +7,7 @@ import numpy as np
 from trimtab.core.interfaces import LinkStatistics
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command, Frame, Sample
-from trimtab.wire.dialect import dialect_of
+from trimtab.wire.dialect import derive_dialect
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 
@@ -21,7 +21,7 @@ def sample(value):
 def dialect(samples, command):
     """The dialect of samples by name (their values), and of a command's value."""
     frame = Frame(t=np.int64(0), samples={name: sample(value) for name, value in samples.items()})
-    return frame, dialect_of(frame, Command(t=np.int64(0), valid=False, value=command))
+    return frame, derive_dialect(frame, Command(t=np.int64(0), valid=False, value=command))
 
 
 def places(tree, prefix=""):

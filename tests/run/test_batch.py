@@ -7,11 +7,11 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace, with_leaf
 from trimtab.core.time import ms, seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.batch import ENOUGH, simulate_batch
+from trimtab.run.batch import LEAST_LANE_RUNS, simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
-RUNS = ENOUGH + 3
+RUNS = LEAST_LANE_RUNS + 3
 MASSES = np.linspace(2.2, 3.2, RUNS)
 SPREAD = {"world.vehicle.mass": MASSES}
 needs_c = pytest.mark.skipif(find_compiler("c++") is None, reason="no C++ compiler here")
@@ -19,7 +19,7 @@ needs_c = pytest.mark.skipif(find_compiler("c++") is None, reason="no C++ compil
 
 @pytest.fixture(scope="module")
 def short():
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     return replace(scenario, duration=seconds("0.4"))
 
 

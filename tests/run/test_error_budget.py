@@ -6,14 +6,14 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.run.error_budget import error_budget, sets_of_flights, share
+from trimtab.run.error_budget import cost_share, error_budget, flight_set_count
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 
 
 @pytest.fixture(scope="module")
 def forward():
-    scenario, _ = catalogue.load("hovercraft/forward")
+    scenario, _ = catalogue.load_scenario("hovercraft/forward")
     return replace(scenario, duration=seconds(12))
 
 
@@ -28,8 +28,8 @@ def test_noise_of_navigation_is_what_limits_the_vehicle(found):
     """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause; specification check 14."""
     budget, _ = found
     dearest = {c.name: c for c in budget.costs}["navigation-error"]
-    assert share(budget, dearest, "sway_velocity") > 0.99
-    assert share(budget, dearest, "yaw_rate") > 0.99
+    assert cost_share(budget, dearest, "sway_velocity") > 0.99
+    assert cost_share(budget, dearest, "yaw_rate") > 0.99
     for measure in ("sway_velocity", "yaw_rate"):
         assert dearest.alone[measure][0] > 0.6 * budget.whole[measure][0]
         assert budget.least[measure][0] < 1e-9
@@ -40,7 +40,7 @@ def test_rows_are_what_the_same_flights_give(forward, found):
     assert told == ["all", "none"] + [
         f"{how}" for n in ("navigation-error", "uplink-delay") for how in (f"without {n}", f"{n} alone")
     ]
-    assert len(told) == sets_of_flights(forward, ["navigation-error", "uplink-delay"])
+    assert len(told) == flight_set_count(forward, ["navigation-error", "uplink-delay"])
     logs = simulate_many(forward.without("uplink-delay"), seeds=range(12), signals=("truth",))
     squares = [np.mean(log["truth.yaw_rate"][log.t >= 6] ** 2) for log in logs]
     row = {c.name: c for c in budget.costs}["uplink-delay"].without["yaw_rate"]
@@ -69,12 +69,12 @@ def test_bad_input_is_refused(forward):
 def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
     told = []
     with pytest.raises(InputError, match=r"nothing to measure(.|\n)*Fix: give the scenario targets"):
-        error_budget(catalogue.load("navigation/still")[0], seeds=range(2), tell=told.append)
+        error_budget(catalogue.load_scenario("navigation/still")[0], seeds=range(2), tell=told.append)
     assert told == []
 
 
 @pytest.mark.slow
 def test_navigation_is_measured_without_targets():
-    scenario = replace(catalogue.load("navigation/platform-square-wave")[0], duration=seconds(1))
+    scenario = replace(catalogue.load_scenario("navigation/platform-square-wave")[0], duration=seconds(1))
     assert not scenario.targets
     assert "heading error" in error_budget(scenario, seeds=[0]).whole

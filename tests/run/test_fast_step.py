@@ -7,7 +7,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.fast_step import fast_step
+from trimtab.run.fast_step import compile_autopilot
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
@@ -16,10 +16,10 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 
 @pytest.fixture(scope="module")
 def flown():
-    scenario, _ = catalogue.load("hovercraft/heading-bang-bang")
+    scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     scenario = replace(scenario, duration=seconds(2))
     log = simulate(scenario, log_period=scenario.autopilot.period, backend="jax")
-    return fast_step(scenario), log
+    return compile_autopilot(scenario), log
 
 
 def replay(step, log, k):
@@ -54,15 +54,15 @@ def test_reset_begins_anew(flown):
 def test_wrong_paths_are_refused(flown):
     step, _ = flown
     with pytest.raises(InputError, match="no input"):
-        step.give({"samples.navigation.value.heading_rate": 0.0})
+        step.set_inputs({"samples.navigation.value.heading_rate": 0.0})
     with pytest.raises(InputError, match="no output"):
         step.result("command.value.speed")
 
 
 def test_two_do_not_share_a_state(flown):
     step, log = flown
-    scenario, _ = catalogue.load("hovercraft/heading-bang-bang")
-    other = fast_step(replace(scenario, duration=seconds(2)))
+    scenario, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
+    other = compile_autopilot(replace(scenario, duration=seconds(2)))
     step.reset()
     replay(step, log, 0)
     before = step.outputs.copy()

@@ -4,11 +4,11 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.exchange import Taken
-from trimtab.live.fly import Flyer
-from trimtab.live.real_time import QUEUE, discard
-from trimtab.live.remote import QUICK_ASKS, Remote
-from trimtab.live.vehicle import Vehicle
+from trimtab.live.exchange import GroupSample
+from trimtab.live.fly import LiveAutopilot
+from trimtab.live.real_time import DISCARD_LIMIT, discard_packets
+from trimtab.live.remote import QUICK_ASKS, RemoteVehicle
+from trimtab.live.vehicle import LiveVehicle
 from trimtab.wire.time_sync import TimeSync
 
 OFFSET = 98_765_432
@@ -35,73 +35,73 @@ class Line:
 def answered(remote, now, up, down):
     asked = remote.sync.ask(now)
     fields = {"tc1": (now + up + OFFSET) * 100, "ts1": asked["ts1"]}
-    remote.take(SimpleNamespace(name="TIMESYNC", **VEHICLE, get=fields.get), now + up + down)
+    remote.handle_message(SimpleNamespace(name="TIMESYNC", **VEHICLE, get=fields.get), now + up + down)
 
 
 def heartbeat(remote, now):
     fields = {"base_mode": 0, "autopilot": 0}
-    remote.take(SimpleNamespace(name="HEARTBEAT", **VEHICLE, get=fields.get), now)
+    remote.handle_message(SimpleNamespace(name="HEARTBEAT", **VEHICLE, get=fields.get), now)
 
 
 def same_messages(remote, now):
     fields = {"flight_custom_version": FINGERPRINT}
-    remote.take(SimpleNamespace(name="AUTOPILOT_VERSION", **VEHICLE, get=fields.get), now)
+    remote.handle_message(SimpleNamespace(name="AUTOPILOT_VERSION", **VEHICLE, get=fields.get), now)
 
 
 def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
     """Eight questions lay with a vehicle that was starting: its clock came out 0.3 s wrong, and it was armed."""
     endpoint = SimpleNamespace(pack=lambda *_: b"", dialect=SimpleNamespace(fingerprint=FINGERPRINT))
-    remote = Remote(endpoint, Line())
+    remote = RemoteVehicle(endpoint, Line())
     heartbeat(remote, 0)
     same_messages(remote, 0)
     for k in range(QUICK_ASKS):
         answered(remote, ms(50 * k), seconds(1) - ms(50 * k), ms(1))
-    assert not remote.ready
+    assert not remote.is_ready
     answered(remote, seconds(2), ms(1), ms(1))
-    assert remote.ready
+    assert remote.is_ready
     assert abs(remote.offset(seconds(2)) - OFFSET) < ms(5)
 
 
 def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
     stamps = []
-    flyer = object.__new__(Flyer)
+    flyer = object.__new__(LiveAutopilot)
     flyer.pilot = SimpleNamespace(commands=lambda _, ahead: stamps.append(ahead) or [])
     flyer.remote, flyer.endpoint, flyer.link = SimpleNamespace(sync=TimeSync()), None, Line()
     flyer._sent = flyer._jumps = 0
     times = [ms(20 * k) for k in range(40)]
     for t in times:
-        flyer._send(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
+        flyer._send_command(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
     issued = [t + ahead for t, ahead in zip(times, stamps, strict=True)]
     assert all(b > a for a, b in pairwise(issued))
     assert issued[-1] == times[-1] + OFFSET
     flyer.remote.sync.jumps += 1  # another clock: a vehicle that was started again counts from zero
-    flyer._send(ms(800), 0)
+    flyer._send_command(ms(800), 0)
     assert ms(800) + stamps[-1] == ms(800)
 
 
 def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_comes_last():
     """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
     for times in ((20, 40), (40, 20)):
-        vehicle = object.__new__(Vehicle)
+        vehicle = object.__new__(LiveVehicle)
         vehicle.clock, vehicle.link = SimpleNamespace(now=lambda: 0), SimpleNamespace(vouch=lambda: None)
         vehicle.endpoint = SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data])
-        vehicle._command = SimpleNamespace(names=("COMMAND",), take=lambda m: Taken(m.t, [], [], 0))
+        vehicle._command = SimpleNamespace(names=("COMMAND",), take=lambda m: GroupSample(m.t, [], [], 0))
         vehicle._newest = None
-        vehicle._hear(times)
+        vehicle._handle_data(times)
         assert vehicle._newest.t == 40
 
 
 def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
-    assert discard(Line(3)) == 3
-    assert discard(Line(10**9)) == QUEUE
+    assert discard_packets(Line(3)) == 3
+    assert discard_packets(Line(10**9)) == DISCARD_LIMIT
 
 
 def test_silence_is_told_once_and_so_is_its_end():
-    flyer, said = object.__new__(Flyer), []
+    flyer, said = object.__new__(LiveAutopilot), []
     flyer.endpoint = SimpleNamespace(counts=SimpleNamespace(accepted=0))
     flyer._accepted, flyer._heard, flyer._silent = 0, 0, False
     for k in range(100):
         flyer.endpoint.counts.accepted += k < 20 or k > 80
-        flyer._listen(ms(10 * k), None, said.append)
+        flyer._report_silence(ms(10 * k), None, said.append)
     assert said == ["nothing from the vehicle for 0.250 s", "the vehicle is heard again, after 0.620 s"]

@@ -21,7 +21,7 @@ def cost(s):
 
 @pytest.fixture(scope="module")
 def ideal():
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     return replace(scenario.ideal(), duration=seconds(4))
 
 
@@ -45,7 +45,7 @@ def test_slope_is_that_of_central_differences(ideal, path):
 
 
 def test_real_scenario_has_a_gradient_too():
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     found = gradient(replace(scenario, duration=seconds(1)), cost, ("autopilot.law.k2",))
     assert np.isfinite(found.cost)
     assert np.isfinite(found.slope["autopilot.law.k2"])

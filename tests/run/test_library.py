@@ -13,7 +13,7 @@ from trimtab.core.time import seconds
 from trimtab.native.compiler import find_compiler
 from trimtab.run import library
 from trimtab.run.batch import simulate_batch
-from trimtab.run.library import rows_of, threads_of
+from trimtab.run.library import row_numbers, thread_count
 from trimtab.scenarios import catalogue
 
 needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
@@ -21,19 +21,19 @@ needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler h
 
 @pytest.fixture(scope="module")
 def short():
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     return replace(scenario, duration=seconds("0.5"))
 
 
 def test_rows_of_what_is_written():
-    np.testing.assert_array_equal(rows_of(np.array([True, False, False, True])), [0, 4, 4, 1])
+    np.testing.assert_array_equal(row_numbers(np.array([True, False, False, True])), [0, 4, 4, 1])
 
 
 def test_threads_are_bounded():
-    assert threads_of(0) == 1
-    assert threads_of(3) == 3
-    assert threads_of(10**6) == 256
-    assert threads_of(None) >= 1
+    assert thread_count(0) == 1
+    assert thread_count(3) == 3
+    assert thread_count(10**6) == 256
+    assert thread_count(None) >= 1
 
 
 @needs_c

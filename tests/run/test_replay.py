@@ -10,11 +10,11 @@ from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.native.compiler import find_compiler
-from trimtab.run.program import described
-from trimtab.run.replay import describe, first_bit, replay
+from trimtab.run.program import describe_scenario
+from trimtab.run.replay import describe_replay, first_bit_difference, replay
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.recorded import recorded_scenario
+from trimtab.scenarios.recorded import rebuild_scenario
 
 compiled = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 NAVIGATION = ("errors", "ins", "ins-magnetometer", "ins-coupled")
@@ -36,7 +36,7 @@ QUICK = [RUNS[0], RUNS[11]]
 
 def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend="c") -> Log:
     """A run from its file, as who replays it has it."""
-    scenario, _ = catalogue.load(name, settings)
+    scenario, _ = catalogue.load_scenario(name, settings)
     log = simulate(
         scenario, seed=seed, run=run, duration=duration, log_period=scenario.autopilot.period, backend=backend
     )
@@ -45,7 +45,7 @@ def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend
 
 def with_signal(log: Log, path: str, values: np.ndarray) -> Log:
     signals = {**log.signals, path: values}
-    return Log(log.t, log.ticks, signals, log.declared, log.metadata, log.final)
+    return Log(log.t, log.ticks, signals, log.declarations, log.metadata, log.final)
 
 
 def flipped(log: Log, path: str, row: int, bit: int) -> Log:
@@ -58,20 +58,20 @@ def flipped(log: Log, path: str, row: int, bit: int) -> Log:
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     log = recorded(tmp_path_factory.mktemp("flight"), "hovercraft/zero-velocity", {"links": "measured"})
-    return log, recorded_scenario(log)
+    return log, rebuild_scenario(log)
 
 
 def check_exact(folder, name, settings, seed):
     log = recorded(folder, name, settings, seed=seed, run=seed % 3)
-    again = replay(log, recorded_scenario(log), backend="c")
+    again = replay(log, rebuild_scenario(log), backend="c")
     assert again.strict
     assert again.exact, again.first
     assert again.equal
-    assert len(again.recorded) == len(log)
+    assert len(again.recorded_log) == len(log)
     paths = {p for p in log.paths if p.startswith(("estimate.", "law.", "command."))}
-    assert set(again.recorded.paths) == paths == set(again.replayed.paths)
+    assert set(again.recorded_log.paths) == paths == set(again.replayed_log.paths)
     for path in paths:
-        np.testing.assert_array_equal(again.replayed[path], log[path])
+        np.testing.assert_array_equal(again.replayed_log[path], log[path])
 
 
 @compiled
@@ -102,7 +102,7 @@ def test_a_bit_changed_in_an_output_is_named(flight, path, row, bit):
     assert found.first is not None
     assert (found.first.t, found.first.path) == (log.t[row], path)
     assert (found.first.recorded, found.first.replayed) == (wrong[path][row], log[path][row])
-    assert path in describe(found)
+    assert path in describe_replay(found)
 
 
 @compiled
@@ -143,7 +143,7 @@ def test_on_another_backend_it_agrees_within_the_tolerance_and_no_more(flight):
 @pytest.mark.slow
 def test_what_jax_recorded_jax_repeats(tmp_path):
     log = recorded(tmp_path, "hovercraft/spin", {}, duration=ms(200), backend="jax")
-    found = replay(log, recorded_scenario(log), backend="jax")
+    found = replay(log, rebuild_scenario(log), backend="jax")
     assert found.strict
     assert found.exact
 
@@ -163,10 +163,10 @@ def test_a_log_that_is_cut_replays_up_to_the_cut(flight, tmp_path):
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
     cut = read_mcap(tmp_path / "cut.mcap")
     assert 0 < len(cut) < len(log)
-    found = replay(cut, recorded_scenario(cut), backend="c")
+    found = replay(cut, rebuild_scenario(cut), backend="c")
     assert found.exact
-    assert len(found.replayed) == len(cut)
-    assert "cut at" in found.rest
+    assert len(found.replayed_log) == len(cut)
+    assert "cut at" in found.end_reason
 
 
 @compiled
@@ -177,7 +177,7 @@ def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
     fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declared, log.metadata)
     found = replay(fine, scenario, backend="c")
     assert found.exact
-    assert len(found.replayed) == len(log)
+    assert len(found.replayed_log) == len(log)
     coarse = {p: v[::2] for p, v in log.signals.items()}
     with pytest.raises(InputError, match="--log-period '1 ms'"):
         replay(Log(log.t[::2], log.ticks[::2], coarse, log.declared, log.metadata), scenario, backend="c")
@@ -192,8 +192,8 @@ def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
     signals["log.dropped"] = np.where(np.arange(len(kept)) < 400, 0, 50)
     found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declared, log.metadata), scenario, backend="c")
     assert found.exact
-    assert len(found.replayed) == 400
-    assert "lacks steps after 0.399 s" in found.rest
+    assert len(found.replayed_log) == 400
+    assert "lacks steps after 0.399 s" in found.end_reason
 
 
 def test_what_cannot_be_replayed_is_refused(flight):
@@ -204,10 +204,10 @@ def test_what_cannot_be_replayed_is_refused(flight):
         replay(log.between(5.0, 6.0), scenario)
     few = {p: v for p, v in log.signals.items() if not p.endswith("yaw_rate")}
     with pytest.raises(InputError, match=r"lacks 'downlink\.navigation\.value\.yaw_rate'"):
-        replay(Log(log.t, log.ticks, few, log.declared, log.metadata), scenario)
+        replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
     few = {p: v for p, v in log.signals.items() if p.startswith("downlink.")}
     with pytest.raises(InputError, match="nothing of what an autopilot gives"):
-        replay(Log(log.t, log.ticks, few, log.declared, log.metadata), scenario)
+        replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
 
 
 @compiled
@@ -216,8 +216,8 @@ def test_another_autopilot_flies_the_same_frames(flight):
     law = replace(scenario.autopilot.law, k1=2 * scenario.autopilot.law.k1)
     found = replay(log, scenario, autopilot=replace(scenario.autopilot, law=law), backend="c")
     assert (found.changed, found.first, found.equal) == (True, None, True)
-    np.testing.assert_array_equal(found.replayed["estimate.state.heading"], log["estimate.state.heading"])
-    assert not np.array_equal(found.replayed["law.demand.FX"], log["law.demand.FX"])
+    np.testing.assert_array_equal(found.replayed_log["estimate.state.heading"], log["estimate.state.heading"])
+    assert not np.array_equal(found.replayed_log["law.demand.FX"], log["law.demand.FX"])
     with pytest.raises(InputError, match="reads sensor 'compass'"):
         replay(log, scenario, autopilot=replace(scenario.autopilot, estimator=Passthrough("compass")), backend="c")
 
@@ -225,27 +225,28 @@ def test_another_autopilot_flies_the_same_frames(flight):
 def test_bits_are_compared_as_a_log_keeps_them():
     ticks = np.arange(4)
     one = Log(ticks * 1e-7, ticks, {"a.x": np.array([0.0, np.nan, 1.0, 2.0]), "a.n": np.array([1, 2, 3, 4])})
-    assert first_bit(one, one) is None
+    assert first_bit_difference(one, one) is None
     zero = with_signal(one, "a.x", np.array([-0.0, np.nan, 1.0, 2.0]))
-    found = first_bit(one, zero)
+    found = first_bit_difference(one, zero)
     assert found is not None
     assert (found.t, found.path) == (0.0, "a.x")
     later = with_signal(with_signal(one, "a.x", np.array([0.0, np.nan, 1.0, 3.0])), "a.n", np.array([1, 2, 0, 4]))
-    found = first_bit(one, later)
+    found = first_bit_difference(one, later)
     assert found is not None
     assert (found.t, found.path, found.recorded, found.replayed) == (2e-7, "a.n", 3.0, 0.0)
 
 
 def test_every_setting_of_the_recorded_scenario_is_as_it_was(tmp_path):
-    scenario, _ = catalogue.load("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
+    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
     vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
     scenario = replace(scenario, world=replace(scenario.world, vehicle=vehicle), duration=ms(10))
     log = read_mcap(
         write_mcap(
-            Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, described(scenario)), tmp_path / "run.mcap"
+            Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, describe_scenario(scenario)),
+            tmp_path / "run.mcap",
         )
     )
-    again = recorded_scenario(log)
+    again = rebuild_scenario(log)
     here, there = (list(leaves(s)) for s in (again, scenario))
     assert [p for p, _, _ in here] == [p for p, _, _ in there]
     for (path, a, _), (_, b, _) in zip(here, there, strict=True):
@@ -258,10 +259,10 @@ def test_a_scenario_that_is_built_otherwise_is_refused(flight):
     parts = {**log.metadata["parts"], "autopilot.law": "AnotherLaw"}
     other = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "parts": parts}, log.final)
     with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
-        recorded_scenario(other)
+        rebuild_scenario(other)
     gone = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "scenario": "hovercraft/gone"}, log.final)
     with pytest.raises(InputError, match=r"--scenario file\.py:function"):
-        recorded_scenario(gone)
-    assert recorded_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
+        rebuild_scenario(gone)
+    assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
     with pytest.raises(InputError, match="does not say its scenario"):
-        recorded_scenario(Log(log.t, log.ticks, log.signals))
+        rebuild_scenario(Log(log.t, log.ticks, log.signals))

@@ -20,7 +20,7 @@ from trimtab.sensors.navigation_errors import NavigationErrors, PlanarNavigation
 
 @pytest.fixture(scope="module")
 def short():
-    scenario, _ = catalogue.load("hovercraft/zero-velocity")
+    scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     return replace(scenario, duration=seconds(1))
 
 

@@ -7,31 +7,31 @@ from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import Duties
-from trimtab.live.exchange import Taken
-from trimtab.live.failsafe_step import failsafe_of
-from trimtab.live.injector import names_for_faults, planned
+from trimtab.live.exchange import GroupSample
+from trimtab.live.failsafe_step import choose_failsafe
+from trimtab.live.injector import fault_parameter_names, plan_fault
 from trimtab.live.uplink_step import uplink_step
-from trimtab.live.vehicle import on_real_link
-from trimtab.live.world_step import compiled_world
+from trimtab.live.vehicle import replace_links
+from trimtab.live.world_step import compile_world
 from trimtab.loop.fault import WORDS
-from trimtab.loop.faults import injected
+from trimtab.loop.faults import inject_faults
 from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.run.fast_step import FastStep
 from trimtab.scenarios import catalogue
 from trimtab.wire.parameters import Parameters
-from trimtab.wire.protocol import ArmAsked
+from trimtab.wire.protocol import ArmRequest
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    built, _ = catalogue.load("hovercraft/forward")
+    built, _ = catalogue.load_scenario("hovercraft/forward")
     return built
 
 
 @pytest.fixture(scope="module")
 def parts(scenario):
     bare = replace(scenario, world=replace(scenario.world, uplink=Wire(), downlink=Wire()))
-    world, _, command = compiled_world(bare)
+    world, _, command = compile_world(bare)
     return bare, world, command
 
 
@@ -48,13 +48,13 @@ def driven(parts, step, word, severity=1.0):
         fault = {"word": WORDS.index(word), "start": ms(500), "duration": ms(500), "severity": severity}
         for name, value in fault.items():
             step.parameters[f"uplink.fault.{name}"][...] = value
-    duties = Duties(failsafe_of(bare, command), command, world, step)
+    duties = Duties(choose_failsafe(bare, command), command, world, step)
     where = [duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
-    duties.ask(ArmAsked(True, (1, 191)), 0)
+    duties.ask(ArmRequest(True, (1, 191)), 0)
     speeds, modes = [], []
     for k in range(1500):
         t = ms(k)
-        taken = Taken(t, where, (t, True, 1.5e-3, 5000.0 + k), 0) if k % 20 == 0 else None
+        taken = GroupSample(t, where, (t, True, 1.5e-3, 5000.0 + k), 0) if k % 20 == 0 else None
         duties.act(t, taken)
         valid = world.inputs[world.reads["command.valid"]]
         speeds.append(world.inputs[world.reads["command.value.speed_rpm"]] if valid else 0.0)
@@ -95,19 +95,19 @@ def test_a_wrong_uplink_is_believed_only_within_limits(parts, step):
 
 def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
     """They were lost with the simulated channels that they stood in."""
-    both = on_real_link(injected(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
+    both = replace_links(inject_faults(scenario, ["uplink delayed by 0.3 @ 1 s", "downlink off @ 2 s"]))
     for channel, word in ((both.world.uplink, "delayed"), (both.world.downlink, "off")):
         assert WORDS[int(channel.fault.word)] == word
         assert isinstance(channel.inner, Wire)
         channel.check()
-    assert isinstance(on_real_link(scenario).world.uplink, Wire)
+    assert isinstance(replace_links(scenario).world.uplink, Wire)
 
 
 def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
-    from trimtab.live.injector import ready_for_faults
+    from trimtab.live.injector import add_idle_faults
 
-    table = Parameters(ready_for_faults(scenario).world, "world").table()
-    plan = planned(scenario, "sensor:navigation wrong by 0.25 for 2 s", names_for_faults(scenario))
+    table = Parameters(add_idle_faults(scenario).world, "world").table()
+    plan = plan_fault(scenario, "sensor:navigation wrong by 0.25 for 2 s", fault_parameter_names(scenario))
     assert [table[name][0].removeprefix("world.sensors.navigation.fault.") for name in plan.values] == [
         "start",
         "duration",

@@ -17,7 +17,7 @@ ARM = 0.32
 @cache
 def ideal(name, *settings, duration=None):
     """Log of the ideal twin, every millisecond."""
-    scenario, rest = catalogue.load(f"hovercraft/{name}", dict(settings))
+    scenario, rest = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     return simulate(with_settings(scenario, rest).ideal(), duration=duration)
 
 
@@ -145,6 +145,6 @@ def test_lyapunov_functions_fall_along_ideal_runs():
 
 def test_log_period_does_not_change_the_flight():
     """A sparser log is the same flight, seen less often."""
-    scenario = replace(catalogue.load("hovercraft/zero-velocity")[0], duration=seconds(2))
+    scenario = replace(catalogue.load_scenario("hovercraft/zero-velocity")[0], duration=seconds(2))
     fine, coarse = simulate(scenario), simulate(scenario, log_period=ms(6))
     np.testing.assert_array_equal(coarse["truth.yaw_rate"], fine["truth.yaw_rate"][::6])

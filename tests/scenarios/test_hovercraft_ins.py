@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from trimtab.logs.navigation import navigation, series
+from trimtab.logs.navigation import assess_navigation, state_series
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 
-FLIGHTS = [name for name in catalogue.names() if name.startswith("hovercraft/")]
+FLIGHTS = [name for name in catalogue.scenario_names() if name.startswith("hovercraft/")]
 SEEDS = range(10)
 
 
 def flown(name, **choices):
-    scenario, _ = catalogue.load(name, choices)
+    scenario, _ = catalogue.load_scenario(name, choices)
     return scenario, simulate_many(scenario, seeds=SEEDS)
 
 
@@ -20,7 +20,7 @@ def rms_errors(logs, after_s=5.0):
     """Root mean square over runs and instants, by state."""
     found = {}
     for log in logs:
-        for name, one in series(log).items():
+        for name, one in state_series(log).items():
             if one.error is not None:
                 found.setdefault(name, []).append(np.mean(one.error[one.t > after_s] ** 2))
     return {name: np.sqrt(np.mean(squares)) for name, squares in found.items()}
@@ -37,11 +37,11 @@ def check_accuracy(logs, heading=0.02):
 def test_zero_velocity_is_flown_accurately_and_honestly():
     scenario, logs = flown("hovercraft/zero-velocity", navigation="ins")
     check_accuracy(logs)
-    verdicts = [navigation(log).verdict for log in logs]
+    verdicts = [assess_navigation(log).verdict for log in logs]
     print(verdicts)
     assert verdicts.count("optimistic") <= 1  # its errors hang together in time: rather too careful than too sure
     assert verdicts.count("consistent") >= 6
-    model, _ = catalogue.load("hovercraft/zero-velocity")
+    model, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     before = simulate_many(model, seeds=SEEDS)
     late = logs[0].t > 10
 
@@ -60,7 +60,7 @@ def test_zero_velocity_is_flown_accurately_and_honestly():
 def test_every_flight_is_flown_on_every_kind(name, kind):
     _, logs = flown(name, navigation=kind)
     check_accuracy(logs)
-    verdicts = [navigation(log).verdict for log in logs]
+    verdicts = [assess_navigation(log).verdict for log in logs]
     print(name, kind, verdicts, rms_errors(logs))
     assert verdicts.count("optimistic") <= 3
     assert all(log["estimate.valid"][log.t > 1].all() for log in logs)

@@ -42,7 +42,7 @@ BANDS = {  # figure: signal: (min band, max band), from the ticks that enclose e
 @cache
 def logs(name, without=(), reading="C"):
     """One log per seed, truth only."""
-    scenario, _ = catalogue.load(f"hovercraft/{name}")
+    scenario, _ = catalogue.load_scenario(f"hovercraft/{name}")
     for fault in without:
         scenario = scenario.without(fault)
     if reading != "C":

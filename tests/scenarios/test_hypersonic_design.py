@@ -11,11 +11,11 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.design import composite
-from trimtab.design.certificate import as_json, parsed
-from trimtab.design.certificate_check import check
+from trimtab.design.certificate import certificate_json, parse_certificate
+from trimtab.design.certificate_check import prove_certificate
 from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
-from trimtab.estimators.flexible.model import dynamics_of
+from trimtab.estimators.flexible.model import modal_dynamics
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic import _design as hypersonic
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers
@@ -81,7 +81,7 @@ def test_robust_term_of_either_sign(linear):
 
 def test_integral_action_by_the_hamiltonian(linear):
     """[H] 7.3, 11 states: against P from the stable subspace of the scaled Hamiltonian matrix."""
-    A, B = hypersonic.matrices(linear, integral=True)
+    A, B = hypersonic.error_matrices(linear, integral=True)
     Qe, Re, d = hypersonic.weights(integral=True)
     np.testing.assert_array_equal(A[9:], np.eye(11)[[0, 2]])
     np.testing.assert_allclose(np.diag(Qe)[9:], [1 / 1000**2, 1 / 100**2])
@@ -99,13 +99,15 @@ def test_check_09_the_inequality_and_its_weight(linear):
     """Acceptance check 9, [H] 7.2, 7.3: LQR leaves Q_e - Q to 1e-9 scaled; strict with Q = 1.01 Q_e; z for a weight."""
     Qe, _, _ = hypersonic.weights()
     for strict in (1.0, 1.01):
-        left = -composite.inequality(feedback(linear, strict))
+        left = -composite.inequality_matrix(feedback(linear, strict))
         np.testing.assert_allclose((left - (Qe - strict * Qe)) * np.outer(D, D), 0, atol=1e-9)
     f, o = feedback(linear, 1.01), observer(linear, 10.0)
     allowed = np.sqrt(np.diag(Qe))
-    assert np.linalg.eigvalsh(composite.inequality(f) / np.outer(allowed, allowed))[0] == pytest.approx(0.01, rel=1e-6)
-    size = np.sqrt(np.diag(composite.weighted(f, o, 4.3)))
-    assert np.linalg.eigvalsh(composite.weighted(f, o, 4.3) / np.outer(size, size))[0] > 0
+    assert np.linalg.eigvalsh(composite.inequality_matrix(f) / np.outer(allowed, allowed))[0] == pytest.approx(
+        0.01, rel=1e-6
+    )
+    size = np.sqrt(np.diag(composite.weighted_matrix(f, o, 4.3)))
+    assert np.linalg.eigvalsh(composite.weighted_matrix(f, o, 4.3) / np.outer(size, size))[0] > 0
 
 
 def test_least_weights(linear):
@@ -113,9 +115,9 @@ def test_least_weights(linear):
     for strict, density, want in ((1, 10.0, 4.22), (1, 5e-7, 2.78), (1.01, 10.0, 4.25), (1.01, 5e-7, 2.80)):
         f, o = feedback(linear, strict), observer(linear, density)
         assert composite.least_weight(f, o) == pytest.approx(want, abs=5e-3)
-        size = np.sqrt(np.diag(composite.weighted(f, o, 1.0)))
+        size = np.sqrt(np.diag(composite.weighted_matrix(f, o, 1.0)))
         for weight, holds in ((1.0, False), (1.01 * want, True)):
-            z = composite.weighted(f, o, weight) / np.outer(size, size)
+            z = composite.weighted_matrix(f, o, weight) / np.outer(size, size)
             assert (np.linalg.eigvalsh(z)[0] > 0) == holds
 
 
@@ -135,7 +137,7 @@ def test_printed_form_holds_where_weight_1_fails(linear):
     the two filters there.
     """
     f = feedback(linear)
-    got = [np.linalg.eigvalsh(composite.printed(f, observer(linear, r)))[-1] for r in (10.0, 5e-7)]
+    got = [np.linalg.eigvalsh(composite.printed_inequality(f, observer(linear, r)))[-1] for r in (10.0, 5e-7)]
     np.testing.assert_allclose(got, [-1.168e-3, -1.747e-3], rtol=1e-3)
     assert got[1] < -1.4e-3 < got[0]
 
@@ -143,7 +145,7 @@ def test_printed_form_holds_where_weight_1_fails(linear):
 def test_modes_are_a_block_of_the_errors_and_observable(linear):
     """[H] 5.1: A_eta, C, poles, rank 4."""
     A, C, *_ = hypersonic.mode_filter(linear)
-    wanted = [np.asarray(M) for M in dynamics_of(Hypersonic())]
+    wanted = [np.asarray(M) for M in modal_dynamics(Hypersonic())]
     np.testing.assert_allclose(A, wanted[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(C[0], wanted[1], rtol=1e-9)
     assert constant_rank(A, C).rank == 4
@@ -152,8 +154,8 @@ def test_modes_are_a_block_of_the_errors_and_observable(linear):
 @pytest.mark.parametrize("options", [{}, {"method": "lmi", "filter": "accurate"}, {"integral": True}])
 def test_certificates_are_proved_exactly(options):
     """[H] 7.5, items 1-3 by exact arithmetic from the file; 4 and 5 as recorded."""
-    text = as_json(hypersonic.certificate(**options))
-    found = check(*parsed(text, "file"))
+    text = certificate_json(hypersonic.certificate(**options))
+    found = prove_certificate(*parse_certificate(text, "file"))
     assert found.holds, [c for c in found.conditions if not c.holds]
     numbers = {c.name: c for c in found.conditions}
     assert numbers["kappa_G"].number == 0.0
@@ -170,7 +172,7 @@ def test_weight_is_proved_at_1_01_and_refused_below(linear):
     o = made.observer
     assert o.weight == pytest.approx(1.01 * o.least_weight, rel=1e-12)
     less = made._replace(observer=o._replace(weight=float(Fraction(99, 100) * Fraction(o.least_weight))))
-    broken = [c for c in check(less).conditions if not c.holds]
+    broken = [c for c in prove_certificate(less).conditions if not c.holds]
     assert any(c.name.startswith("(15)") and c.number < 0 for c in broken)
 
 
@@ -205,4 +207,4 @@ def test_the_certified_gain_is_the_one_that_flies():
 def test_a_certificate_without_a_place_is_refused(value):
     made = hypersonic.certificate()
     with pytest.raises(InputError, match=r"about\.h_ft"):
-        hypersonic.again(made._replace(about={**made.about, "h_ft": value}))
+        hypersonic.recompute_matrices(made._replace(about={**made.about, "h_ft": value}))

@@ -13,7 +13,7 @@ from trimtab.native.compiler import find_compiler
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.hypersonic._flight import flight
+from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = 20
@@ -33,7 +33,7 @@ class Flights:
     """Many runs of the large climb: rows after 20 s of each, by (noise, factor of the frequencies)."""
 
     def __init__(self, cases):
-        scenario, _ = catalogue.load("hypersonic/noise")
+        scenario, _ = catalogue.load_scenario("hypersonic/noise")
         modes, x = scenario.world.vehicle.modes, scenario.initial
         by = np.array([factor for _, factor, _ in cases])
         spread = {
@@ -108,7 +108,7 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
     """[H] 9, check 10: steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
     ends = {}
     for form in ("noncausal", "linear"):
-        scenario, _ = catalogue.load("hypersonic/climb-large", {"internal": form})
+        scenario, _ = catalogue.load_scenario("hypersonic/climb-large", {"internal": form})
         log = simulate(scenario, log_period=ms(100))
         ends[form] = np.abs(log["law.h_error"][log.t > 180]).max()
     print(ends)
@@ -119,7 +119,7 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
 @pytest.mark.slow
 def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     """[H] 8: with the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
-    scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02"})
+    scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02"})
     log = simulate(scenario, log_period=ms(100))
     h = rms(log["law.h_error"][log.t > 20])
     print(f"h {h:.1f} ft, saturated {log['law.saturated'][log.t > 100].mean():.3f} of the time")
@@ -128,7 +128,7 @@ def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
 
 
 def test_a_table_of_another_climb_or_vehicle_is_refused():
-    scenario, _ = catalogue.load("hypersonic/climb-small")
+    scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     law = scenario.autopilot.law
     with pytest.raises(InputError, match="another command or vehicle"):
         replace(law, command=replace(law.command, dh=900.0)).check()
@@ -141,13 +141,13 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
     """The issue: commands that saturate the engine are refused with the number that broke it."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)
     with pytest.raises(InputError, match=r"at \d+\.?\d* s needs fuel ratio 1\.\d+, limits are 0\.02 and 1\.5"):
-        flight("mine", climb, 60.0).check()
+        hypersonic_scenario("mine", climb, 60.0).check()
     with pytest.raises(InputError, match="without pitching moment"):
-        flight("mine", replace(climb, dh=5000.0), 60.0)
+        hypersonic_scenario("mine", replace(climb, dh=5000.0), 60.0)
 
 
 def test_a_run_that_outlasts_its_table_is_refused():
-    scenario, _ = catalogue.load("hypersonic/climb-small")
+    scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     with pytest.raises(InputError, match=r"autopilot\.law\.internal.*ends at 150 s, the run at 200 s"):
         replace(scenario, duration=seconds(200)).check()
 
@@ -155,13 +155,13 @@ def test_a_run_that_outlasts_its_table_is_refused():
 @pytest.mark.slow
 def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     """What a load does to a mode goes with 1/w^2; an estimate of w scales what is wanted of it."""
-    scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})
+    scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})
     log = simulate(scenario, seed=1, log_period=ms(100))
     late = log.t > 60
     print(f"h up to {np.abs(log['law.h_error'][late]).max():.3f} ft")
     assert np.abs(log["law.h_error"][late]).max() < 0.15
     wanted, w2 = log["law.eta2_wanted"][late], log["estimate.state.frequencies.w2"][late]
-    fixed, _ = catalogue.load("hypersonic/modal-mismatch", {"frequency": "1.10"})
+    fixed, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"frequency": "1.10"})
     told = simulate(fixed, seed=1, log_period=ms(100))["law.eta2_wanted"][late]
     np.testing.assert_allclose(wanted, told * (20.0 / w2) ** 2, rtol=1e-9)
     assert math.isclose(float(np.median(w2)), 22.0, rel_tol=0.05)

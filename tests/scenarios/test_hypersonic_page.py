@@ -33,7 +33,7 @@ def says(text):
 @cache
 def flown(name, **choices):
     """One flight, seed 0, every 50 ms."""
-    scenario, rest = catalogue.load(f"hypersonic/{name}", choices)
+    scenario, rest = catalogue.load_scenario(f"hypersonic/{name}", choices)
     assert not rest
     return simulate(scenario, seed=0, log_period=ms(50))
 
@@ -60,7 +60,7 @@ def test_climbs():
 @cache
 def batch(filter):
     """20 seeds with noise of the large climb, and one without: errors of h, of V, elevator (deg), by run."""
-    scenario, _ = catalogue.load("hypersonic/noise", {"filter": filter})
+    scenario, _ = catalogue.load_scenario("hypersonic/noise", {"filter": filter})
     spread = {NOISE: np.array([0.01] * len(SEEDS) + [0.0])}
     signals = ("law.h_error", "law.V_error", "actuators.u.delta_e")
     options = {"signals": signals, "log": True, "log_period": ms(50), "spread": spread}
@@ -111,7 +111,7 @@ def test_frequencies_off():
 def test_frequencies_off_over_seeds():
     found = []
     for q in ("0.90", "1.10"):
-        scenario, _ = catalogue.load("hypersonic/modal-mismatch", {"frequency": q})
+        scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"frequency": q})
         runs = simulate_batch(scenario, seeds=SEEDS, signals=("law.h_error",), log=True, log_period=ms(50))
         found.append(rms(runs.log["law.h_error"][:, runs.ticks > seconds(20)]))
         print(q, found[-1].min(), found[-1].max())

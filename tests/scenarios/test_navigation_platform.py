@@ -14,10 +14,10 @@ import jax
 import numpy as np
 import pytest
 
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms, to_seconds
-from trimtab.logs.navigation import navigation, series
+from trimtab.logs.navigation import assess_navigation, state_series
 from trimtab.loop.walk import start
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate, simulate_many
@@ -31,7 +31,7 @@ RUNS = 8
 @cache
 def flown(name, rates=(), **settings):
     """Batch of RUNS seeds for each rate (deg/s), or at the scenario's own."""
-    scenario, rest = catalogue.load(f"navigation/{name}", {"covariance": "literal"} | settings)
+    scenario, rest = catalogue.load_scenario(f"navigation/{name}", {"covariance": "literal"} | settings)
     assert not rest
     seeds = list(range(RUNS)) * max(len(rates), 1)
     spread = {"autopilot.law.rate": np.radians(np.repeat(rates, RUNS))} if rates else {}
@@ -95,7 +95,7 @@ def test_check_21_position_and_velocity_with_the_crickets():
 @pytest.mark.slow
 def test_check_21_heading_of_two_units_raw_and_assisted():
     """[1] section 6.2.1: about 25 deg, with inertial assistance about 10; 22-30 and 8-13."""
-    scenario, _ = catalogue.load("navigation/platform-cricket", {"covariance": "literal"})
+    scenario, _ = catalogue.load_scenario("navigation/platform-cricket", {"covariance": "literal"})
     signals = ("truth.heading", "sensors.unit_a", "sensors.unit_b", "estimate.state.north", "estimate.state.east")
     raw, assisted = [], []
     for seed in range(4):
@@ -125,15 +125,15 @@ def test_table_6_6_compensation_helps():
     "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.slow) for f in ("feedback", "direct", "coupled"))]
 )
 def test_every_form_fits_every_experiment(name, form):
-    scenario, rest = catalogue.load(f"navigation/platform-{name}", {"form": form})
+    scenario, rest = catalogue.load_scenario(f"navigation/platform-{name}", {"form": form})
     scenario.check()
     assert not rest
-    jax.eval_shape(lambda x: start(scenario.world, scenario.autopilot, x, key(0)), numeric(scenario.initial))
+    jax.eval_shape(lambda x: start(scenario.world, scenario.autopilot, x, key(0)), to_arrays(scenario.initial))
 
 
 def test_the_rig_turns_as_told_and_its_ideal_twin_too():
     for name, rate in (("platform-magnetometer", -166.0), ("platform-cricket", -115.0)):
-        scenario, _ = catalogue.load(f"navigation/{name}")
+        scenario, _ = catalogue.load_scenario(f"navigation/{name}")
         scenario.check()
         assert float(np.degrees(scenario.targets[0].value)) == pytest.approx(rate)
         log = simulate(scenario.ideal(), duration=ms(3000), log_period=ms(10))
@@ -149,10 +149,10 @@ def test_single_ranges_beat_fixes(beacons, heading, place):
     """By these factors at least, over 16 flights: the heading with four beacons, the place with two left."""
 
     def errors(coupling):
-        scenario, _ = catalogue.load("navigation/platform-ranging", {"coupling": coupling, "beacons": beacons})
+        scenario, _ = catalogue.load_scenario("navigation/platform-ranging", {"coupling": coupling, "beacons": beacons})
         logs = simulate_many(scenario, seeds=range(16))
-        told = [series(log) for log in logs]
-        verdicts = [navigation(log).verdict for log in logs]
+        told = [state_series(log) for log in logs]
+        verdicts = [assess_navigation(log).verdict for log in logs]
         rms = {
             name: np.sqrt(np.mean([np.mean(one[name].error[one[name].t > 10] ** 2) for one in told]))
             for name in ("heading", "north", "east")

@@ -8,17 +8,17 @@ from trimtab.core.time import ms
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import metrics
 from trimtab.native.compiler import find_compiler
-from trimtab.run.program import described
+from trimtab.run.program import describe_scenario
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.recorded import recorded_scenario
+from trimtab.scenarios.recorded import rebuild_scenario
 
-HOVERCRAFT = sorted(n for n in catalogue.names() if n.startswith("hovercraft/"))
+HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
 compiled = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 
 
 def flown(name, bus, seed=3):
-    scenario, _ = catalogue.load(name, {"navigation": "ins", "bus": bus})
+    scenario, _ = catalogue.load_scenario(name, {"navigation": "ins", "bus": bus})
     return scenario, simulate(scenario, seed=seed, backend="c")
 
 
@@ -81,14 +81,14 @@ def test_nothing_is_dropped(forward):
 
 def test_a_log_knows_that_there_was_a_bus():
     """What `replay` builds again; only names and numbers are looked at, nothing is flown."""
-    scenario, _ = catalogue.load("hovercraft/spin", {"navigation": "ins", "bus": "slave"})
-    log = Log(np.zeros(1), np.zeros(1, np.int64), {"truth.north": np.zeros(1)}, {}, described(scenario), {})
-    assert type(recorded_scenario(log).world.sensors["ranging"]).__name__ == "RelayedSensor"
+    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins", "bus": "slave"})
+    log = Log(np.zeros(1), np.zeros(1, np.int64), {"truth.north": np.zeros(1)}, {}, describe_scenario(scenario), {})
+    assert type(rebuild_scenario(log).world.sensors["ranging"]).__name__ == "RelayedSensor"
 
 
 def test_the_error_model_has_no_units_to_put_on_a_bus():
     with pytest.raises(InputError, match="there are no ultrasonic units") as refused:
-        catalogue.load("hovercraft/forward", {"bus": "slave"})
+        catalogue.load_scenario("hovercraft/forward", {"bus": "slave"})
     assert "--navigation ins" in refused.value.fix
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from contracts.parts import key, motion
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric
-from trimtab.loop.structure import strong
-from trimtab.native.build import build, load
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import to_arrays
+from trimtab.loop.structure import strengthen_types
+from trimtab.native.build import build_library, load_library
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.imu import GyroErrors, Imu
@@ -30,15 +30,15 @@ SENSORS = {
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 @pytest.mark.parametrize("name", SENSORS)
 def test_step_as_c(name):
-    sensor = numeric(SENSORS[name])
+    sensor = to_arrays(SENSORS[name])
 
     def step(sensor, state, t):
-        return strong(sensor.step(t, state, motion(t)))
+        return strengthen_types(sensor.step(t, state, motion(t)))
 
-    state = jax.tree.map(np.asarray, strong(sensor.init(key(3))))
+    state = jax.tree.map(np.asarray, strengthen_types(sensor.init(key(3))))
     leaves, tree = jax.tree.flatten((sensor, state, np.int64(0)))
-    program = lowered(lambda *a: jax.tree.leaves(step(*jax.tree.unflatten(tree, a))), leaves)
-    function = load(build(program.text("go"))).go
+    program = lower_function(lambda *a: jax.tree.leaves(step(*jax.tree.unflatten(tree, a))), leaves)
+    function = load_library(build_library(program.text("go"))).go
     compiled = jax.jit(step)
     for k in range(4):
         t = np.int64(k * sensor.period)

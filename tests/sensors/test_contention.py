@@ -5,7 +5,7 @@ import pytest
 
 from trimtab.core.record import replace
 from trimtab.core.rng import key, uniform2
-from trimtab.sensors.contention import AGAIN, ATTEMPTS, FIRST, CarrierSense, exchange
+from trimtab.sensors.contention import AGAIN, ATTEMPTS, FIRST, CarrierSense, simulate_exchange
 
 SENSE = CarrierSense()
 WINDOW = 0.1
@@ -14,7 +14,7 @@ MESSAGE = 24 / 2400
 
 @jax.jit
 def _exchanges(sense, numbers, ready, speaks):
-    return jax.vmap(lambda k, r, s: exchange(sense, key(11), k, r, s, WINDOW))(numbers, ready, speaks)
+    return jax.vmap(lambda k, r, s: simulate_exchange(sense, key(11), k, r, s, WINDOW))(numbers, ready, speaks)
 
 
 def exchanges(n, runs, sense=SENSE, speaks=None, seed=0):

@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.heading import Compass, HeadingSensor
 from trimtab.sensors.late_fix import LateFix
 from trimtab.sensors.magnetometer import Magnetometer
@@ -21,7 +21,7 @@ def flown(sensor, n, rate=2.0):
     """Samples while the heading turns at a rate (rad/s)."""
     now = jnp.arange(n, dtype=np.int64) * sensor.period
     step = lambda s, t: sensor.step(t, s, motion(t, rate * t * 1e-7))  # noqa: E731
-    first = strong(sensor.init(key(3)))
+    first = strengthen_types(sensor.init(key(3)))
     return np.asarray(now), jax.tree.map(np.asarray, jax.lax.scan(step, first, now)[1])
 
 

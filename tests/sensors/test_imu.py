@@ -7,7 +7,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Sensor
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.rotation import from_euler, from_rotation_vector
 from trimtab.core.signals import Motion
@@ -64,7 +64,7 @@ def _logged(imu, seeds, rates):
 
 def logged(imu, rates, seeds=(0,)):
     """Readings (seeds, n, …) of a unit that stands level and turns at rates (n, 3); compiled once for each shape."""
-    return jax.tree.map(np.asarray, _logged(numeric(imu), np.asarray(seeds, np.uint32), np.asarray(rates, float)))
+    return jax.tree.map(np.asarray, _logged(to_arrays(imu), np.asarray(seeds, np.uint32), np.asarray(rates, float)))
 
 
 N = 60

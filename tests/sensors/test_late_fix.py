@@ -7,15 +7,17 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.late_fix import LateFix
 
 
 def run(fix, n=500):
     """Samples at each millisecond of a value that is the time."""
     now = jnp.arange(n, dtype=np.int64) * ms(1)
-    step = lambda s, t: fix.pass_on(t, s, t * 1.0)  # noqa: E731
-    return np.asarray(now), jax.tree.map(np.asarray, jax.lax.scan(step, strong(fix.begin(jnp.zeros(()))), now)[1])
+    step = lambda s, t: fix.deliver(t, s, t * 1.0)  # noqa: E731
+    return np.asarray(now), jax.tree.map(
+        np.asarray, jax.lax.scan(step, strengthen_types(fix.initial_state(jnp.zeros(()))), now)[1]
+    )
 
 
 @pytest.mark.parametrize("latency", [0, 1, 87, 100])

@@ -5,17 +5,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.late_fix import LateFix
 from trimtab.sensors.position import EncoderPosition, PositionSensor
 from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
 
 RIG = RotatingPlatform()
-REST = numeric(RIG.rest())
+REST = to_arrays(RIG.rest_state())
 
 
 def at(t, rate=2.0):
@@ -26,7 +26,7 @@ def at(t, rate=2.0):
 
 def flown(sensor, n):
     now = jnp.arange(n, dtype=np.int64) * sensor.period
-    first = strong(sensor.init(key(5)))
+    first = strengthen_types(sensor.init(key(5)))
     out = jax.lax.scan(lambda s, t: sensor.step(t, s, at(t)), first, now)[1]
     return np.asarray(now), jax.tree.map(np.asarray, out)
 

@@ -14,10 +14,10 @@ from trimtab.sensors.time_of_flight import (
     Medium,
     RangeErrors,
     actual_positions,
-    audible,
-    corrupted,
-    heard,
+    audible_beacons,
+    corrupt_ranges,
     measured_range,
+    responding_beacons,
     unit_position,
     unit_velocity,
 )
@@ -37,7 +37,7 @@ def test_ranges_are_those_of_the_calibration_table():
 
 def test_reach_and_cone():
     beacons = Beacons(map=np.array([[0, 0, -9.1], [0, 0, -9.2], [2.69, 0, -2.7], [2.71, 0, -2.7], [0, 0, 2.7]]))
-    np.testing.assert_array_equal(audible(beacons, beacons.map, np.zeros(3)), [True, False, True, False, False])
+    np.testing.assert_array_equal(audible_beacons(beacons, beacons.map, np.zeros(3)), [True, False, True, False, False])
 
 
 def test_faults_begin_at_their_time():
@@ -46,8 +46,8 @@ def test_faults_begin_at_their_time():
     beacons = replace(NETWORK, moved=moved, dead=np.array([False, False, False, True]), fault_time=50)
     np.testing.assert_array_equal(actual_positions(beacons, key(0), 49), NETWORK.map)
     np.testing.assert_array_equal(actual_positions(beacons, key(0), 50), NETWORK.map + moved)
-    assert heard(beacons, NETWORK.map, UNIT, 49).all()
-    np.testing.assert_array_equal(heard(beacons, NETWORK.map, UNIT, 50), [True, True, True, False])
+    assert responding_beacons(beacons, NETWORK.map, UNIT, 49).all()
+    np.testing.assert_array_equal(responding_beacons(beacons, NETWORK.map, UNIT, 50), [True, True, True, False])
 
 
 def test_survey_error_is_one_draw_a_run():
@@ -63,7 +63,7 @@ def test_survey_error_is_one_draw_a_run():
 def test_speed_of_sound_scales_ranges():
     """15 °C taken for 20: 0.9 % too short."""
     medium = Medium(actual=Air(temperature=293.15, humidity=0.0), assumed=Air(temperature=288.15, humidity=0.0))
-    ratio = corrupted(jnp.array([3.0]), key(0), 0, QUIET, medium, 0.0)[0] / 3.0
+    ratio = corrupt_ranges(jnp.array([3.0]), key(0), 0, QUIET, medium, 0.0)[0] / 3.0
     assert float(ratio) == pytest.approx(np.sqrt(288.15 / 293.15), abs=1e-4)
 
 
@@ -72,7 +72,7 @@ def test_errors_have_the_spread_and_the_rates_that_they_say():
     ranges = jnp.full(4, 5.0)
 
     def off(e):
-        f = jax.jit(jax.vmap(lambda k: corrupted(ranges, key(3), k, e, Medium(), 0.0)))
+        f = jax.jit(jax.vmap(lambda k: corrupt_ranges(ranges, key(3), k, e, Medium(), 0.0)))
         return np.asarray(f(np.arange(5000))) - 5.0
 
     noise = off(replace(errors, stray_probability=0.0, echo_probability=0.0))

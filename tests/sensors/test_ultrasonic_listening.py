@@ -3,10 +3,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Sensor
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
@@ -47,7 +47,7 @@ _all = jax.jit(jax.vmap(_heard, in_axes=(None, None, 0, 0)))
 
 def windows(speed, sensor=SENSOR, runs=RUNS):
     course = 2 * np.pi * np.arange(runs) / runs
-    return course, jax.tree.map(np.asarray, _all(numeric(sensor), speed, course, np.arange(runs, dtype=np.uint32)))
+    return course, jax.tree.map(np.asarray, _all(to_arrays(sensor), speed, course, np.arange(runs, dtype=np.uint32)))
 
 
 def fix(ranges, used, start):
@@ -142,7 +142,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
 
 def test_runs_as_generated_code():
     """Sensors fly in the compiled loop: one step lowers to C."""
-    one = numeric(UltrasonicListening())
+    one = to_arrays(UltrasonicListening())
     still = Motion(np.int64(0), *[np.zeros(3)] * 6)
     leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))
 
@@ -150,4 +150,4 @@ def test_runs_as_generated_code():
         sensor, t, state, motion = jax.tree.unflatten(tree, leaves)
         return jax.tree.leaves(sensor.step(t, state, motion))
 
-    assert lowered(flat, leaves).outputs
+    assert lower_function(flat, leaves).outputs

@@ -3,20 +3,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Sensor
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, RangeErrors
-from trimtab.sensors.ultrasonic_ranging import Clock, UltrasonicRanging
+from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging, UnitClock
 
 ONE = UltrasonicRanging(units=np.array([[0.1, 0.0, 0.0]]))
 TWO = replace(ONE, units=np.array([[0.15, 0, 0], [-0.15, 0, 0]]), clients=2)
 SPEED = np.array([0.5, -0.2, 0.0])
-PERFECT = replace(ONE, errors=RangeErrors(noise=0.0), clock=Clock(0.0, 0.0, 0.0), beacons=Beacons(crystal=0.0))
+PERFECT = replace(ONE, errors=RangeErrors(noise=0.0), clock=UnitClock(0.0, 0.0, 0.0), beacons=Beacons(crystal=0.0))
 
 
 def motion(t):
@@ -36,7 +36,7 @@ def _flown(sensor, run, times):
 def flown(sensor, duration=20_000_000, run=0):
     """Every sample of a run, and the times of the steps."""
     times = np.arange(0, duration, sensor.period)
-    return times, jax.tree.map(np.asarray, _flown(numeric(sensor), np.uint32(run), times))
+    return times, jax.tree.map(np.asarray, _flown(to_arrays(sensor), np.uint32(run), times))
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def _pings(sensor, runs):
 
 
 def pings(sensor, runs=4000):
-    return jax.tree.map(np.asarray, _pings(numeric(sensor), np.arange(runs, dtype=np.uint32)))
+    return jax.tree.map(np.asarray, _pings(to_arrays(sensor), np.arange(runs, dtype=np.uint32)))
 
 
 def test_ranges_spread_as_the_noise():
@@ -112,7 +112,7 @@ def test_ranges_spread_as_the_noise():
 
 def test_clock_shifts_the_ping_along_the_motion():
     """A ping 10 ms late is made 5 mm further on."""
-    late = replace(PERFECT, clock=Clock(residual=0.0, drift=0.0, tick=0.02), collisions=False)
+    late = replace(PERFECT, clock=UnitClock(residual=0.0, drift=0.0, tick=0.02), collisions=False)
     replies, _ = pings(late)
     slope = jax.jacfwd(lambda p: PERFECT.measure(replace(motion(0), p_WB=p)).range)(jnp.zeros(3)) @ SPEED
     lateness = (replies.range - np.asarray(PERFECT.measure(motion(0)).range)) / np.asarray(slope)
@@ -123,7 +123,7 @@ def test_clock_shifts_the_ping_along_the_motion():
 
 def test_clock_between_settings():
     """A microsecond after setting; a crystal that is 20 ppm off makes 18 us by the last slot of the second."""
-    clock = Clock(tick=0.0)
+    clock = UnitClock(tick=0.0)
     keys = Key(np.full(4000, 2, np.uint32), np.arange(4000, dtype=np.uint32))
     for t, expected in ((seconds(3), 1e-6), (seconds(3) + ms(900), np.hypot(1e-6, 18e-6))):
         errors = jax.vmap(lambda k, t=t: clock.error(k, t, 0))(keys)
@@ -173,7 +173,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
 
 def test_runs_as_generated_code():
     """Sensors fly in the compiled loop: one step lowers to C."""
-    one = numeric(UltrasonicRanging())
+    one = to_arrays(UltrasonicRanging())
     still = Motion(np.int64(0), *[np.zeros(3)] * 6)
     leaves, tree = jax.tree.flatten((one, np.int64(0), jax.tree.map(jnp.asarray, one.init(Key(0, 0))), still))
 
@@ -181,4 +181,4 @@ def test_runs_as_generated_code():
         sensor, t, state, motion = jax.tree.unflatten(tree, leaves)
         return jax.tree.leaves(sensor.step(t, state, motion))
 
-    assert lowered(flat, leaves).outputs
+    assert lower_function(flat, leaves).outputs

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from studies import catalogue
-from studies.erratum import KINDS, sections
+from studies.erratum import KINDS, errata_by_section
 from studies.hovercraft2006.errata import ERRATA
 
 RIG = (
@@ -19,7 +19,7 @@ RIG = (
 )
 DEAR = ("simulated-autopilot", "simulated-heading", *RIG)
 """Groups that fly many runs of several scenarios, each compiled first."""
-GROUPS = catalogue.groups("hovercraft2006")
+GROUPS = catalogue.list_groups("hovercraft2006")
 CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.slow] if g.name in DEAR else []) for g in GROUPS]
 PAGES = Path(__file__).parents[2] / "docs"
 
@@ -42,12 +42,12 @@ def test_rows_hold_or_say_why_not(group):
 
 def test_check_24_every_printed_latency_has_its_row():
     """Table 5.1: five pairs, three paths; mean and deviation of each, and both extremes of the single paths."""
-    (group,) = catalogue.groups("hovercraft2006", ["radio-links"])
+    (group,) = catalogue.list_groups("hovercraft2006", ["radio-links"])
     rows = {r.id: r for r in rows_of(group)}
     found = [i for i in rows if i.startswith("table-5.1/")]
     assert len(found) == 5 * (4 + 4 + 3)
-    assert rows["table-5.1/free2move/linksys 2.9/41.0 up/mean"].printed == 51.04
-    assert rows["table-5.1/free2move/free2move 2.9/22.0 round trip/sd"].printed == 16.58
+    assert rows["table-5.1/free2move/linksys 2.9/41.0 up/mean"].printed_text == 51.04
+    assert rows["table-5.1/free2move/free2move 2.9/22.0 round trip/sd"].printed_text == 16.58
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_pictures_of_the_simulated_autopilot(tmp_path):
 
 @pytest.mark.parametrize("entry", ERRATA, ids=lambda e: e.place)
 def test_erratum_is_whole_and_its_modules_exist(entry):
-    assert all((entry.section, entry.place, entry.printed, entry.here, entry.why))
+    assert all((entry.section, entry.place, entry.printed_text, entry.replacement, entry.why))
     assert entry.kind in KINDS
     for module in entry.code:
         assert find_spec(f"trimtab.{module}") is not None, module
@@ -69,7 +69,7 @@ def test_erratum_is_whole_and_its_modules_exist(entry):
 
 def test_the_page_shows_every_section_of_the_errata():
     page = (PAGES / "errata.md").read_text(encoding="utf-8")
-    for section in sections(ERRATA):
+    for section in errata_by_section(ERRATA):
         assert (
             f'\n## {section}\n\n```{{code-cell}}\n:tags: [remove-input]\n\nMarkdown(table(found["{section}"]))' in page
         )

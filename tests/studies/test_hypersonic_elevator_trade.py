@@ -20,17 +20,17 @@ from trimtab.vehicles.hypersonic import Hypersonic
 def test_level_flight_stays_also_where_the_plants_modes_are_others():
     believed = Hypersonic()
     at = level_trim(believed, loop.H, loop.V)
-    plant = replace(believed, modes=believed.modes.detuned(0.9))
+    plant = replace(believed, modes=believed.modes.detune(0.9))
     kept = loop.FlexibleModeFilter(craft=believed, period=loop.TICK)
-    z = loop.at_rest(plant, believed, at)
-    moved = loop.period(plant, kept, np.asarray(K_FLOWN), np.eye(4), at.zeta, z, 0.0)
+    z = loop.rest_state(plant, believed, at)
+    moved = loop.step_period(plant, kept, np.asarray(K_FLOWN), np.eye(4), at.zeta, z, 0.0)
     assert np.abs(np.asarray(moved) - z).max() < 1e-11
 
 
 def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
     """[H] 7.3 prints the poles of the reference gain in continuous time: near them every 1 ms, with an exact model."""
     monkeypatch.setattr(loop, "TICK", ms(1))
-    F, _ = loop.matrices(TUNED_Q, 5e-4, K_FLOWN)
+    F, _ = loop.loop_matrices(TUNED_Q, 5e-4, K_FLOWN)
     found = np.linalg.eigvals(F)
     motions = np.log(found[np.abs(found) > 0.3]) / 1e-3
     for pole in (-3.9716, -2.8106, -0.4996, -0.4262, -0.2266, -0.5200 + 18.509j, -0.3361 + 16.031j):
@@ -39,39 +39,39 @@ def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
 
 def test_slowest_motion():
     """[H] 7.3."""
-    assert loop.growth(TUNED_Q, 1e-4) == pytest.approx(-0.2266, abs=1e-4)
+    assert loop.growth_rate(TUNED_Q, 1e-4) == pytest.approx(-0.2266, abs=1e-4)
 
 
 def test_without_feedback_of_the_modes_all_is_lost():
     """[H] 7.3: the columns of the modes set to zero, the fastest growth is +2.05 1/s."""
     K = np.array(K_FLOWN)
     K[:, 5:] = 0.0
-    assert loop.growth(TUNED_Q, 1e-4, K) == pytest.approx(2.05, abs=0.05)
+    assert loop.growth_rate(TUNED_Q, 1e-4, K) == pytest.approx(2.05, abs=0.05)
 
 
 def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
-    F, N = loop.matrices(TUNED_Q, 1e-4, K_FLOWN)
+    F, N = loop.loop_matrices(TUNED_Q, 1e-4, K_FLOWN)
     g = np.random.default_rng(0)
     z, total, count = np.zeros((20, 400)), 0.0, 0
     for k in range(8000):
         z = F @ z + np.outer(N, 0.01 * g.standard_normal(400))
         if k >= 4000 and k % 20 == 0:
             total, count = total + np.mean(z[19] ** 2), count + 1
-    assert np.sqrt(total / count) == pytest.approx(loop.quality().elevator, rel=0.02)
+    assert np.sqrt(total / count) == pytest.approx(loop.loop_quality().elevator, rel=0.02)
 
 
 @pytest.mark.slow
 def test_verdicts_on_ten_per_cent_off():
     """[H] 8: the shipped filter holds errors of 10 %, one with Qacc = 1 is marginal at 0.90, the printed one fails."""
-    assert loop.quality().worst < -0.1
-    assert loop.growth((1e-5, 1.0, 1e-5, 1.0), 1e-4, detuned=(0.9, 0.9)) > 0
-    assert loop.growth(PRINTED_Q, 10.0, detuned=(1.1, 1.1)) > 0.1
-    assert 0.14 < loop.widest(TUNED_Q, 1e-4) < 0.15
+    assert loop.loop_quality().worst < -0.1
+    assert loop.growth_rate((1e-5, 1.0, 1e-5, 1.0), 1e-4, detuned=(0.9, 0.9)) > 0
+    assert loop.growth_rate(PRINTED_Q, 10.0, detuned=(1.1, 1.1)) > 0.1
+    assert 0.14 < loop.widest_error(TUNED_Q, 1e-4) < 0.15
 
 
 @pytest.mark.slow
 def test_two_seeds_with_modes_ten_per_cent_off():
-    shipped, printed = trade.detuned((trade.SHIPPED, trade.PRINTED), seeds=2)
+    shipped, printed = trade.fly_detuned((trade.SHIPPED, trade.PRINTED), seeds=2)
     assert not shipped.lost.any()
     assert shipped.h.max() < 0.027
     assert printed.lost.all()
@@ -85,12 +85,12 @@ def test_growth_is_that_of_a_flight():
     x, modes = flown.initial, flown.world.vehicle.modes
     more = {"world.vehicle.modes.w1": [0.9 * modes.w1], "world.vehicle.modes.w2": [0.9 * modes.w2]}
     more |= {"initial.eta1": [float(x.eta1) / 0.81], "initial.eta2": [float(x.eta2) / 0.81]}
-    batch = trade._fly(flown, [setting], [0], {k: np.array(v) for k, v in more.items()})
+    batch = trade._fly_settings(flown, [setting], [0], {k: np.array(v) for k, v in more.items()})
     t = batch.ticks * 1e-7
     off = np.abs(batch.log["estimate.state.eta1"] - batch.log["truth.eta1"])[0]
     windows = [(a, off[(t >= a) & (t < a + 2)].max()) for a in range(20, 70, 2)]
     rate = np.polyfit([a for a, _ in windows], np.log([size for _, size in windows]), 1)[0]
-    assert rate == pytest.approx(loop.growth(setting.Q, setting.R, detuned=(0.9, 0.9)), abs=0.03)
+    assert rate == pytest.approx(loop.growth_rate(setting.Q, setting.R, detuned=(0.9, 0.9)), abs=0.03)
 
 
 @pytest.mark.slow

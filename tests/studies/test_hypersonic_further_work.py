@@ -11,7 +11,7 @@ from trimtab.core.float64 import jax
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.run.simulate import simulate
-from trimtab.scenarios.hypersonic._flight import flight
+from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 from trimtab.scenarios.hypersonic._level import level_trim
 from trimtab.vehicles.hypersonic import Hypersonic
 
@@ -33,8 +33,8 @@ def test_every_number_of_the_vehicle_is_varied_or_said_to_be_kept():
 
 
 def test_draws_are_uniform_independent_and_repeatable():
-    factors = campaign.drawn(0.2, 4000, 3)
-    assert np.array_equal(factors, campaign.drawn(0.2, 4000, 3))
+    factors = campaign.draw_factors(0.2, 4000, 3)
+    assert np.array_equal(factors, campaign.draw_factors(0.2, 4000, 3))
     assert np.abs(factors - 1).max() < 0.2
     assert np.abs(factors.std(axis=0) - 0.2 / np.sqrt(3)).max() < 0.004
     assert np.abs(np.corrcoef(factors.T) - np.eye(COUNT)).max() < 0.08
@@ -44,10 +44,10 @@ def test_plants_without_level_flight_are_those_that_the_search_for_a_trim_refuse
     """A quick search over many plants beside the thorough one, plant by plant."""
     rows = [only(), only(ce=0.45), only(m=2.5), only(CM_0=1.2), only(b7=0.2, b5=0.2)]
     factors = np.concatenate(rows)
-    crafts = campaign.crafts(factors)
-    found = campaign.untrimmed(crafts)
+    crafts = campaign.build_plants(factors)
+    found = campaign.find_untrimmed(crafts)
     for i in range(len(rows)):
-        one = campaign.crafts(factors[i : i + 1])
+        one = campaign.build_plants(factors[i : i + 1])
         plant = numbers_of(one)
         try:
             trims = [level_trim(plant, h, V) for h, V in ((85000.0, 7702.0808), ends())]
@@ -74,26 +74,26 @@ def test_what_fails_and_why():
     """Mode 2 at 0.75 is beyond the filter; a moment 10 % off leaves an offset that integral action removes."""
     factors = np.concatenate([only(), only(w2=0.75), only(CM_0=1.1), only(CM_0=1.1, ce=0.45)])
     kinds = np.zeros(4, int)
-    without = campaign.fly(factors, kinds, integral=False)
-    assert without.success.tolist() == [True, False, False, False]
-    assert without.off.tolist()[2]
-    assert not (without.lost | without.saturated)[2]
-    assert without.untrimmed.tolist() == [False, False, False, True]
-    having = campaign.fly(factors, kinds, integral=True)
-    assert having.success.tolist() == [True, False, True, False]
-    share = further_work.succeeded(having)
+    without = campaign.fly_plants(factors, kinds, integral=False)
+    assert without.is_success.tolist() == [True, False, False, False]
+    assert without.is_off.tolist()[2]
+    assert not (without.lost | without.is_saturated)[2]
+    assert without.lacks_trim.tolist() == [False, False, False, True]
+    having = campaign.fly_plants(factors, kinds, integral=True)
+    assert having.is_success.tolist() == [True, False, True, False]
+    share = further_work.success_proportion(having)
     assert (share.successes, share.trials) == (2, 3)
 
 
 @pytest.mark.slow
 def test_a_run_is_that_of_the_same_plant_flown_alone():
-    factors, kind = campaign.drawn(0.1, 3, 5), campaign.KINDS.index("lift step")
-    craft = numbers_of(campaign.crafts(factors[2:]))
+    factors, kind = campaign.draw_factors(0.1, 3, 5), campaign.KINDS.index("lift step")
+    craft = numbers_of(campaign.build_plants(factors[2:]))
     plant = replace(craft, disturbance=campaign.DISTURBANCES["lift step"])
-    scenario = flight("alone", campaign.CLIMB, campaign.LENGTH, plant=plant, noise="on")
+    scenario = hypersonic_scenario("alone", campaign.CLIMB, campaign.LENGTH, plant=plant, noise="on")
     alone = simulate(scenario, seed=2, log_period=ms(100))
     late = alone.t >= campaign.LENGTH - campaign.LATE
-    found = campaign.fly(factors, np.full(3, kind), integral=False)
+    found = campaign.fly_plants(factors, np.full(3, kind), integral=False)
     for path, ended in (("law.h_error", found.h), ("law.V_error", found.V)):
         assert ended[2] == pytest.approx(np.abs(alone[path][late]).max(), rel=1e-6)
 
@@ -107,30 +107,30 @@ def planted(limits):
             value = np.asarray(factors)[:, campaign.NAMES.index(name)]
             good &= (low < value) & (value < high)
         no = np.zeros(len(good), bool)
-        return campaign.Outcome(no, ~good, no, 0.0 * no, 0.0 * no)
+        return campaign.FlightOutcomes(no, ~good, no, 0.0 * no, 0.0 * no)
 
     return fly
 
 
 @pytest.fixture
 def unremembered():
-    for function in (ranking.indices, ranking.thresholds):
+    for function in (ranking.sobol_indices, ranking.failure_thresholds):
         function.cache_clear()
     yield
-    for function in (ranking.indices, ranking.thresholds):
+    for function in (ranking.sobol_indices, ranking.failure_thresholds):
         function.cache_clear()
 
 
 def test_thresholds_are_found_from_both_sides(monkeypatch, unremembered):
     monkeypatch.setattr(ranking, "fly", planted({"w2": (0.843, 9.0), "ce": (0.6, 1.05), "m": (0.0, 1.004)}))
-    found = ranking.thresholds(True)
+    found = ranking.failure_thresholds(True)
     at = campaign.NAMES.index
     assert found.down[at("w2")] == pytest.approx(0.157, rel=0.05)
     assert found.up[at("w2")] == np.inf
     assert found.down[at("ce")] == pytest.approx(0.4, rel=0.05)
     assert found.up[at("ce")] == pytest.approx(0.05, rel=0.05)
     assert found.up[at("m")] == pytest.approx(0.004, rel=0.2)
-    assert ranking.order(found.least, campaign.NAMES, most=False)[:3] == ["m", "ce", "w2"]
+    assert ranking.rank_names(found.least, campaign.NAMES, most=False)[:3] == ["m", "ce", "w2"]
     assert np.isinf(np.delete(found.least, [at("m"), at("ce"), at("w2")])).all()
 
 
@@ -140,7 +140,7 @@ def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered)
     The first-order index of x is Var(E[y|x])/Var(y) = q^2 p (1 - p)/(p q (1 - p q)), the total one p q (1 - p)/(...).
     """
     monkeypatch.setattr(ranking, "fly", planted({"w2": (0.9, 2.0), "ce": (0.8, 2.0)}))
-    found = ranking.indices(0.3, True, 1024)
+    found = ranking.sobol_indices(0.3, True, 1024)
     p, q = 2 / 3, 5 / 6
     spread = p * q * (1 - p * q)
     at = campaign.NAMES.index
@@ -150,12 +150,12 @@ def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered)
     assert found.total[at("ce")] == pytest.approx(p * q * (1 - q) / spread, abs=0.08)
     assert found.low[at("w2")] < found.total[at("w2")] < found.high[at("w2")]
     assert np.abs(np.delete(found.total, [at("w2"), at("ce")])).max() == 0
-    assert ranking.order(found.total, ranking.FACTORS, most=True)[:2] == ["w2", "ce"]
+    assert ranking.rank_names(found.total, ranking.FACTORS, most=True)[:2] == ["w2", "ce"]
 
 
 def test_agreement_of_rankings():
-    assert ranking.agreement([3.0, 2.0, 1.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(1.0)
-    assert ranking.agreement([1.0, 2.0, 3.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(-1.0)
+    assert ranking.rank_correlation([3.0, 2.0, 1.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(1.0)
+    assert ranking.rank_correlation([1.0, 2.0, 3.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(-1.0)
 
 
 @pytest.mark.slow

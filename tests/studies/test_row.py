@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from studies.markdown import table
-from studies.row import at_most, band, direction, inside, missing, overlaps, same, shown, within
+from studies.markdown import rows_table
+from studies.row import at_most, band, direction, format_value, inside, missing_row, overlaps, same, within
 
 HOLDING = {
     "within": within("a", "x", 2.0, 2.1, "p", tolerance=0.1001),
@@ -47,7 +47,7 @@ def test_what_need_not_hold_and_does_not_is_not_reproduced():
     about = {"tolerance": 0.1, "must_hold": False, "note": "why"}
     assert within("a", "x", 2.0, 3.0, "p", **about).verdict == "not reproduced"
     assert within("a", "x", 2.0, 2.0, "p", **about).verdict == "holds"
-    nothing = missing("a", "x", 2.0, "p", note="why")
+    nothing = missing_row("a", "x", 2.0, "p", note="why")
     assert (nothing.verdict, nothing.fails) == ("not reproduced", False)
 
 
@@ -75,7 +75,7 @@ def test_json_has_no_number_that_json_lacks():
 
 
 def test_values_and_tolerances_in_words():
-    assert [shown(v) for v in (None, True, 1.23456, (14, 81), (-1.0, 0.5), "slower", 22)] == [
+    assert [format_value(v) for v in (None, True, 1.23456, (14, 81), (-1.0, 0.5), "slower", 22)] == [
         "-",
         "yes",
         "1.235",
@@ -99,7 +99,7 @@ def test_values_and_tolerances_in_words():
 
 
 def test_markdown_keeps_bars_out_of_cells_and_stars_what_is_not_printed():
-    text = table([within("a", "|e|", 1.0, 1.0, "p", tolerance=0.1, basis="reference"), FAILING["band"]])
+    text = rows_table([within("a", "|e|", 1.0, 1.0, "p", tolerance=0.1, basis="reference"), FAILING["band"]])
     first, second = text.splitlines()[2:]
     assert first.startswith("| \\|e\\| | 1 \\* | 1 | ± 0.1 |")
     assert "**differs**" in second

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.integrate import rk4
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rotation import planar
 from trimtab.core.signals import PlanarForce
 from trimtab.core.time import ms
@@ -131,7 +131,7 @@ def test_motion_accelerations_are_the_second_differences_of_the_path(friction):
     """Oracle: central differences of the inertial velocity and of the yaw rate along an integrated path."""
     craft, u, h = Hovercraft(friction=friction), PlanarForce(0.9, 0.4), 1e-4
     before, after = _run(craft, TUMBLING, u, -h, 1), _run(craft, TUMBLING, u, h, 1)
-    motion = craft.motion(ms(5), numeric(TUMBLING), u)
+    motion = craft.motion(ms(5), to_arrays(TUMBLING), u)
 
     def inertial(x):
         return np.asarray(planar(x.heading)) @ [float(x.surge_velocity), float(x.sway_velocity)]
@@ -146,7 +146,7 @@ def test_motion_accelerations_are_the_second_differences_of_the_path(friction):
 
 
 def test_motion_repeats_the_state_and_stays_in_the_plane():
-    motion = Hovercraft().motion(ms(5), numeric(TUMBLING), numeric(PlanarForce(1.0, 2.0)))
+    motion = Hovercraft().motion(ms(5), to_arrays(TUMBLING), to_arrays(PlanarForce(1.0, 2.0)))
     assert motion.t == ms(5)
     np.testing.assert_array_equal(motion.p_WB, [1.0, -2.0, 0.0])
     np.testing.assert_array_equal(motion.attitude, [0.0, 0.0, 0.3])
@@ -189,8 +189,8 @@ def test_friction_of_zeros_is_no_friction():
 
 @pytest.mark.parametrize("x", [HovercraftState(), TUMBLING], ids=["rest", "tumbling"])
 def test_differentiates_at_rest_and_in_motion(x):
-    craft = numeric(Hovercraft(friction=FRICTION))
-    x, u = numeric(x), numeric(PlanarForce(0.1, 0.2))
+    craft = to_arrays(Hovercraft(friction=FRICTION))
+    x, u = to_arrays(x), to_arrays(PlanarForce(0.1, 0.2))
     slope = jax.jacfwd(lambda x: craft.dynamics(0.0, x, u))(x)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope))
     by_mass = jax.jacfwd(lambda c: c.dynamics(0.0, x, u))(craft)

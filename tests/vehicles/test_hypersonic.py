@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from trimtab.core.integrate import rk4
-from trimtab.core.record import Quantity, leaves, numeric, replace, with_leaf
+from trimtab.core.record import Quantity, leaves, replace, to_arrays, with_leaf
 from trimtab.core.rotation import from_euler
 from trimtab.vehicles import imperial
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic, HypersonicInput, HypersonicState
@@ -76,7 +76,7 @@ def _trim(g=Hypersonic.g):
     craft = Hypersonic(g=g)
 
     def residual(z):
-        rate = craft.dynamics(0.0, craft.at_rest(H, V, z[0], z[2]), HypersonicInput(z[1], z[2]))
+        rate = craft.dynamics(0.0, craft.level_state(H, V, z[0], z[2]), HypersonicInput(z[1], z[2]))
         return [float(rate.V), float(rate.alpha) * V, float(rate.q)]
 
     return fsolve(residual, [0.03, 0.3, 0.2], xtol=1e-14)
@@ -84,7 +84,7 @@ def _trim(g=Hypersonic.g):
 
 def _at_trim():
     alpha, Phi, delta_e = _trim()
-    return Hypersonic().at_rest(H, V, alpha, delta_e), HypersonicInput(Phi, delta_e)
+    return Hypersonic().level_state(H, V, alpha, delta_e), HypersonicInput(Phi, delta_e)
 
 
 def _random(seed):
@@ -99,14 +99,14 @@ def test_check_01_algebraic_loop_is_solved_exactly(kmode):
     rng = np.random.default_rng(1)
     modes = FlexibleModes(kmode=kmode)
     for M, r1, r2 in rng.normal(size=(50, 3)) * [1e5, 300, 300]:
-        got = np.array([float(v) for v in modes.coupled(5e5, M, r1, r2)])
+        got = np.array([float(v) for v in modes.solve_accelerations(5e5, M, r1, r2)])
         np.testing.assert_allclose(got, np.linalg.solve(*_loop(kmode, M, r1, r2)), rtol=1e-12)
 
 
 def test_check_01_determinant():
     """[H] section 9, check 1: 627105.52 +- 0.01; what 1 lbf ft of moment turns, too."""
     assert np.linalg.det(_loop("parker", 0, 0, 0)[0]) == pytest.approx(627105.52, abs=0.01)
-    assert 1 / float(FlexibleModes().coupled(5e5, 1.0, 0.0, 0.0)[0]) == pytest.approx(627105.52, abs=0.01)
+    assert 1 / float(FlexibleModes().solve_accelerations(5e5, 1.0, 0.0, 0.0)[0]) == pytest.approx(627105.52, abs=0.01)
 
 
 def test_check_02_trim():
@@ -137,7 +137,7 @@ def test_the_quoted_point_is_no_trim_of_this_model():
     """[H] section 2.4: V' +0.3484, V gamma' -2.2244 ft/s^2, M/Iyy 0.01926 rad/s^2, N_i/w_i^2 0.8796 and 0.6935."""
     alpha, Phi, delta_e = QUOTED
     craft = Hypersonic()
-    x, u = craft.at_rest(H, V, alpha, delta_e), HypersonicInput(Phi, delta_e)
+    x, u = craft.level_state(H, V, alpha, delta_e), HypersonicInput(Phi, delta_e)
     along, normal = craft.path_accelerations(0.0, x, u)
     assert float(along) == pytest.approx(0.3484, abs=1e-4)
     assert float(normal) == pytest.approx(-2.2244, abs=1e-4)
@@ -223,7 +223,7 @@ def test_motion_is_the_derivative_of_what_it_says():
     """Altitude, and velocity turned into the world, differentiated along the dynamics."""
     craft = Hypersonic()
     values, inputs = _random(5)
-    x, u = numeric(_state(values)), HypersonicInput(*inputs)
+    x, u = to_arrays(_state(values)), HypersonicInput(*inputs)
 
     def world(x):
         m = craft.motion(0, x, u)
@@ -263,13 +263,13 @@ def test_an_impulse_keeps_its_size_in_integration(h):
     push = Disturbance(normal=300 * 20 / 0.05, start=0.05, duration=0.05)
     total = 0.0
     for k in range(round(0.15 / h)):
-        total = rk4(lambda t, y: push.active(t) * push.normal / 300, k * h, total, h)
+        total = rk4(lambda t, y: push.activation(t) * push.normal / 300, k * h, total, h)
     assert float(total) == pytest.approx(20.0, rel=1e-12)
 
 
 def test_parameters_can_differ_in_a_batch():
     """Plants of a campaign: every quantity carries an axis of its own."""
-    craft = numeric(Hypersonic())
+    craft = to_arrays(Hypersonic())
     x, u = _at_trim()
     masses = jnp.array([300.0, 306.0, 330.0])
     rates = jax.vmap(lambda m: replace(craft, m=m).dynamics(0.0, x, u).V)(masses)

@@ -30,7 +30,7 @@ SIGN_LOST_B = {(4, 1), (5, 2)}
 
 @functools.cache
 def _emulated():
-    return printed.emulated()
+    return printed.emulate_linearisation()
 
 
 def _entries(matrix, places):
@@ -82,7 +82,7 @@ def test_signs_that_the_print_lost():
 
 def test_gravity_of_the_ground_would_leave_entries_off():
     """[H] section 2.2: with 32.174 ft/s^2 five printed entries are off by 1.4 to 2.2 percent."""
-    A, _ = printed.emulated(replace(Hypersonic(), g=32.174))
+    A, _ = printed.emulate_linearisation(replace(Hypersonic(), g=32.174))
     off = np.abs(_entries(A, EMULATED_A) / _entries(printed.A_PRINTED, EMULATED_A)) - 1
     assert ((np.abs(off) > 0.014) & (np.abs(off) < 0.0225)).sum() == 5
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.integrate import rk4
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.core.rotation import from_euler
 from trimtab.sensors.imu import Imu
 from trimtab.vehicles.rotating_platform import PlatformDrive, PlatformState, RotatingPlatform
@@ -54,7 +54,7 @@ def test_upright_it_is_the_sources():
 
 
 def test_what_is_integrated_along_is_the_motion():
-    rig, x, h = RIG, numeric(RIG.rest(0.3)), 1e-3
+    rig, x, h = RIG, to_arrays(RIG.rest_state(0.3)), 1e-3
     step = jax.jit(lambda x: rk4(lambda t, x: rig.dynamics(t, x, COMMAND), 0.0, x, h))
     for _ in range(500):
         x = step(x)
@@ -69,7 +69,7 @@ def test_the_lean_is_an_acceleration_that_stands_still_in_the_world():
     """At rest an accelerometer feels g sin(tilt) away from where the axis leans, whatever the heading."""
     rig = RotatingPlatform(arm=0.0, tilt=0.0086, lean=0.7)
     for heading in (0.0, 1.0, 4.0):
-        m = rig.motion(0, rig.rest(heading), PlatformDrive(0.0))
+        m = rig.motion(0, rig.rest_state(heading), PlatformDrive(0.0))
         level = np.asarray(from_euler(0.0, 0.0, heading) @ Imu().measure(m).specific_force)
         expected = -9.80665 * np.sin(0.0086) * np.array([np.cos(0.7), np.sin(0.7)])
         np.testing.assert_allclose(level[:2], expected, atol=2e-5)
@@ -78,5 +78,5 @@ def test_the_lean_is_an_acceleration_that_stands_still_in_the_world():
 
 def test_yaw_counts_turns():
     for turns in (-3, 0, 5):
-        m = RIG.motion(0, RIG.rest(0.4 + 2 * np.pi * turns), COMMAND)
+        m = RIG.motion(0, RIG.rest_state(0.4 + 2 * np.pi * turns), COMMAND)
         assert m.attitude[2] == pytest.approx(0.4 + 2 * np.pi * turns, abs=0.02)

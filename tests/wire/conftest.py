@@ -5,7 +5,7 @@ import pytest
 from wire.line import KEY, Clock, Wide, every, sample
 
 from trimtab.core.signals import Command, Frame
-from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 
 
@@ -13,7 +13,7 @@ def made() -> Dialect:
     """The dialect of the tests."""
     wide = Wide(np.zeros((8, 9)), np.zeros(5), every())
     frame = Frame(t=np.int64(0), samples={"every": sample(every()), "double-wide": sample(wide)})
-    return dialect_of(frame, Command(t=np.int64(0), valid=False, value=every()))
+    return derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ def test_order_sizes_and_ranges():
     assert [f.name for f in odd.fields] == ["b", "d", "a", "c", "e"]  # by size, as declared, extensions last
     assert odd.packing.format == "<2dHB5sq"
     assert (odd.size, odd.base) == (struct.calcsize("<2dHB5sq"), struct.calcsize("<2dHB5s"))
-    assert odd.blank == [0, 0, 0, 0, b"", 0]
+    assert odd.blank_values == [0, 0, 0, 0, b"", 0]
     assert odd.ranges == (None, None, (0, 65535), (0, 255), None, (-(2**63), 2**63 - 1))
     assert [f.at for f in odd.fields] == [0, 2, 3, 4, 5]
 

@@ -5,7 +5,7 @@ from wire.line import every, sample
 from trimtab.core.errors import InputError
 from trimtab.core.signals import Command, Frame
 from trimtab.wire.definitions import MAX_PAYLOAD, read_definitions
-from trimtab.wire.dialect import FIRST_ID, dialect_of
+from trimtab.wire.dialect import FIRST_ID, derive_dialect
 
 
 def test_each_leaf_has_one_place_and_every_payload_fits(dialect):
@@ -51,7 +51,7 @@ def test_numbers_are_kept_ones_in_the_order_of_the_names(dialect):
 def test_fingerprint_tells_dialects_apart_and_does_not_change_between_runs(dialect):
     frame = Frame(t=np.int64(0), samples={"every": sample(every())})
     command = Command(t=np.int64(0), valid=False, value=every())
-    a, b = dialect_of(frame, command), dialect_of(frame, command)
+    a, b = derive_dialect(frame, command), derive_dialect(frame, command)
     assert a.fingerprint == b.fingerprint != dialect.fingerprint
     assert a.text == b.text
     assert len(a.fingerprint) == 8
@@ -59,7 +59,7 @@ def test_fingerprint_tells_dialects_apart_and_does_not_change_between_runs(diale
 
 def test_sensors_whose_names_meet_get_messages_of_their_own():
     frame = Frame(t=np.int64(0), samples={n: sample(every()) for n in ("a-b", "a_b", "A b", "9")})
-    made = dialect_of(frame, Command(t=np.int64(0), valid=False, value=every()))
+    made = derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))
     names = [made.groups[f"samples.{n}"][0] for n in ("a-b", "a_b", "A b", "9")]
     assert len(set(names)) == 4
     assert all(n.isascii() and n.isidentifier() and n == n.upper() for n in names)
@@ -68,4 +68,4 @@ def test_sensors_whose_names_meet_get_messages_of_their_own():
 def test_more_messages_than_numbers_are_refused():
     frame = Frame(t=np.int64(0), samples={f"s{k}": sample(every()) for k in range(255)})
     with pytest.raises(InputError, match="257 messages"):
-        dialect_of(frame, Command(t=np.int64(0), valid=False, value=every()))
+        derive_dialect(frame, Command(t=np.int64(0), valid=False, value=every()))

@@ -7,7 +7,7 @@ from wire.line import KEY, Clock
 from wire.test_parameters import parameters
 
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.minimal import MinimalEnd
+from trimtab.wire.minimal import MinimalEndpoint
 from trimtab.wire.station import Station
 
 QUICK, LONG = 200_000, 10_000_000
@@ -67,7 +67,7 @@ class Attack:
         pieces = [data] if self.vehicle._datagrams else self.cut(data)
         for piece in pieces:
             for message in self.vehicle.feed(piece):
-                self.station.handle(message, self.count)
+                self.station.handle_message(message, self.count)
                 taken.append(message)
         return taken
 
@@ -91,7 +91,7 @@ def run(dialect, total, signed, datagrams):
         done += sum(map(len, packets))
         got = [m for p in packets for m in attack.hear(p)]
         assert len(attack.vehicle._rest) <= 300
-        assert all(m.signed == signed for m in got)
+        assert all(m.is_signed == signed for m in got)
         newest = (got[-1].name, got[-1].values[0]) if got else None
         missed += newest is None or newest not in attack.sent
         heard += len(got)
@@ -130,7 +130,7 @@ def check(dialect, total, signed, datagrams):
 def test_the_minimal_framing_takes_any_bytes():
     rng = random.Random(5)
     for end in ("vehicle", "ground"):
-        open_end, closed = MinimalEnd(end, loopback=True), MinimalEnd(end)
+        open_end, closed = MinimalEndpoint(end, loopback=True), MinimalEndpoint(end)
         for _ in range(300):
             data = bytes(rng.choice([0xA5, 1, 2, 3, 4, 5, 6, rng.randrange(256)]) for _ in range(rng.randrange(300)))
             taken = open_end.feed(data)

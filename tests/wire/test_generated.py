@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from wire.line import KEY, stamp_at
 
-from trimtab.wire.generated import c_headers, python_module
+from trimtab.wire.generated import load_python_module, write_c_headers
 from trimtab.wire.mavlink import Endpoint
 
 pytest.importorskip("pymavlink")
@@ -57,7 +57,7 @@ GIVEN |= {"flag": 1, "vector": (1.5, 2.5, 3.5)}
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs a C compiler")
 def test_bytes_packed_in_c_parse_here_and_back_signed(dialect, clock, tmp_path):
-    folder = c_headers(dialect, tmp_path / "include")
+    folder = write_c_headers(dialect, tmp_path / "include")
     (tmp_path / "echo.c").write_text(C)
     build = ["gcc", "-O1", "-w", f"-I{folder}", str(tmp_path / "echo.c"), "-o", str(tmp_path / "echo")]
     subprocess.run(build, check=True, timeout=120)
@@ -72,12 +72,12 @@ def test_bytes_packed_in_c_parse_here_and_back_signed(dialect, clock, tmp_path):
     assert [m.get("real") for m in got] == [0.2, 0.5]
     expected = GIVEN | {"t": GIVEN["t"] + 1, "vector": (1.5, 2.5, -3.5), "real": 0.2}
     assert got[0].fields() == expected
-    assert got[0].signed
+    assert got[0].is_signed
     assert vehicle.counts.accepted == 2
 
 
 def test_every_message_is_the_same_bytes_from_pymavlink(dialect, clock):
-    module = python_module(dialect)
+    module = load_python_module(dialect)
     a, b = Endpoint(dialect, 1, 1, KEY, clock=clock), Endpoint(dialect, 2, 1, KEY, clock=clock)
     clock.now += 1
     theirs = module.MAVLink(None, 2, 1)
@@ -109,7 +109,7 @@ def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkey
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     forget(monkeypatch)
     with ThreadPoolExecutor(4) as pool:
-        first, *others = pool.map(lambda _: python_module(dialect), range(4))
+        first, *others = pool.map(lambda _: load_python_module(dialect), range(4))
     assert dialect.definitions["SAMPLE_EVERY"].id == first.MAVLINK_MSG_ID_SAMPLE_EVERY
     assert all(other is first for other in others)
     assert [str(p) for p in (tmp_path / "dialects").iterdir() if p.suffix == ".py"] == [first.__file__]
@@ -132,4 +132,4 @@ def test_without_a_cache_it_is_made_again(dialect, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "file"))
     forget(monkeypatch)
-    assert dialect.definitions["INSTANT"].id == python_module(dialect).MAVLINK_MSG_ID_INSTANT
+    assert dialect.definitions["INSTANT"].id == load_python_module(dialect).MAVLINK_MSG_ID_INSTANT

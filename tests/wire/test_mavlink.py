@@ -62,7 +62,7 @@ def test_takes_what_the_format_says_signed(dialect, pair, clock):
         "system_status": 4,
         "mavlink_version": 3,
     }
-    assert got.signed
+    assert got.is_signed
     assert b.counts.accepted == 1
 
 
@@ -80,7 +80,7 @@ def test_refuses_and_counts(dialect, pair, clock, how, count):
     _, b = pair
     frame = heartbeat(dialect, **({"key": KEY.secret, "stamp": stamp_at(clock.now)} | how))
     assert b.feed(frame) == []
-    assert getattr(b.counts, count) == b.counts.refused == 1
+    assert getattr(b.counts, count) == b.counts.refusals == 1
 
 
 def test_refuses_mavlink_1(dialect, pair, open_pair):
@@ -89,7 +89,7 @@ def test_refuses_mavlink_1(dialect, pair, open_pair):
     frame = b"\xfe" + head + payload + bit_by_bit(head + payload + bytes([50])).to_bytes(2, "little")
     for end in (pair[1], open_pair[1]):
         assert end.feed(frame) == []
-        assert end.counts.downgraded == end.counts.refused == 1
+        assert end.counts.downgraded == end.counts.refusals == 1
 
 
 def test_a_flag_taken_off_does_not_make_a_signed_packet_an_open_one(dialect, pair, clock):

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.wire.minimal import (
-    ClockTime,
+    ClockTimeMessage,
     Cricket,
-    Imu,
-    MinimalEnd,
+    InertialRecord,
+    MinimalEndpoint,
     ModeLift,
     ServoCommand,
     VehicleStatus,
@@ -21,21 +21,21 @@ from trimtab.wire.minimal import (
 SMALL = st.integers(-32768, 32767)
 TRIPLE = st.tuples(SMALL, SMALL, SMALL)
 DOWN = st.one_of(
-    st.builds(Imu, TRIPLE, TRIPLE, TRIPLE, st.integers(0, 65535)),
+    st.builds(InertialRecord, TRIPLE, TRIPLE, TRIPLE, st.integers(0, 65535)),
     st.builds(Cricket, st.binary(max_size=255)),
-    st.builds(ClockTime, st.integers(0, 2**32 - 1), st.integers(0, 65535)),
+    st.builds(ClockTimeMessage, st.integers(0, 2**32 - 1), st.integers(0, 65535)),
     st.builds(VehicleStatus, st.binary(max_size=255)),
 )
 UP = st.one_of(
     st.builds(ServoCommand, st.integers(0, 65535), SMALL),
-    st.builds(ClockTime, st.integers(0, 2**32 - 1), st.none()),
+    st.builds(ClockTimeMessage, st.integers(0, 2**32 - 1), st.none()),
     st.builds(ModeLift, st.integers(0, 255), st.integers(0, 255)),
 )
-RECORD = Imu((1, -2, 3), (-4, 5, -6), (7, -8, 9), 40000)
+RECORD = InertialRecord((1, -2, 3), (-4, 5, -6), (7, -8, 9), 40000)
 
 
 def ends():
-    return MinimalEnd("ground", loopback=True), MinimalEnd("vehicle", loopback=True)
+    return MinimalEndpoint("ground", loopback=True), MinimalEndpoint("vehicle", loopback=True)
 
 
 def test_frames_are_those_of_the_specification():
@@ -47,8 +47,8 @@ def test_frames_are_those_of_the_specification():
     assert len(vehicle.pack(RECORD)) == 2 + 23
     assert vehicle.pack(Cricket(b"abc")) == b"\xa5\x02\x03abc"
     assert ground.pack(ServoCommand(1500, -6000)) == b"\xa5\x03" + struct.pack("<Hh", 1500, -6000)
-    assert ground.pack(ClockTime(1000)) == b"\xa5\x04" + struct.pack("<I", 1000)
-    assert vehicle.pack(ClockTime(1000, 41)) == b"\xa5\x04" + struct.pack("<IH", 1000, 41)
+    assert ground.pack(ClockTimeMessage(1000)) == b"\xa5\x04" + struct.pack("<I", 1000)
+    assert vehicle.pack(ClockTimeMessage(1000, 41)) == b"\xa5\x04" + struct.pack("<IH", 1000, 41)
     assert ground.pack(ModeLift(2, 200)) == b"\xa5\x05\x02\xc8"
     assert vehicle.pack(VehicleStatus(b"ok")) == b"\xa5\x06\x02ok"
 
@@ -61,7 +61,7 @@ def test_data_rates_of_the_latency_table(divider, imu, rest, total):
 
     What is not the unit's is that of the other messages: 2.85 to 3.48 kb/s, in the specification.
     """
-    frame = len(MinimalEnd("vehicle").pack(RECORD))
+    frame = len(MinimalEndpoint("vehicle").pack(RECORD))
     own = data_rate([(frame, 1 / to_seconds(ms(6.5536)) / divider)]) / 1e3
     assert own == pytest.approx(imu, abs=0.005)
     assert own + rest == pytest.approx(total, abs=0.05)
@@ -69,7 +69,7 @@ def test_data_rates_of_the_latency_table(divider, imu, rest, total):
 
 def test_commands_at_fifty_hertz_take_three_kilobits_a_second():
     """[1] table 5.1 has 2.9 up: the layout of the command is reconstructed, and 0.1 too much is left unexplained."""
-    frame = len(MinimalEnd("ground", loopback=True).pack(ServoCommand(1500, 0)))
+    frame = len(MinimalEndpoint("ground", loopback=True).pack(ServoCommand(1500, 0)))
     assert data_rate([(frame, 50)]) == 3000.0
 
 
@@ -101,21 +101,21 @@ def test_any_garbage_is_followed_by_what_was_sent_in_the_end(garbage, messages):
 
 
 def test_a_damaged_inertial_record_is_dropped():
-    frame = MinimalEnd("vehicle").pack(RECORD)
+    frame = MinimalEndpoint("vehicle").pack(RECORD)
     for at in range(2, len(frame)):
-        end = MinimalEnd("ground")
+        end = MinimalEndpoint("ground")
         damaged = frame[:at] + bytes([frame[at] ^ 0x10]) + frame[at + 1 :]
         assert end.feed(damaged + frame) == [RECORD]
 
 
 def test_commands_are_refused_where_the_line_leaves_the_machine():
-    ground, vehicle = MinimalEnd("ground"), MinimalEnd("vehicle")
+    ground, vehicle = MinimalEndpoint("ground"), MinimalEndpoint("vehicle")
     for command in (ServoCommand(1500, 0), ModeLift(1, 255)):
         with pytest.raises(InputError, match="refused over anything but loopback"):
             ground.pack(command)
-    loose = MinimalEnd("ground", loopback=True)
-    packets = loose.pack(ServoCommand(1500, 0)) + loose.pack(ModeLift(1, 1)) + loose.pack(ClockTime(5)) + b"\xa5"
-    assert vehicle.feed(packets) == [ClockTime(5)]
+    loose = MinimalEndpoint("ground", loopback=True)
+    packets = loose.pack(ServoCommand(1500, 0)) + loose.pack(ModeLift(1, 1)) + loose.pack(ClockTimeMessage(5)) + b"\xa5"
+    assert vehicle.feed(packets) == [ClockTimeMessage(5)]
     assert vehicle.refused == 2
 
 
@@ -127,6 +127,6 @@ def test_numbers_that_do_not_fit_are_put_to_the_nearest():
 
 def test_wrong_use_is_refused():
     with pytest.raises(InputError, match="vehicle, ground"):
-        MinimalEnd("pilot")
+        MinimalEndpoint("pilot")
     with pytest.raises(InputError, match="pack it at the other end"):
-        MinimalEnd("ground").pack(RECORD)
+        MinimalEndpoint("ground").pack(RECORD)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.record import Scalar, part, quantity, record
-from trimtab.wire.parameters import Parameters, as_float, parameter_names
+from trimtab.wire.parameters import Parameters, parameter_names, round_to_float32
 
 
 @record
@@ -45,9 +45,9 @@ def test_every_number_has_a_name_a_path_and_a_value():
         "WV_DRAG": ("world.vehicle.drag", 0),
     }
     assert own.values == [2.6, 0.1, 0.2, 3.0, 1.0, 1.0, 0.2]
-    assert own.find("WV_DRAG", -1) == own.find("", 6) == 6
-    assert own.find("WV_DRAGS", -1) is None
-    assert own.find("", 7) is None
+    assert own.find_index("WV_DRAG", -1) == own.find_index("", 6) == 6
+    assert own.find_index("WV_DRAGS", -1) is None
+    assert own.find_index("", 7) is None
 
 
 PATHS = st.lists(st.text("abc_é0-", min_size=1, max_size=20), min_size=1, max_size=5).map(".".join)
@@ -85,25 +85,25 @@ def test_a_name_depends_on_others_only_where_they_meet():
 )
 def test_what_was_declared_holds(name, value, why):
     own = parameters()
-    index = own.find(name, -1)
+    index = own.find_index(name, -1)
     before = own.values[index]
-    changed = own.change(index, value)
-    assert why in changed.refused
+    changed = own.change_value(index, value)
+    assert why in changed.refusal
     assert changed.value == own.values[index] == before
 
 
 def test_a_value_that_reads_the_same_keeps_its_digits():
     own = parameters()
-    read = as_float(2.6)
+    read = round_to_float32(2.6)
     assert read != 2.6
-    assert own.change(0, read).value == 2.6
-    assert own.change(0, 3.5).value == own.values[0] == 3.5
-    assert own.change(0, 4.5, "is locked") == (own.listed[0], 3.5, "is locked")
+    assert own.change_value(0, read).value == 2.6
+    assert own.change_value(0, 3.5).value == own.values[0] == 3.5
+    assert own.change_value(0, 4.5, "is locked") == (own.listed[0], 3.5, "is locked")
 
 
 def test_as_float_is_what_four_bytes_hold():
-    assert as_float(0.1) == struct.unpack("f", struct.pack("f", 0.1))[0]
-    assert as_float(-1e300) == -math.inf
+    assert round_to_float32(0.1) == struct.unpack("f", struct.pack("f", 0.1))[0]
+    assert round_to_float32(-1e300) == -math.inf
 
 
 @record

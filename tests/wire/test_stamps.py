@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from wire.line import NOW, Clock, stamp_at
 
 from trimtab.core.errors import InputError
-from trimtab.wire.stamps import LARGEST, LATE, MARGIN, Stamps
+from trimtab.wire.stamps import LARGEST, LONGEST_LATENESS, MARGIN, Stamps
 
 STREAM = (9, 1, 0)
 
@@ -14,10 +14,10 @@ STREAM = (9, 1, 0)
 def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(clock):
     stamps = Stamps(clock=clock)
     clock.now += 2
-    assert stamps.next() == stamp_at(clock.now)
-    assert [stamps.next() for _ in range(3)] == [stamp_at(clock.now) + k for k in (1, 2, 3)]
+    assert stamps.next_stamp() == stamp_at(clock.now)
+    assert [stamps.next_stamp() for _ in range(3)] == [stamp_at(clock.now) + k for k in (1, 2, 3)]
     clock.now -= 1000
-    assert stamps.next() == stamp_at(NOW + 2) + 4
+    assert stamps.next_stamp() == stamp_at(NOW + 2) + 4
 
 
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.integers(0, 4), st.booleans()), max_size=30))
@@ -27,7 +27,7 @@ def test_no_stamp_repeats_whatever_the_clock_does_over_restarts(tmp_path_factory
     for jump, packets, killed in story:
         clock.now += jump
         stamps = Stamps(store, clock)
-        sent += [stamps.next() for _ in range(packets)]
+        sent += [stamps.next_stamp() for _ in range(packets)]
         if killed:
             os.close(stamps._file)
         else:
@@ -41,7 +41,7 @@ def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch)
     stamps = Stamps(store, clock)
     for _ in range(10_000):
         clock.now += 0.02
-        stamps.next()
+        stamps.next_stamp()
     assert store.stat().st_mode & 0o777 == 0o600
     assert 200 / 10 <= len(writes) <= 200 / 10 + 2
     stamps.close()
@@ -49,16 +49,16 @@ def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch)
 
 def test_kept_ahead_of_time_no_packet_waits_for_the_disk(tmp_path, clock, monkeypatch):
     stamps = Stamps(tmp_path / "a.time", clock)
-    stamps.keep()
+    stamps.store_ahead()
     monkeypatch.setattr(stamps, "_write", lambda: pytest.fail("a packet waited"))
     for _ in range(9):
         clock.now += 1
-        stamps.next()
+        stamps.next_stamp()
     monkeypatch.undo()
     clock.now += 0.5
-    stamps.next()
+    stamps.next_stamp()
     ceiling = stamps._ceiling
-    stamps.keep()
+    stamps.store_ahead()
     assert stamps._ceiling > ceiling
     stamps.close()
 
@@ -73,7 +73,7 @@ def test_a_full_disk_is_counted_and_stamps_go_on(tmp_path, clock, monkeypatch):
     found = []
     for _ in range(300):
         clock.now += 1
-        found.append(stamps.next())
+        found.append(stamps.next_stamp())
     assert found == sorted(set(found))
     assert 0 < stamps.unsaved <= 300
     stamps.close()
@@ -115,10 +115,10 @@ def test_what_is_new_is_told_by_stream(clock):
 def test_what_may_be_overtaken_is_taken_late_and_once_and_nothing_from_before_the_start(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last
-    stamps.accept(STREAM, start + LATE + 10, ordered=False)
-    late = [start + k for k in (0, 9, 10, 11, LATE, LATE + 9)]
+    stamps.accept(STREAM, start + LONGEST_LATENESS + 10, ordered=False)
+    late = [start + k for k in (0, 9, 10, 11, LONGEST_LATENESS, LONGEST_LATENESS + 9)]
     assert [stamps.is_new(STREAM, s, ordered=False) for s in late] == [False, False, False, True, True, True]
-    stamps.accept(STREAM, start + LATE, ordered=False)
+    stamps.accept(STREAM, start + LONGEST_LATENESS, ordered=False)
     assert [stamps.is_new(STREAM, s, ordered=False) for s in late] == [False, False, False, True, False, True]
     other = (9, 1, 1)
     stamps.accept(other, start + 5, ordered=False)
@@ -135,13 +135,13 @@ def test_an_order_is_never_taken_after_a_later_one_but_after_later_data(clock):
     assert stamps.is_new(STREAM, start + 49, ordered=False)
 
 
-@given(st.lists(st.tuples(st.integers(1, 3 * LATE), st.booleans()), max_size=200))
+@given(st.lists(st.tuples(st.integers(1, 3 * LONGEST_LATENESS), st.booleans()), max_size=200))
 def test_whatever_comes_no_stamp_is_taken_twice_and_orders_rise(found):
     """Against a receiver that remembers everything."""
     stamps, taken, orders = Stamps(clock=Clock()), set(), [0]
     start = stamps.last
     for k, ordered in found + found[::-1]:
-        want = k not in taken and k > max(taken, default=0) - LATE and not (ordered and k <= orders[-1])
+        want = k not in taken and k > max(taken, default=0) - LONGEST_LATENESS and not (ordered and k <= orders[-1])
         assert stamps.is_new(STREAM, start + k, ordered) == want
         if want:
             stamps.accept(STREAM, start + k, ordered)
@@ -151,9 +151,9 @@ def test_whatever_comes_no_stamp_is_taken_twice_and_orders_rise(found):
 
 def test_what_is_remembered_of_a_stream_is_bounded(clock):
     stamps = Stamps(clock=clock)
-    for _ in range(4 * LATE):
+    for _ in range(4 * LONGEST_LATENESS):
         stamps.accept(STREAM, stamps.last + 1, ordered=False)
-    assert len(stamps._streams[STREAM]._taken) == LATE
+    assert len(stamps._streams[STREAM]._taken) == LONGEST_LATENESS
 
 
 def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
@@ -169,5 +169,5 @@ def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
 def test_the_end_of_time_does_not_overflow(clock):
     stamps = Stamps(clock=clock)
     stamps.accept(STREAM, LARGEST)
-    assert stamps.next() == LARGEST
+    assert stamps.next_stamp() == LARGEST
     assert not stamps.is_new(STREAM, LARGEST)

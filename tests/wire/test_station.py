@@ -11,9 +11,17 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
 from trimtab.wire import protocol
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import ArmAsked, Channels, FlightAsked, ModeAsked, ParameterSet, Result, Sticks
+from trimtab.wire.protocol import (
+    ArmRequest,
+    CommandResult,
+    FlightRequest,
+    JoystickAxes,
+    ModeRequest,
+    ParameterChange,
+    ReceiverChannels,
+)
 from trimtab.wire.station import Station, Status
-from trimtab.wire.streams import Stream, Streams
+from trimtab.wire.streams import Streams, TelemetryStream
 
 GROUND = (255, 190)
 MODES = {0: "MANUAL", 4: "HOLD", 15: "GUIDED"}
@@ -32,7 +40,7 @@ class Line:
         """Send a message; what comes back, and the events."""
         events, replies = [], []
         for message in self.vehicle.feed(self.ground.pack(name, fields)):
-            done = self.station.handle(message, now)
+            done = self.station.handle_message(message, now)
             events += done.events
             replies += self.ground.feed(b"".join(done.replies))
         return replies, events
@@ -107,17 +115,17 @@ def test_time_is_answered_with_both_times(line):
 
 
 def test_arming_is_asked_for_or_refused_with_the_reason(line):
-    assert line.command(400, 1.0) == (0, "", [ArmAsked(True, GROUND)])
-    line.station.status = Status(not_ready="no position yet; the tank of the lift fan is empty, and more is wrong")
+    assert line.command(400, 1.0) == (0, "", [ArmRequest(True, GROUND)])
+    line.station.status = Status(arming_problem="no position yet; the tank of the lift fan is empty, and more is wrong")
     result, text, events = line.command(400, 1.0, 21196.0)  # forcing doesn't help
-    assert (result, text, events) == (1, f"Arming refused: {line.station.status.not_ready}", [])
-    assert line.command(400, 0.0) == (0, "", [ArmAsked(False, GROUND)])
-    assert line.command(185, 1.0) == (0, "", [ArmAsked(False, GROUND)])
+    assert (result, text, events) == (1, f"Arming refused: {line.station.status.arming_problem}", [])
+    assert line.command(400, 0.0) == (0, "", [ArmRequest(False, GROUND)])
+    assert line.command(185, 1.0) == (0, "", [ArmRequest(False, GROUND)])
     assert line.command(400, math.nan)[0] == line.command(400, 0.5)[0] == 2
 
 
 def test_modes_are_asked_for_or_refused_with_the_choices(line):
-    assert line.command(176, 1.0, 15.0) == (0, "", [ModeAsked(15, GROUND)])
+    assert line.command(176, 1.0, 15.0) == (0, "", [ModeRequest(15, GROUND)])
     result, text, events = line.command(176, 1.0, 7.0)
     assert (result, events) == (2, [])
     assert text == "No mode 7; there are 0 MANUAL, 4 HOLD, 15 GUIDED"
@@ -127,17 +135,17 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
         == line.command(176, 1e30, 4.0)[0]
         == 2
     )
-    line.station.status = Status(closed={15: "no link to the autopilot"})
+    line.station.status = Status(closed_modes={15: "no link to the autopilot"})
     result, text, _ = line.command(176, 1.0, 15.0)
     assert (result, text) == (1, "Mode GUIDED refused: no link to the autopilot")
     replies, events = line.ask("SET_MODE", target_system=1, base_mode=1, custom_mode=4)
-    assert events == [ModeAsked(4, GROUND)]
+    assert events == [ModeRequest(4, GROUND)]
     assert [(m.name, m.get("command"), m.get("result")) for m in replies] == [("COMMAND_ACK", 11, 0)]
 
 
 def test_commands_in_integers_do_the_same_and_others_are_unsupported(line):
     replies, events = line.ask("COMMAND_INT", command=400, param1=1.0, target_system=1, target_component=1)
-    assert events == [ArmAsked(True, GROUND)]
+    assert events == [ArmRequest(True, GROUND)]
     assert [m.get("result") for m in replies] == [0]
     assert line.command(246, 1.0)[0] == 3  # reboot
     assert line.command(512, 31.0)[0] == 3
@@ -187,7 +195,7 @@ def test_one_parameter_is_read_by_name_or_index(line):
 def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
     (value,), events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.5)
     assert value.get("param_value") == 3.5
-    assert events == [ParameterSet("world.vehicle.inner.mass", 0, 3.5, GROUND)]
+    assert events == [ParameterChange("world.vehicle.inner.mass", 0, 3.5, GROUND)]
     replies, events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=-1.0)
     value, *texts = replies
     assert (value.get("param_value"), events) == (3.5, [])
@@ -209,18 +217,18 @@ def test_parameters_can_be_locked_while_armed(dialect):
 def test_a_receivers_channels_and_a_joystick(line):
     fields = {"chancount": 3, "chan1_raw": 1500, "chan2_raw": 65535, "chan3_raw": 1000, "chan4_raw": 1700}
     _, (event,) = line.ask("RC_CHANNELS", **fields)
-    assert isinstance(event, Channels)
+    assert isinstance(event, ReceiverChannels)
     assert event.pulses[0] == pytest.approx(1.5e-3)
     assert event.pulses[2] == pytest.approx(1e-3)
     assert [k for k, v in enumerate(event.pulses) if not math.isnan(v)] == [0, 2]
-    assert (event.override, event.asked_by) == (False, GROUND)
+    assert (event.override, event.requester) == (False, GROUND)
     _, (event,) = line.ask("RC_CHANNELS_OVERRIDE", target_system=1, chan1_raw=0, chan2_raw=1200, chan9_raw=65534)
     assert [k for k, v in enumerate(event.pulses) if not math.isnan(v)] == [1]
     assert event.override
     _, (event,) = line.ask("MANUAL_CONTROL", target=1, x=500, y=-1000, z=32767, r=0, buttons=5)
     assert event[:2] == (0.5, -1.0)
     assert math.isnan(event.heave)
-    assert isinstance(event, Sticks)
+    assert isinstance(event, JoystickAxes)
     assert (event.yaw, event.buttons) == (0.0, 5)
 
 
@@ -241,7 +249,7 @@ def test_an_echo_and_who_is_there(line):
 @pytest.mark.parametrize("length", [0, 50, 51, 100, 120])
 def test_long_texts_go_in_pieces_that_a_reader_can_join(line, length):
     text = "0123456789" * (length // 10) + "x" * (length % 10)
-    line.station.say(protocol.Severity.INFO, text)
+    line.station.queue_text(protocol.Severity.INFO, text)
     pieces = [m for m in line.due(0) if m.name == "STATUSTEXT"]
     assert "".join(m.get("text") for m in pieces) == text
     if length > 50:
@@ -255,7 +263,7 @@ def test_long_texts_go_in_pieces_that_a_reader_can_join(line, length):
 
 def test_too_many_texts_are_dropped_and_counted(line):
     for _ in range(30):
-        line.station.say(protocol.Severity.INFO, "again")
+        line.station.queue_text(protocol.Severity.INFO, "again")
     assert len([m for m in line.due(0) if m.name == "STATUSTEXT"]) == 20
     assert line.station.texts.dropped == 10
 
@@ -267,9 +275,9 @@ def test_no_message_makes_it_fail(dialect, data):
     for _ in range(5):
         definition = data.draw(st.sampled_from(list(dialect.definitions.values())))
         payload = data.draw(st.binary(min_size=definition.size, max_size=definition.size))
-        packet = line.ground._frame(definition, payload)
+        packet = line.ground._make_frame(definition, payload)
         for message in line.vehicle.feed(packet):
-            done = line.station.handle(message, data.draw(st.integers(0, 2**60)))
+            done = line.station.handle_message(message, data.draw(st.integers(0, 2**60)))
             assert len(line.ground.feed(b"".join(done.replies))) == len(done.replies)
     line.station.due(0)
 
@@ -281,7 +289,7 @@ def test_a_vehicle_without_modes_is_refused(dialect):
 
 def test_streams_flow_while_another_system_is_heard(dialect):
     endpoint = Endpoint(dialect, 1, 1, unsigned=True)
-    streams = Streams(endpoint, {"ATTITUDE": Stream(lambda now: {}, seconds("0.5"))})
+    streams = Streams(endpoint, {"ATTITUDE": TelemetryStream(lambda now: {}, seconds("0.5"))})
     line = Line(dialect, streams=streams)
 
     def told(start, end):
@@ -293,7 +301,7 @@ def test_streams_flow_while_another_system_is_heard(dialect):
     assert told(5, 30) == 20
     own = Endpoint(dialect, 1, 191, unsigned=True).pack("HEARTBEAT")
     for message in line.vehicle.feed(own):
-        line.station.handle(message, seconds(30))
+        line.station.handle_message(message, seconds(30))
     assert told(30, 35) == 0
     line.ask("HEARTBEAT", now=seconds(35))
     line.ask("REQUEST_DATA_STREAM", now=seconds(35), target_system=1, req_stream_id=10, start_stop=0)
@@ -319,19 +327,19 @@ LAND, PAUSE_CONTINUE, OVERRIDE_GOTO = 21, 193, 252
     ],
 )
 def test_what_the_autopilot_is_asked_is_passed_on_while_there_is_one(line, number, params, request_):
-    line.station.status = Status(deaf="")
-    assert line.command(number, *params) == (Result.ACCEPTED, "", [FlightAsked(request_, GROUND)])
-    line.station.status = Status(deaf="nobody is there")
+    line.station.status = Status(autopilot_problem="")
+    assert line.command(number, *params) == (CommandResult.ACCEPTED, "", [FlightRequest(request_, GROUND)])
+    line.station.status = Status(autopilot_problem="nobody is there")
     result, text, events = line.command(number, *params)
-    assert (result, events) == (Result.NOT_NOW, [])
+    assert (result, events) == (CommandResult.NOT_NOW, [])
     assert text == f"Not asked to {request_}: nobody is there"
 
 
 @pytest.mark.parametrize(("number", "params"), [(OVERRIDE_GOTO, (0, 3)), (OVERRIDE_GOTO, (7,)), (PAUSE_CONTINUE, (2,))])
 def test_to_hold_elsewhere_is_denied(line, number, params):
-    line.station.status = Status(deaf="")
-    assert line.command(number, *params) == (Result.DENIED, "", [])
+    line.station.status = Status(autopilot_problem="")
+    assert line.command(number, *params) == (CommandResult.DENIED, "", [])
 
 
 def test_by_itself_a_vehicle_has_no_autopilot(line):
-    assert line.command(LAND)[0] == Result.NOT_NOW
+    assert line.command(LAND)[0] == CommandResult.NOT_NOW

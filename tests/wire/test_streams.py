@@ -6,8 +6,8 @@ import pytest
 
 from trimtab.core.time import ms, seconds
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Order, Result
-from trimtab.wire.streams import Stream, Streams
+from trimtab.wire.protocol import CommandCode, CommandResult
+from trimtab.wire.streams import Streams, TelemetryStream
 
 ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
 
@@ -20,9 +20,9 @@ class Line:
         self.ground = Endpoint(dialect, 255, 190, unsigned=True)
         self.imu = None
         told = {
-            "ATTITUDE": Stream(lambda now: {"time_boot_ms": now // ms(1)}, ms(250)),
-            "EXTENDED_SYS_STATE": Stream(lambda now: {"landed_state": 1}, seconds(1)),
-            "HIGHRES_IMU": Stream(lambda now: self.imu, ms(500)),
+            "ATTITUDE": TelemetryStream(lambda now: {"time_boot_ms": now // ms(1)}, ms(250)),
+            "EXTENDED_SYS_STATE": TelemetryStream(lambda now: {"landed_state": 1}, seconds(1)),
+            "HIGHRES_IMU": TelemetryStream(lambda now: self.imu, ms(500)),
         }
         self.streams = Streams(self.vehicle, told)
         self.now = 0
@@ -38,7 +38,7 @@ class Line:
         return dict(found)
 
     def order(self, command, first, second=0.0):
-        result, packets = self.streams.order(command, first, second, self.now)
+        result, packets = self.streams.handle_command(command, first, second, self.now)
         return result, self.ground.feed(b"".join(packets))
 
     def ask(self, stream, rate, start=1):
@@ -59,21 +59,21 @@ def test_each_comes_at_its_own_rate_and_what_has_nothing_to_tell_is_silent(line)
 
 
 def test_an_interval_is_set_told_put_back_and_ended(line):
-    assert line.order(Order.SET_INTERVAL, ATTITUDE, 100_000)[0] == Result.ACCEPTED
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, 100_000)[0] == CommandResult.ACCEPTED
     assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(100, abs=1)
-    (told,) = line.order(Order.REQUEST_MESSAGE, INTERVAL, ATTITUDE)[1]
+    (told,) = line.order(CommandCode.REQUEST_MESSAGE, INTERVAL, ATTITUDE)[1]
     assert told.fields() == {"message_id": ATTITUDE, "interval_us": 100_000}
-    assert line.order(Order.SET_INTERVAL, ATTITUDE, -1)[0] == Result.ACCEPTED
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, -1)[0] == CommandResult.ACCEPTED
     assert "ATTITUDE" not in line.count(seconds(2))
-    (told,) = line.order(Order.GET_INTERVAL, ATTITUDE)[1]
+    (told,) = line.order(CommandCode.GET_INTERVAL, ATTITUDE)[1]
     assert told.get("interval_us") == -1
-    assert line.order(Order.SET_INTERVAL, ATTITUDE, 0)[0] == Result.ACCEPTED
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, 0)[0] == CommandResult.ACCEPTED
     assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(40, abs=1)
 
 
 def test_nothing_is_sent_faster_than_fifty_times_a_second(line):
     for asked in (1, 19_999):
-        assert line.order(Order.SET_INTERVAL, ATTITUDE, asked)[0] == Result.ACCEPTED
+        assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, asked)[0] == CommandResult.ACCEPTED
         assert line.count(seconds(2))["ATTITUDE"] == pytest.approx(100, abs=1)
     line.ask(10, 65535)
     assert line.count(seconds(2))["ATTITUDE"] == pytest.approx(100, abs=1)
@@ -81,21 +81,21 @@ def test_nothing_is_sent_faster_than_fifty_times_a_second(line):
 
 @pytest.mark.parametrize("number", [UNKNOWN, -1.0, 1e30, float("nan"), float("inf")])
 def test_what_is_not_sent_cannot_be_ordered(line, number):
-    for command in (Order.SET_INTERVAL, Order.GET_INTERVAL, Order.REQUEST_MESSAGE, 9999):
-        assert line.order(command, number) == (Result.UNSUPPORTED, [])
-    assert line.order(9999, ATTITUDE) == (Result.UNSUPPORTED, [])
+    for command in (CommandCode.SET_INTERVAL, CommandCode.GET_INTERVAL, CommandCode.REQUEST_MESSAGE, 9999):
+        assert line.order(command, number) == (CommandResult.UNSUPPORTED, [])
+    assert line.order(9999, ATTITUDE) == (CommandResult.UNSUPPORTED, [])
 
 
 @pytest.mark.parametrize("micros", [float("nan"), float("inf"), -2.0])
 def test_an_interval_that_is_none_is_denied(line, micros):
-    assert line.order(Order.SET_INTERVAL, ATTITUDE, micros)[0] == Result.DENIED
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, micros)[0] == CommandResult.DENIED
     assert line.count(seconds(10))["ATTITUDE"] == 40
 
 
 def test_one_message_is_sent_on_request(line):
-    result, (message,) = line.order(Order.REQUEST_MESSAGE, LANDED)
-    assert (result, message.get("landed_state")) == (Result.ACCEPTED, 1)
-    assert line.order(Order.REQUEST_MESSAGE, IMU) == (Result.NOT_NOW, [])
+    result, (message,) = line.order(CommandCode.REQUEST_MESSAGE, LANDED)
+    assert (result, message.get("landed_state")) == (CommandResult.ACCEPTED, 1)
+    assert line.order(CommandCode.REQUEST_MESSAGE, IMU) == (CommandResult.NOT_NOW, [])
 
 
 def test_data_streams_are_groups_and_all(line):

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.time import UNITS_PER_SECOND, ms, seconds
-from trimtab.links.bluetooth import bluetooth
-from trimtab.links.latency import scores
-from trimtab.wire.time_sync import Exchange, TimeSync, fit
+from trimtab.links.bluetooth import bluetooth_link
+from trimtab.links.latency import normal_scores
+from trimtab.wire.time_sync import TimeSync, TimeSyncExchange, fit_offset_line
 
 OFFSET = 123_456_789_012
 
@@ -24,15 +24,15 @@ def exchange(sync, now, up, down, drift=0.0, offset=OFFSET):
     """One exchange begun at now; when it is back."""
     asked = sync.ask(now)
     back = now + up + down
-    assert sync.answered(theirs(now + up, drift, offset) * 100, asked["ts1"], back)
+    assert sync.handle_answer(theirs(now + up, drift, offset) * 100, asked["ts1"], back)
     return back
 
 
 def draw(path, n, seed):
     """Delays in 100 ns from the table that the channel model draws from."""
-    table = np.asarray(bluetooth("free2move/linksys 2.9/22.0", path).latency)
+    table = np.asarray(bluetooth_link("free2move/linksys 2.9/22.0", path).latency)
     z = np.random.default_rng(seed).standard_normal(n)
-    return np.rint(np.interp(z, scores(), table) * UNITS_PER_SECOND).astype(int)
+    return np.rint(np.interp(z, normal_scores(), table) * UNITS_PER_SECOND).astype(int)
 
 
 @pytest.mark.parametrize("drift", [0.0, 4e-5, -1e-4])
@@ -66,9 +66,10 @@ def test_the_line_is_the_weighted_least_squares_one():
     rng = np.random.default_rng(4)
     times = np.arange(50) * seconds(1)
     exchanges = [
-        Exchange(int(t), 1000.0 + 3e-5 * t, int(r)) for t, r in zip(times, rng.integers(100, 9000, 50), strict=True)
+        TimeSyncExchange(int(t), 1000.0 + 3e-5 * t, int(r))
+        for t, r in zip(times, rng.integers(100, 9000, 50), strict=True)
     ]
-    line = fit(exchanges)
+    line = fit_offset_line(exchanges)
     slope, start = np.polyfit(times, [e.offset for e in exchanges], 1)
     assert line.drift == pytest.approx(slope, rel=1e-3)
     assert line.value(int(times[-1])) == pytest.approx(start + slope * times[-1], abs=20)
@@ -76,10 +77,10 @@ def test_the_line_is_the_weighted_least_squares_one():
 
 def test_one_exchange_is_enough_to_begin_with_and_bounds_its_error():
     sync = TimeSync()
-    assert not sync.known
+    assert not sync.is_known
     assert sync.to_local(5) == 5
     back = exchange(sync, seconds(1), ms(30), ms(10))
-    assert sync.known
+    assert sync.is_known
     assert abs(sync.to_local(theirs(back, 0.0)) - back) == ms(10)
     assert sync.shortest == ms(40)
 
@@ -140,14 +141,14 @@ def test_without_a_link_the_offset_drifts_on_and_does_not_run_away():
 def test_answers_to_others_late_ones_and_nonsense_are_refused():
     sync = TimeSync()
     asked = sync.ask(1000)
-    assert not sync.answered(5, asked["ts1"] + 100, 2000)
-    assert not sync.answered(-5, asked["ts1"], 2000)
-    assert not sync.answered(5, asked["ts1"], 999)
-    assert not sync.answered(5, asked["ts1"], 1000 + seconds(11))
-    assert not sync.answered(0, 123, 2000)  # a question of the other end
+    assert not sync.handle_answer(5, asked["ts1"] + 100, 2000)
+    assert not sync.handle_answer(-5, asked["ts1"], 2000)
+    assert not sync.handle_answer(5, asked["ts1"], 999)
+    assert not sync.handle_answer(5, asked["ts1"], 1000 + seconds(11))
+    assert not sync.handle_answer(0, 123, 2000)  # a question of the other end
     assert sync.refused == 4
-    assert sync.answered(5, asked["ts1"], 2000)
-    assert not sync.answered(5, asked["ts1"], 2000)  # once
+    assert sync.handle_answer(5, asked["ts1"], 2000)
+    assert not sync.handle_answer(5, asked["ts1"], 2000)  # once
 
 
 def test_there_and_back_is_where_it_began():

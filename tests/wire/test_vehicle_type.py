@@ -4,21 +4,21 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.scenarios import catalogue
-from trimtab.wire.telemetry import type_of
+from trimtab.wire.telemetry import mav_type
 
 WANTED = {"hovercraft": "SURFACE_BOAT", "hypersonic": "FIXED_WING", "navigation/platform": "GENERIC"}
 
 
-@pytest.mark.parametrize("name", catalogue.names())
+@pytest.mark.parametrize("name", catalogue.scenario_names())
 def test_every_scenarios_vehicle_is_of_its_type(name):
     common = pytest.importorskip("pymavlink.dialects.v20.common")
     wanted = next((kind for start, kind in WANTED.items() if name.startswith(start)), "SURFACE_BOAT")
-    scenario, _ = catalogue.load(name)
-    assert type_of(scenario.world.vehicle) == getattr(common, f"MAV_TYPE_{wanted}")
+    scenario, _ = catalogue.load_scenario(name)
+    assert mav_type(scenario.world.vehicle) == getattr(common, f"MAV_TYPE_{wanted}")
 
 
 def test_a_vehicle_that_declares_nothing_is_generic():
-    assert type_of(object()) == 0
+    assert mav_type(object()) == 0
 
 
 def test_a_type_that_is_not_known_is_refused():
@@ -26,5 +26,5 @@ def test_a_type_that_is_not_known_is_refused():
         MAV_TYPE = "SURFACE-BOAT"
 
     with pytest.raises(InputError, match="Boat declares MAV_TYPE = 'SURFACE-BOAT'") as refused:
-        type_of(Boat())
+        mav_type(Boat())
     assert "SURFACE_BOAT" in refused.value.choices

@@ -68,10 +68,10 @@ class ThrustVectorAllocation:
 
     def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
         """Pulse and speed for a demand (N, in B)."""
-        force, psi = polar(demand)
+        force, psi = to_polar(demand)
         theta = self.geometry.rudder_angle(psi)
         if self.saturation:
-            theta = self.rudder.limited(theta)
+            theta = self.rudder.limit_angle(theta)
         speed = jnp.where(abs(force) > self.dead_zone, self._speed(force, theta), 0.0)
         return state, DriveCommand(rudder_pulse=self.rudder.pulse(theta), speed_rpm=speed)
 
@@ -83,7 +83,7 @@ class ThrustVectorAllocation:
         return jnp.clip(speed, -limit, limit) if self.saturation else speed
 
 
-def polar(force: PlanarForce) -> tuple[Any, Any]:
+def to_polar(force: PlanarForce) -> tuple[Any, Any]:
     """Signed size (N), negative where FX is, and force angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no force."""
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2

@@ -20,7 +20,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce, Sample
-from trimtab.core.time import ms, show, to_seconds
+from trimtab.core.time import format_time, ms, to_seconds
 
 MODES = ("forward", "reverse", "braking")
 FORWARD, REVERSE, BRAKING = range(3)
@@ -136,7 +136,9 @@ class FanDrive:
     def check(self) -> None:
         """Refuse frames that fall between steps, and a table that is not the thruster's."""
         if self.frame % self.period:
-            problem = f"the frame of {show(self.frame)} is no multiple of the period of {show(self.period)}"
+            problem = (
+                f"the frame of {format_time(self.frame)} is no multiple of the period of {format_time(self.period)}"
+            )
             raise InputError("frame", problem, fix="make it one, or frames are missed")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)
@@ -173,7 +175,7 @@ class FanDrive:
         """The force from integer time t on; a command that is not valid counts as neutral."""
         pulse, commanded = self._latch(t, state, command)
         controller, wanted = self.controller.step(t, state.controller, commanded)
-        speed = self.thruster.follow(state.speed_rpm, wanted, to_seconds(self.period))
+        speed = self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period))
         rudder = self._rudder_angle(pulse)
         thrust = self.effectiveness * self._thrust(speed, rudder)
         psi = self.geometry.force_angle(rudder)
@@ -184,7 +186,7 @@ class FanDrive:
             speed_rpm=speed,
             mode=controller.mode,
             brakings=controller.brakings,
-            rudder_saturated=self.rudder.at_stop(rudder) & self.saturation,
+            rudder_saturated=self.rudder.is_at_stop(rudder) & self.saturation,
             speed_saturated=(abs(speed) >= self.thruster.speed_max_rpm * (1 - 1e-9)) & self.saturation,
         )
         return FanDriveState(pulse, commanded, controller, speed), output
@@ -201,7 +203,7 @@ class FanDrive:
 
     def _rudder_angle(self, pulse: Any) -> Any:
         angle = self.rudder.angle(pulse)
-        return self.rudder.limited(angle) if self.saturation else angle
+        return self.rudder.limit_angle(angle) if self.saturation else angle
 
     def _thrust(self, speed_rpm: Any, rudder_angle: Any) -> Any:
         if self.table is None or not self.saturation:

@@ -127,13 +127,13 @@ class Failsafe:
     def step(self, t: Any, state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
         """What acts from integer time t on; may be called at any times that don't fall."""
         before = state.mode
-        state = self._armed(t, state, given)
-        state = self._heard(t, state, given.command)
-        pilot = given.radio & given.takeover & self._in_range(given.manual)
-        state = self._moded(t, state, pilot, given)
+        state = self._apply_requests(t, state, given)
+        state = self._accept_command(t, state, given.command)
+        pilot = given.radio & given.takeover & self._is_in_range(given.manual)
+        state = self._next_mode(t, state, pilot, given)
         manual, computer = state.mode == MANUAL, state.mode == COMPUTER
         obeyed = computer & given.command.valid & (state.heard != NEVER)
-        value = _where(manual, given.manual, _where(obeyed, state.value, self.safe))
+        value = _tree_where(manual, given.manual, _tree_where(obeyed, state.value, self.safe))
         turns = manual | (computer & (state.heard != NEVER))
         tripped = (state.mode == FAILSAFE) & (before != FAILSAFE)
         state = replace(state, lift_until=jnp.where(turns | tripped, t + self.lift_delay, state.lift_until))
@@ -147,7 +147,7 @@ class Failsafe:
         )
         return state, output
 
-    def _armed(self, t: Any, s: FailsafeState, given: FailsafeInput) -> FailsafeState:
+    def _apply_requests(self, t: Any, s: FailsafeState, given: FailsafeInput) -> FailsafeState:
         """After requests: armed anew, with no command heard yet, or disarmed."""
         arm = jnp.asarray(given.arm) & ~jnp.asarray(given.disarm) & ((s.mode == DISARMED) | s.latched)
         disarm = given.disarm & (s.mode != DISARMED)
@@ -163,19 +163,19 @@ class Failsafe:
             newest=jnp.where(arm, NEVER, s.newest),
         )
 
-    def _heard(self, t: Any, s: FailsafeState, command: Sample) -> FailsafeState:
+    def _accept_command(self, t: Any, s: FailsafeState, command: Sample) -> FailsafeState:
         """After the newest command, if it is good."""
         came = command.fresh & command.valid
-        good = came & self._in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
+        good = came & self._is_in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
         return replace(
             s,
             heard=jnp.where(good, t, s.heard),
             newest=jnp.where(good, command.t, s.newest),
-            value=_where(good, command.value, s.value),
+            value=_tree_where(good, command.value, s.value),
             rejected=jnp.where(came & ~good & (s.rejected < 2**31 - 1), s.rejected + 1, s.rejected).astype(np.int32),
         )
 
-    def _moded(self, t: Any, s: FailsafeState, pilot: Any, given: FailsafeInput) -> FailsafeState:
+    def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, given: FailsafeInput) -> FailsafeState:
         """After the pilot and the clock: the table of the docs page, row by row; the last that holds counts."""
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(given.radio), jnp.asarray(given.takeover)
@@ -201,11 +201,11 @@ class Failsafe:
         latched = s.latched | (mode == FAILSAFE)
         return replace(s, mode=mode.astype(np.int32), cause=cause.astype(np.int32), latched=latched)
 
-    def _in_range(self, value: Any) -> Any:
+    def _is_in_range(self, value: Any) -> Any:
         numbers = zip(leaves(self.low), leaves(value), leaves(self.high), strict=True)
         inside = [jnp.all((low[1] <= number[1]) & (number[1] <= high[1])) for low, number, high in numbers]
         return jnp.all(jnp.stack(inside))
 
 
-def _where(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -81,13 +81,13 @@ def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
     last = float(thruster.speed_max_rpm)
     n = round(2 * last / step_rpm) + 1
     blank = _table(-last, 2 * last / (n - 1), n)
-    return _filled(blank, thruster.force(blank.columns(), blank.rows()))
+    return _fill_table(blank, thruster.force(blank.columns(), blank.rows()))
 
 
 def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
     """Refuse a table of origin 'formula' that is not the one of this thruster."""
     if table.origin == "formula":
-        _check_same(table, _limited(thruster, thruster.speed_rpm(table.columns(), table.rows())))
+        _check_same(table, _limit_speed(thruster, thruster.speed_rpm(table.columns(), table.rows())))
 
 
 def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
@@ -108,7 +108,7 @@ def _table(column_start: float, column_step: float, columns: int) -> BilinearTab
     return BilinearTable(RUDDER_START, RUDDER_STEP, column_start, column_step, blank, "formula")
 
 
-def _filled(table: BilinearTable, values: Any) -> BilinearTable:
+def _fill_table(table: BilinearTable, values: Any) -> BilinearTable:
     return BilinearTable(
         table.row_start, table.row_step, table.column_start, table.column_step, np.asarray(values), table.origin
     )
@@ -116,10 +116,10 @@ def _filled(table: BilinearTable, values: Any) -> BilinearTable:
 
 def _speed_table(thruster: Thruster, start: float) -> BilinearTable:
     blank = _table(start, FORCE_STEP, round((FORCE_MAX - start) / FORCE_STEP) + 1)
-    return _filled(blank, _limited(thruster, thruster.speed_rpm(blank.columns(), blank.rows())))
+    return _fill_table(blank, _limit_speed(thruster, thruster.speed_rpm(blank.columns(), blank.rows())))
 
 
-def _limited(thruster: Thruster, speed_rpm: Any) -> Any:
+def _limit_speed(thruster: Thruster, speed_rpm: Any) -> Any:
     return np.clip(speed_rpm, -thruster.speed_max_rpm, thruster.speed_max_rpm)
 
 

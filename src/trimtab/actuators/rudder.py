@@ -89,11 +89,11 @@ class RudderServo:
         a, b = _pair(self.angles, index)
         return self.pulse_start + self.pulse_step * (index + (angle - a) / (b - a))
 
-    def limited(self, angle: Any) -> Any:
+    def limit_angle(self, angle: Any) -> Any:
         """The angle (rad) kept between the stops."""
         return jnp.clip(angle, self.angle_min, self.angle_max)
 
-    def at_stop(self, angle: Any) -> Any:
+    def is_at_stop(self, angle: Any) -> Any:
         """Whether a rudder at this angle (rad) stands at a stop, to 1e-6 rad."""
         return (angle <= self.angle_min + 1e-6) | (angle >= self.angle_max - 1e-6)
 

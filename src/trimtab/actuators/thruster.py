@@ -88,7 +88,7 @@ class Thruster:
         root = xp.where(q > 0, xp.sqrt(xp.where(q > 0, q, 1.0)), 0.0)
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
-    def follow(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
+    def follow_speed(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
         """Speed (rpm) a time dt (s) later under the first-order lag; the wanted speed itself where there is no lag."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (wanted_rpm - speed_rpm)

@@ -13,10 +13,10 @@ import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.store.store import InMemory, Store, block_of, missing, open_store
-from trimtab.campaign.workers.block import Workers, WorkersLost, flies_c, measured_log
-from trimtab.campaign.workers.local import here
-from trimtab.campaign.workers.ready import Plan, drawn, identity, prepare, scenario_of
+from trimtab.campaign.store.store import CampaignStore, MemoryStore, missing_blocks, open_store, read_block_length
+from trimtab.campaign.workers.block import Workers, WorkersLost, compute_log_metrics, uses_c
+from trimtab.campaign.workers.local import local_workers
+from trimtab.campaign.workers.ready import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
@@ -26,17 +26,17 @@ from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
 
 
-class Result(NamedTuple):
+class CampaignResult(NamedTuple):
     """What came of it. columns: by name, (n,); `run` is the number of each row.
 
     success: the share of runs that did what they must, with its interval.  flown, wall_s: runs of this session, and
     the time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
     """
 
-    plan: Plan
+    plan: CampaignPlan
     columns: dict[str, Any]
     success: Proportion
-    flown: int
+    flown_runs: int
     wall_s: float
     block: int
     identity: dict[str, str]
@@ -83,7 +83,7 @@ class Campaign:
         named = isinstance(scenario, str)
         if not named and (settings or tuple(without) or tuple(faults)):
             raise InputError("Campaign", "settings are for a scenario that is named", fix="change the scenario itself")
-        self.plan = Plan(
+        self.plan = CampaignPlan(
             scenario=scenario if named else scenario.name,
             settings=tuple(sorted((settings or {}).items())),
             without=tuple(without),
@@ -91,15 +91,15 @@ class Campaign:
             seed=seed,
             runs=runs,
             sampling=sampling,
-            spread=tuple(sorted((p, _distribution(p, d)) for p, d in (spread or {}).items())),
+            spread=tuple(sorted((p, _as_distribution(p, d)) for p, d in (spread or {}).items())),
             correlate=tuple((a, b, float(rho)) for (a, b), rho in sorted((correlate or {}).items())),
             metrics=tuple(m for m in asked if isinstance(m, str)),
             success=tuple(success),
             log_period=log_period,
         )
-        own = [_own_metric(m) for m in asked if not isinstance(m, str)]
+        own = [_metric_of_function(m) for m in asked if not isinstance(m, str)]
         self.by_name = named and not own
-        self.ready = prepare(self.plan, None if named else scenario, own)
+        self.ready = prepare_campaign(self.plan, None if named else scenario, own)
 
     def run(
         self,
@@ -111,7 +111,7 @@ class Campaign:
         stop: Callable[[dict[str, Any]], bool] | None = None,
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
-    ) -> Result:
+    ) -> CampaignResult:
         """Fly what is missing.
 
         Args:
@@ -130,28 +130,28 @@ class Campaign:
             problem = "other machines can't be given an object or a function of this program"
             fix = "name them, file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
-        used = "c" if backend == "c" or flies_c(self.ready, backend) else "jax"
-        progress = _rising(progress) if progress is not None else None
-        fly, who = workers or here(threads, progress), identity(self.plan, self.ready.scenario, used)
+        used = "c" if backend == "c" or uses_c(self.ready, backend) else "jax"
+        progress = _monotonic_progress(progress) if progress is not None else None
+        fly, who = workers or local_workers(threads, progress), identity(self.plan, self.ready.scenario, used)
         if store is None:
-            rows = InMemory(self.plan.runs)
+            rows = MemoryStore(self.plan.runs)
             block = self.ready.block
-            flown = self._fly(fly, used, rows, block, stop, progress)
+            flown = self._fly_blocks(fly, used, rows, block, stop, progress)
             columns = rows.read()
         else:
             folder = Path(store)
-            block = block_of(folder) or self.ready.block
-            told = {"identity": who, "plan": self.plan.plain(), **(about or {})}
-            with open_store(folder, told, self._example(), self.plan.runs, block) as kept:
-                flown = self._fly(fly, used, kept, block, stop, progress)
-                columns = _first(kept.read(), self.plan.runs)
+            block = read_block_length(folder) or self.ready.block
+            told = {"identity": who, "plan": self.plan.as_dict(), **(about or {})}
+            with open_store(folder, told, self._example_row(), self.plan.runs, block) as kept:
+                flown = self._fly_blocks(fly, used, kept, block, stop, progress)
+                columns = _first_rows(kept.read(), self.plan.runs)
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
-        return Result(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
+        return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
 
-    def _fly(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
-        done = rows.done()[: self.plan.runs]
-        flown, blocks = 0, list(missing(done, self.plan.runs, block))
-        if stop is not None and done[:1].all() and stop(_prefix(rows, done)):
+    def _fly_blocks(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
+        done = rows.finished_rows()[: self.plan.runs]
+        flown, blocks = 0, list(missing_blocks(done, self.plan.runs, block))
+        if stop is not None and done[:1].all() and stop(_gapless_rows(rows, done)):
             return 0
         made = fly(self.ready, blocks, used)
         try:
@@ -162,18 +162,22 @@ class Campaign:
                 done[first : first + n] = True
                 if progress is not None:
                     progress(int(done.sum()))
-                if stop is not None and done[0] and stop(_prefix(rows, done)):
+                if stop is not None and done[0] and stop(_gapless_rows(rows, done)):
                     break
         except WorkersLost as lost:
-            kept = f"{int(done.sum())} runs are kept" if isinstance(rows, Store) else "no run is kept without a store"
+            kept = (
+                f"{int(done.sum())} runs are kept"
+                if isinstance(rows, CampaignStore)
+                else "no run is kept without a store"
+            )
             raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
         finally:
             made.close()
         return flown
 
-    def _example(self) -> dict[str, Any]:
+    def _example_row(self) -> dict[str, Any]:
         """A value of each column's type."""
-        _, values = drawn(self.ready, 0, 1)
+        _, values = draw_runs(self.ready, 0, 1)
         kept = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **kept, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
@@ -185,19 +189,19 @@ class Campaign:
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
         """One run once more, with its whole log; its numbers are those of its row."""
-        of, _ = drawn(self.ready, run, run + 1)
+        of, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
         word = int(of.words[0])
         return simulate(self.scenario(run), seed=self.plan.seed, run=word, log_period=period, signals=signals)
 
     def row(self, run: int, log: Log) -> dict[str, Any]:
         """The row that a rerun's log makes, of one run: to be held against that of the campaign."""
-        _, values = drawn(self.ready, run, run + 1)
-        found = {**values, **measured_log(self.ready, log)}
+        _, values = draw_runs(self.ready, run, run + 1)
+        found = {**values, **compute_log_metrics(self.ready, log)}
         return {name: column[0] for name, column in found.items()}
 
 
-def _rising(tell: Callable[[int], None]) -> Callable[[int], None]:
+def _monotonic_progress(tell: Callable[[int], None]) -> Callable[[int], None]:
     """Tells no number below the last one: runs that fly are counted before they are kept."""
     last, alone = 0, threading.Lock()
 
@@ -211,22 +215,22 @@ def _rising(tell: Callable[[int], None]) -> Callable[[int], None]:
     return told
 
 
-def _first(columns: dict[str, Any], runs: int) -> dict[str, Any]:
+def _first_rows(columns: dict[str, Any], runs: int) -> dict[str, Any]:
     """Columns of the first runs, of a store that has more."""
     n = int(np.searchsorted(columns["run"], runs))
     return {name: column[:n] for name, column in columns.items()}
 
 
-def _prefix(rows: "InMemory | Store", done: Any) -> dict[str, Any]:
+def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, Any]:
     """Columns of the runs from 0 on without a gap."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}
 
 
-def _distribution(path: str, given: str | Distribution) -> Distribution:
+def _as_distribution(path: str, given: str | Distribution) -> Distribution:
     return given if isinstance(given, Distribution) else parse_distribution(given, f"--spread {path}")
 
 
-def _own_metric(function: Callable[[Rows], Any]) -> Metric:
+def _metric_of_function(function: Callable[[Rows], Any]) -> Metric:
     name = getattr(function, "__name__", "metric")
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)

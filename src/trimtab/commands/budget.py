@@ -12,10 +12,10 @@ from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
     from trimtab.loop.scenario import Scenario
-    from trimtab.run.error_budget import Budget
+    from trimtab.run.error_budget import ErrorBudget
 
 
-class Request(NamedTuple):
+class BudgetRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -28,27 +28,27 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def budget(request: Request) -> None:
+def budget(request: BudgetRequest) -> None:
     """Everything is checked before anything runs."""
-    from trimtab.commands.cache import use_cache
-    from trimtab.commands.fly_scenario import Request as Flight
-    from trimtab.commands.fly_scenario import build, check_picture
-    from trimtab.commands.progress import progress
-    from trimtab.run.error_budget import error_budget, sets_of_flights
+    from trimtab.commands.cache import enable_cache
+    from trimtab.commands.fly_scenario import RunRequest as Flight
+    from trimtab.commands.fly_scenario import build_from_request, check_picture
+    from trimtab.commands.progress import show_progress
+    from trimtab.run.error_budget import error_budget, flight_set_count
     from trimtab.run.program import check_seed
 
     check_seed(request.seed)
-    scenario = build(Flight(request.scenario, request.settings, request.without))
+    scenario = build_from_request(Flight(request.scenario, request.settings, request.without))
     _check_only(scenario, request.only)
     check_picture(request.plot, None)
-    use_cache()
+    enable_cache()
     seeds = range(request.seed, request.seed + request.runs)
-    with progress(sets_of_flights(scenario, request.only)) as tell:
+    with show_progress(flight_set_count(scenario, request.only)) as tell:
         tell("compiling", 0)
         found = error_budget(scenario, seeds=seeds, names=request.only, tell=lambda label: tell(label, 1))
-    written = _draw(found, scenario.name, request.plot)
+    written = _draw_budget(found, scenario.name, request.plot)
     if request.as_json:
-        click.echo(json.dumps(_plain(request, found) | ({"files": written} if written else {}), allow_nan=False))
+        click.echo(json.dumps(_result_json(request, found) | ({"files": written} if written else {}), allow_nan=False))
         return
     from trimtab.commands.tables import print_budget
 
@@ -67,16 +67,16 @@ def _check_only(scenario: "Scenario", only: tuple[str, ...]) -> None:
             raise InputError("--only", problem, choices=known, fix=fix)
 
 
-def _plain(request: Request, found: "Budget") -> dict[str, Any]:
-    from trimtab.run.error_budget import share
+def _result_json(request: BudgetRequest, found: "ErrorBudget") -> dict[str, Any]:
+    from trimtab.run.error_budget import cost_share
 
     def numbers(measured: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
-        return {m: {"rms": _known(rms), "standard_error": error} for m, (rms, error) in measured.items()}
+        return {m: {"rms": _finite_or_none(rms), "standard_error": error} for m, (rms, error) in measured.items()}
 
     costs = [
         {
             "imperfection": cost.name,
-            "share": {m: _known(share(found, cost, m)) for m in found.units},
+            "share": {m: _finite_or_none(cost_share(found, cost, m)) for m in found.units},
             "without": numbers(cost.without),
             "alone": numbers(cost.alone),
         }
@@ -86,11 +86,11 @@ def _plain(request: Request, found: "Budget") -> dict[str, Any]:
     return about | {"all": numbers(found.whole), "none": numbers(found.least), "costs": costs}
 
 
-def _known(number: float) -> float | None:
+def _finite_or_none(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _draw(found: "Budget", title: str, file: Path | None) -> list[str]:
+def _draw_budget(found: "ErrorBudget", title: str, file: Path | None) -> list[str]:
     if file is None:
         return []
     from trimtab.plots.error_budget import plot_error_budget

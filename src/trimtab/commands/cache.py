@@ -7,7 +7,7 @@ import jax
 from trimtab.core.cache_folder import cache_folder
 
 
-def use_cache() -> None:
+def enable_cache() -> None:
     """Keep compiled programs between runs, where a folder for it can be had; without one everything still works.
 
     It is the folder `jax` of the cache, see `cache_folder`. It holds code that will be run, so it is refused when it

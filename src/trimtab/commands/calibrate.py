@@ -9,17 +9,25 @@ import click
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.time import parse, to_seconds
-from trimtab.identify.allan import AllanFit, Coefficient, FilterNoise, allan, filter_noise, octaves, refuse_motion
+from trimtab.core.time import parse_time, to_seconds
+from trimtab.identify.allan import (
+    AllanFit,
+    Coefficient,
+    FilterNoise,
+    filter_noise,
+    fit_allan,
+    octave_averages,
+    refuse_motion,
+)
 from trimtab.logs.log import Log
-from trimtab.logs.samples import sample_of, samples
+from trimtab.logs.samples import sample_path, samples
 
 AT_REST = 1e-6
 """A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""
 FEWEST = 1024
 
 
-class Request(NamedTuple):
+class CalibrateRequest(NamedTuple):
     """What was asked for on the command line."""
 
     log: Path
@@ -32,7 +40,7 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-class Axis(NamedTuple):
+class SensorAxis(NamedTuple):
     """One axis of a sensor: what was fitted, the filter's noise, and how much log there was (samples, s)."""
 
     unit: str
@@ -42,18 +50,18 @@ class Axis(NamedTuple):
     duration: float
 
 
-def calibrate_noise(request: Request) -> None:
+def calibrate_noise(request: CalibrateRequest) -> None:
     """Read, fit, show; files appear whole or not at all."""
     from trimtab.commands.fly_scenario import check_picture
 
     picture = request.plot or (request.out / "noise.png" if request.out else None)
     check_picture(picture, request.out)
-    shortest, tick = _times(request)
-    log = _read(request)
+    shortest, tick = _parse_times(request)
+    log = _read_log(request)
     _refuse_moving(log)
-    axes = {n: _axis(n, log.unit(p), y, dt, shortest, tick) for n, p, y, dt in _signals(log, request.signals)}
-    result = {"log": str(request.log), "signals": {name: _plain(axis) for name, axis in axes.items()}}
-    written = _write(request, result, axes, picture)
+    axes = {n: _fit_axis(n, log.unit(p), y, dt, shortest, tick) for n, p, y, dt in _iterate_axes(log, request.signals)}
+    result = {"log": str(request.log), "signals": {name: _axis_json(axis) for name, axis in axes.items()}}
+    written = _write_files(request, result, axes, picture)
     if request.as_json:
         click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
         return
@@ -64,10 +72,10 @@ def calibrate_noise(request: Request) -> None:
         click.echo(f"wrote {file}")
 
 
-def _times(request: Request) -> tuple[float, float | None]:
+def _parse_times(request: CalibrateRequest) -> tuple[float, float | None]:
     """Shortest average and the filter's step, in s; refuses what is no stretch of time."""
-    shortest = 0 if request.shortest is None else parse(request.shortest)
-    tick = None if request.tick is None else parse(request.tick)
+    shortest = 0 if request.shortest is None else parse_time(request.shortest)
+    tick = None if request.tick is None else parse_time(request.tick)
     if shortest < 0:
         problem = f"{request.shortest!r} is below 0"
         raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out for every average")
@@ -77,7 +85,7 @@ def _times(request: Request) -> tuple[float, float | None]:
     return float(to_seconds(shortest)), None if tick is None else float(to_seconds(tick))
 
 
-def _read(request: Request) -> Log:
+def _read_log(request: CalibrateRequest) -> Log:
     if request.log.suffix.lower() == ".csv":
         from trimtab.logs.comma_separated import read_csv
 
@@ -98,9 +106,9 @@ def _refuse_moving(log: Log) -> None:
                 raise InputError("calibrate noise", problem, fix=fix)
 
 
-def _signals(log: Log, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
+def _iterate_axes(log: Log, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
     """Name, path, samples (n,) and period (s) of each axis."""
-    paths = [p for w in wanted for p in _matching(log, w)] if wanted else _candidates(log)
+    paths = [p for w in wanted for p in _matching_signals(log, w)] if wanted else _candidate_signals(log)
     for path in paths:
         found = samples(log, path)
         if len(found.ticks) < FEWEST:
@@ -112,29 +120,29 @@ def _signals(log: Log, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any,
             yield (f"{path}[{i}]" if found.values.ndim > 1 else path), path, y, found.period
 
 
-def _matching(log: Log, wanted: str) -> list[str]:
+def _matching_signals(log: Log, wanted: str) -> list[str]:
     wanted = f"csv.{wanted}" if f"csv.{wanted}" in log else wanted
     found = [p for p in log.paths if p == wanted or p.startswith(f"{wanted}.")]
     if not found:
-        measured = _candidates(log)
+        measured = _candidate_signals(log)
         near = closest(wanted, measured) or measured
         problem = "there is no such signal in this log"
         raise InputError(f"--signal {wanted}", problem, choices=near, fix=f"--signal {near[0]}")
-    found = [p for p in found if _noisy(log, p)]
+    found = [p for p in found if _is_noisy(log, p)]
     if not found:
         raise InputError(
             f"--signal {wanted}",
             "holds no numbers that change",
-            choices=_candidates(log),
+            choices=_candidate_signals(log),
             fix="name one of the choices",
         )
     return found
 
 
-def _candidates(log: Log) -> list[str]:
+def _candidate_signals(log: Log) -> list[str]:
     """What sensors measured: the values of samples, or in a log that has none every column; only what changes."""
-    sampled = [p for p in log.paths if p.startswith("sensors.") and sample_of(log, p)]
-    found = [p for p in sampled or log.paths if _noisy(log, p)]
+    sampled = [p for p in log.paths if p.startswith("sensors.") and sample_path(log, p)]
+    found = [p for p in sampled or log.paths if _is_noisy(log, p)]
     if not found:
         raise InputError(
             "calibrate noise", "no signal in this log changes", fix="log a sensor with noise, at full resolution"
@@ -142,23 +150,23 @@ def _candidates(log: Log) -> list[str]:
     return found
 
 
-def _noisy(log: Log, path: str) -> bool:
+def _is_noisy(log: Log, path: str) -> bool:
     values = log[path]
-    real = path not in log.declared or log.declared[path].kind in ("real", "angle")
+    real = path not in log.declarations or log.declarations[path].kind in ("real", "angle")
     return bool(values.dtype.kind == "f" and real and len(values) and np.ptp(values, axis=0).max() > 0)
 
 
-def _axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: float | None) -> Axis:
-    averages = tuple(m for m in octaves(len(y)) if m * dt >= shortest)
+def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: float | None) -> SensorAxis:
+    averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
     if len(averages) < 4:
         problem = f"{shortest:g} s leaves {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
         raise InputError("--shortest", problem, fix="take a shorter time, or a longer log")
-    fit = allan(y, dt, averages)
+    fit = fit_allan(y, dt, averages)
     refuse_motion(name, y, fit)
-    return Axis("U" if unit in ("", "1") else unit, fit, filter_noise(fit, tick), len(y), len(y) * dt)
+    return SensorAxis("U" if unit in ("", "1") else unit, fit, filter_noise(fit, tick), len(y), len(y) * dt)
 
 
-def _plain(axis: Axis) -> dict[str, Any]:
+def _axis_json(axis: SensorAxis) -> dict[str, Any]:
     fit, noise = axis.fit, axis.noise
     found: dict[str, Any] = {"unit": axis.unit, "samples": axis.samples, "duration_s": axis.duration}
     found |= {"period_s": fit.sampling_period, "misfit": fit.misfit}
@@ -170,14 +178,16 @@ def _plain(axis: Axis) -> dict[str, Any]:
     return found | {name: [float(v) for v in values] for name, values in curve.items()}
 
 
-def _write(request: Request, result: dict[str, Any], axes: dict[str, Axis], picture: Path | None) -> list[Path]:
+def _write_files(
+    request: CalibrateRequest, result: dict[str, Any], axes: dict[str, SensorAxis], picture: Path | None
+) -> list[Path]:
     written = []
     if request.out is not None:
-        from trimtab.logs.mcap import replacing
+        from trimtab.logs.mcap import replace_file
 
         request.out.mkdir(parents=True, exist_ok=True)
         file = request.out / "noise.json"
-        with replacing(file) as stream:
+        with replace_file(file) as stream:
             stream.write(json.dumps(result, indent=1).encode())
         written.append(file)
     if picture is not None:

@@ -18,13 +18,13 @@ from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign
-    from trimtab.commands.campaign import Request
+    from trimtab.commands.campaign import CampaignRequest
 if TYPE_CHECKING:
-    from trimtab.campaign.campaign import Campaign, Result, Workers
-    from trimtab.campaign.statistics.requirement import Verdict
+    from trimtab.campaign.campaign import Campaign, CampaignResult, Workers
+    from trimtab.campaign.statistics.requirement import RequirementVerdict
 
 
-def rerun(request: "Request", made: "Campaign", run: int) -> bool:
+def rerun_row(request: "CampaignRequest", made: "Campaign", run: int) -> bool:
     """Fly a run again; whether it is equal to its row, where the store has it."""
     from trimtab.logs.mcap import write_mcap
     from trimtab.plots.run import plot_run
@@ -32,7 +32,7 @@ def rerun(request: "Request", made: "Campaign", run: int) -> bool:
     scenario = made.scenario(run)
     log = made.rerun(run)
     row = made.row(run, log)
-    apart = _apart(request, run, row)
+    apart = _differing_columns(request, run, row)
     files = []
     if request.out is not None:
         request.out.mkdir(parents=True, exist_ok=True)
@@ -45,7 +45,7 @@ def rerun(request: "Request", made: "Campaign", run: int) -> bool:
         told = {"run": run, "row": plain, "differs": apart, "files": [str(f) for f in files]}
         click.echo(json.dumps(told, allow_nan=False))
         return not apart
-    _show(run, row, made)
+    _show_rerun(run, row, made)
     for file in files:
         click.echo(f"wrote {file}")
     if apart is None:
@@ -57,7 +57,7 @@ def rerun(request: "Request", made: "Campaign", run: int) -> bool:
     return not apart
 
 
-def _apart(request: "Request", run: int, row: dict[str, Any]) -> list[str] | None:
+def _differing_columns(request: "CampaignRequest", run: int, row: dict[str, Any]) -> list[str] | None:
     """Names of the columns that differ from the store's row; None where there is no such row."""
     if request.store is None:
         return None
@@ -71,7 +71,7 @@ def _apart(request: "Request", run: int, row: dict[str, Any]) -> list[str] | Non
     return [name for name, value in row.items() if not (value == there[name] or value != value)]
 
 
-def _show(run: int, row: dict[str, Any], made: "Campaign") -> None:
+def _show_rerun(run: int, row: dict[str, Any], made: "Campaign") -> None:
     from trimtab.commands.tables import console, new_table
 
     table = new_table(title=f"{made.plan.scenario}, run {run} of seed {made.plan.seed}", title_justify="left")
@@ -82,7 +82,7 @@ def _show(run: int, row: dict[str, Any], made: "Campaign") -> None:
     console().print(table)
 
 
-class Request(NamedTuple):
+class CampaignRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -113,22 +113,22 @@ class Request(NamedTuple):
         return shlex.join(["trimtab", *sys.argv[1:]])
 
 
-def campaign(request: Request) -> bool:
+def campaign(request: CampaignRequest) -> bool:
     """Fly it, or one of its runs; whether every requirement is met."""
     from trimtab.campaign.campaign import Campaign
-    from trimtab.commands.cache import use_cache
+    from trimtab.commands.cache import enable_cache
     from trimtab.commands.fly_scenario import check_folder
 
     _check_device(request)
     if request.out is not None:
         check_folder("--out", request.out)
-    use_cache()
+    enable_cache()
     made = Campaign(
         request.scenario,
         runs=request.runs,
         seed=request.seed,
         spread=request.spread,
-        correlate=_correlations(request.correlate),
+        correlate=_parse_correlations(request.correlate),
         metrics=request.metrics,
         success=request.success,
         sampling=request.sampling,
@@ -137,47 +137,47 @@ def campaign(request: Request) -> bool:
         faults=request.faults,
     )
     if request.rerun is not None:
-        from trimtab.commands.campaign import rerun
+        from trimtab.commands.campaign import rerun_row
 
-        return rerun(request, made, request.rerun)
-    return _fly(request, made)
+        return rerun_row(request, made, request.rerun)
+    return _fly_and_report(request, made)
 
 
-def _fly(request: Request, made: "Campaign") -> bool:
+def _fly_and_report(request: CampaignRequest, made: "Campaign") -> bool:
     from trimtab.campaign.sampling.points import DESIGNS
-    from trimtab.campaign.statistics.requirement import judge, requirement
+    from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
 
-    wanted = [requirement(text) for text in request.require]
+    wanted = [parse_requirement(text) for text in request.require]
     if request.sampling in DESIGNS and (wanted or request.stop):
         problem = f"rows of a {request.sampling} design are no independent worlds: they say what matters, not how often"
         raise InputError("--require, --stop", problem, fix="--sampling random")
-    stop = _stopping(request.stop, made)
+    stop = _stopping_function(request.stop, made)
     for one in wanted:
-        one.check(_metrics(made), anytime=stop is not None)
-    found = _flown(request, made, stop)
-    verdicts = [judge(one, found.columns, anytime=stop is not None) for one in wanted]
-    files = _write(request, made, found)
+        one.check(_column_names(made), anytime=stop is not None)
+    found = _run_campaign(request, made, stop)
+    verdicts = [evaluate_requirement(one, found.columns, anytime=stop is not None) for one in wanted]
+    files = _write_files(request, made, found)
     if request.as_json:
-        click.echo(json.dumps(_plain(request, found, verdicts) | {"files": files}, allow_nan=False))
+        click.echo(json.dumps(_result_json(request, found, verdicts) | {"files": files}, allow_nan=False))
     else:
         from trimtab.commands.campaign_tables import print_campaign
 
         print_campaign(made, found, verdicts, request.command)
         for file in files:
             click.echo(f"wrote {file}")
-    return all(v.good for v in verdicts)
+    return all(v.is_met for v in verdicts)
 
 
-def _flown(request: Request, made: "Campaign", stop: Any) -> "Result":
-    from trimtab.commands.progress import counting
+def _run_campaign(request: CampaignRequest, made: "Campaign", stop: Any) -> "CampaignResult":
+    from trimtab.commands.progress import show_count
 
-    with counting(made.plan.runs, f"compiling {made.plan.scenario}") as tell:
+    with show_count(made.plan.runs, f"compiling {made.plan.scenario}") as tell:
         try:
             return made.run(
                 request.store,
                 backend="jax" if request.device == "gpu" else "auto",
                 threads=request.threads,
-                workers=_workers(request),
+                workers=_choose_workers(request),
                 stop=stop,
                 progress=tell,
                 about={"command": request.command},
@@ -188,30 +188,30 @@ def _flown(request: Request, made: "Campaign", stop: Any) -> "Result":
             sys.exit(130)
 
 
-def _stopping(text: str | None, made: "Campaign") -> Any:
+def _stopping_function(text: str | None, made: "Campaign") -> Any:
     if text is None:
         return None
-    from trimtab.campaign.statistics.stopping import narrowed, stopping
+    from trimtab.campaign.statistics.stopping import evaluate_stopping, parse_stopping
 
-    wanted = stopping(text)
-    wanted.check(_metrics(made))
-    return lambda columns: narrowed(wanted, columns).done
+    wanted = parse_stopping(text)
+    wanted.check(_column_names(made))
+    return lambda columns: evaluate_stopping(wanted, columns).is_met
 
 
-def _metrics(made: "Campaign") -> list[str]:
+def _column_names(made: "Campaign") -> list[str]:
     return [*(m.name for m in made.ready.metrics), "success", "lost"]
 
 
-def _workers(request: Request) -> "Workers | None":
+def _choose_workers(request: CampaignRequest) -> "Workers | None":
     if request.cluster is None:
         return None
-    from trimtab.campaign.workers.cluster import cluster
+    from trimtab.campaign.workers.cluster import cluster_workers
 
     ca, cert, key = (file or "" for file in request.tls)
-    return cluster(request.cluster, ca=ca, cert=cert, key=key)
+    return cluster_workers(request.cluster, ca=ca, cert=cert, key=key)
 
 
-def _check_device(request: Request) -> None:
+def _check_device(request: CampaignRequest) -> None:
     if request.device != "gpu":
         return
     import jax
@@ -222,7 +222,7 @@ def _check_device(request: Request) -> None:
         raise InputError("--device gpu", problem, fix=fix)
 
 
-def _correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
+def _parse_correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
     found = {}
     for text in texts:
         names, _, number = text.rpartition("=")
@@ -238,7 +238,7 @@ def _correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
     return found
 
 
-def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
+def _write_files(request: CampaignRequest, made: "Campaign", found: "CampaignResult") -> list[str]:
     if request.out is None:
         return []
     from trimtab.commands.campaign_tables import write_pictures
@@ -255,24 +255,26 @@ def _write(request: Request, made: "Campaign", found: "Result") -> list[str]:
     return [str(f) for f in (table, *files)]
 
 
-def _plain(request: Request, found: "Result", verdicts: "list[Verdict]") -> dict[str, Any]:
-    from trimtab.commands.campaign_tables import summary
+def _result_json(
+    request: CampaignRequest, found: "CampaignResult", verdicts: "list[RequirementVerdict]"
+) -> dict[str, Any]:
+    from trimtab.commands.campaign_tables import summarise_metrics
 
     success = found.success
     return {
         "scenario": request.scenario,
         "seed": request.seed,
         "runs": len(found.columns["run"]),
-        "flown": found.flown,
+        "flown": found.flown_runs,
         "wall_s": found.wall_s,
         "success": {"share": success.share, "low": success.low, "high": success.high, "level": success.level},
         "lost": int(found.columns["lost"].sum()),
-        "metrics": {name: _known(numbers) for name, numbers in summary(found).items()},
+        "metrics": {name: _finite_values(numbers) for name, numbers in summarise_metrics(found).items()},
         "requirements": [{"text": v.requirement.text, "outcome": v.outcome, "note": v.note} for v in verdicts],
         "failed": [int(run) for run in found.columns["run"][~found.columns["success"]][:100]],
         "store": str(request.store) if request.store else None,
     }
 
 
-def _known(numbers: Mapping[str, float]) -> dict[str, float | None]:
+def _finite_values(numbers: Mapping[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in numbers.items()}

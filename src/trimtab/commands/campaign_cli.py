@@ -10,7 +10,7 @@ from trimtab.commands.live_cli import FAULT, FILE, JSON, SCENARIO, SEED, SET
 from trimtab.core.errors import InputError
 
 
-def spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+def parse_spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """path=distribution texts as a mapping."""
     found: dict[str, str] = {}
     for text in values:
@@ -27,7 +27,7 @@ def spreads(context: click.Context, parameter: click.Parameter, values: tuple[st
 SPREAD = click.option(
     "--spread",
     multiple=True,
-    callback=spreads,
+    callback=parse_spreads,
     metavar="PATH=DISTRIBUTION",
     help="E.g. 'world.vehicle.mass=normal(100%, 5%)'; repeatable.",
 )
@@ -79,10 +79,10 @@ def campaign(as_json: bool, tls_ca: Path | None, tls_cert: Path | None, tls_key:
         --spread 'world.vehicle.mass=normal(100%, 5%)' --spread 'autopilot.law.k2=uniform(80%, 120%)'
     trimtab campaign hovercraft/spin --runs 4000 --require 'success >= 0.99 @ 95%' --out spin
     """
-    from trimtab.commands.campaign import Request
+    from trimtab.commands.campaign import CampaignRequest
     from trimtab.commands.campaign import campaign as carry_out
 
-    if not carry_out(Request(**asked, tls=(tls_ca, tls_cert, tls_key), as_json=as_json)):
+    if not carry_out(CampaignRequest(**asked, tls=(tls_ca, tls_cert, tls_key), as_json=as_json)):
         sys.exit(1)
 
 
@@ -116,10 +116,10 @@ def stability_map(as_json: bool, **asked: Any) -> None:
     trimtab map hovercraft/forward --x delay=0:0.4 --y jitter=0:0.4 --without navigation-error \\
         --set initial.sway_velocity=0.05 --set initial.yaw_rate=0.15 --set duration=30
     """
-    from trimtab.commands.stability_map import Request
+    from trimtab.commands.stability_map import MapRequest
     from trimtab.commands.stability_map import stability_map as carry_out
 
-    carry_out(Request(**asked, as_json=as_json))
+    carry_out(MapRequest(**asked, as_json=as_json))
 
 
 @click.command()
@@ -151,14 +151,14 @@ def falsify(as_json: bool, **asked: Any) -> None:
         --spread 'autopilot.law.k2=uniform(50%, 200%)' --success 'error_rms:yaw_rate <= 0.5' --out worst.py
     trimtab run worst.py:scenario --seed 0 --run 133
     """
-    from trimtab.commands.falsify import Request
+    from trimtab.commands.falsify import FalsifyRequest
     from trimtab.commands.falsify import falsify as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(FalsifyRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
-def gains_of(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+def parse_gains(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """path=low:high texts as a mapping."""
     found = {}
     for text in values:
@@ -171,7 +171,7 @@ def gains_of(context: click.Context, parameter: click.Parameter, values: tuple[s
 
 @click.command()
 @SCENARIO
-@click.option("--gain", "gains", multiple=True, required=True, callback=gains_of, metavar="PATH=LOW:HIGH")
+@click.option("--gain", "gains", multiple=True, required=True, callback=parse_gains, metavar="PATH=LOW:HIGH")
 @click.option("--cost", default="error_rms:yaw_rate", show_default=True, help="Metric whose mean is made small.")
 @click.option("--method", type=click.Choice(("search", "gradient")), default="search", show_default=True)
 @click.option("--runs", type=click.IntRange(2), default=64, show_default=True, help="Worlds to tune on.")
@@ -197,8 +197,8 @@ def tune(as_json: bool, **asked: Any) -> None:
     trimtab run tuned.py:scenario
     trimtab tune hovercraft/zero-velocity --gain autopilot.law.k2=1:5 --method gradient
     """
-    from trimtab.commands.tune import Request
+    from trimtab.commands.tune import TuneRequest
     from trimtab.commands.tune import tune as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(TuneRequest(**asked, as_json=as_json)):
         sys.exit(1)

@@ -9,33 +9,33 @@ import click
 import numpy as np
 
 if TYPE_CHECKING:
-    from trimtab.campaign.campaign import Campaign, Result
+    from trimtab.campaign.campaign import Campaign, CampaignResult
     from trimtab.campaign.sampling.morris import Morris
-    from trimtab.campaign.statistics.requirement import Verdict
+    from trimtab.campaign.statistics.requirement import RequirementVerdict
     from trimtab.campaign.statistics.sensitivity import Sensitivity
 
-SHOWN = {"p5": 0.05, "median": 0.5, "p95": 0.95}
-WIDE = 105
+SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
+TABLE_WIDTH = 105
 """Columns of a terminal from which on the table has bands."""
-FAILED = 8
+MOST_FAILED_RUNS = 8
 """How many failed runs are named."""
 
 
-def names_of(found: "Result") -> list[str]:
+def metric_names(found: "CampaignResult") -> list[str]:
     """The metrics of a result."""
     spread = {path for path, _ in found.plan.spread}
     return [n for n in found.columns if n not in spread and n not in ("run", "success", "lost")]
 
 
-def summary(found: "Result") -> dict[str, dict[str, float]]:
+def summarise_metrics(found: "CampaignResult") -> dict[str, dict[str, float]]:
     """By metric the quantiles of SHOWN, each with its band, the largest value, and how often there was none."""
     from trimtab.campaign.statistics.quantiles import quantile
 
     told: dict[str, dict[str, float]] = {}
-    for name in names_of(found):
+    for name in metric_names(found):
         x = found.columns[name]
         told[name] = {}
-        for label, p in SHOWN.items():
+        for label, p in SHOWN_QUANTILES.items():
             q = quantile(x, p)
             told[name] |= {label: q.value, f"{label}_low": q.low, f"{label}_high": q.high}
         told[name] |= {
@@ -45,7 +45,9 @@ def summary(found: "Result") -> dict[str, dict[str, float]]:
     return told
 
 
-def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdict]", command: str) -> None:
+def print_campaign(
+    made: "Campaign", found: "CampaignResult", verdicts: "Sequence[RequirementVerdict]", command: str
+) -> None:
     """The table, the success, the requirements, and what to type to see one that failed."""
     from trimtab.campaign.sampling.points import DESIGNS
     from trimtab.commands.tables import console, new_table
@@ -54,16 +56,18 @@ def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdic
     table = new_table(title=f"{found.plan.scenario}, {n} runs of seed {found.plan.seed}", title_justify="left")
     table.add_column("metric", no_wrap=True)
     screen = console()
-    wide = screen.width >= WIDE
+    wide = screen.width >= TABLE_WIDTH
     band = " (95 % band)" if wide else ""
     for heading in ("5 %", f"median{band}", f"95 %{band}", "largest", "never"):
         table.add_column(heading, justify="right")
     labels = {m.name: m.label for m in made.ready.metrics}
-    for name, q in summary(found).items():
+    for name, q in summarise_metrics(found).items():
         bands = [
-            _n(q[k]) + (f" ({_n(q[f'{k}_low'])} to {_n(q[f'{k}_high'])})" if wide else "") for k in ("median", "p95")
+            _format_number(q[k])
+            + (f" ({_format_number(q[f'{k}_low'])} to {_format_number(q[f'{k}_high'])})" if wide else "")
+            for k in ("median", "p95")
         ]
-        table.add_row(labels[name], _n(q["p5"]), *bands, _n(q["largest"]), f"{q['never']:.0f}")
+        table.add_row(labels[name], _format_number(q["p5"]), *bands, _format_number(q["largest"]), f"{q['never']:.0f}")
     screen.print(table)
     conditions = (
         " and ".join(f"{c.metric} {c.compare} {c.bound:g}" for c in made.ready.success) or "the state stays finite"
@@ -76,21 +80,21 @@ def print_campaign(made: "Campaign", found: "Result", verdicts: "Sequence[Verdic
     lost = int(found.columns["lost"].sum())
     if lost:
         click.echo(f"lost: {lost} runs, whose state ran away")
-    rate = f"{found.flown / found.wall_s:.0f} runs/s" if found.flown else "all were in the store"
-    click.echo(f"flown: {found.flown} in {found.wall_s:.1f} s, {rate}")
+    rate = f"{found.flown_runs / found.wall_s:.0f} runs/s" if found.flown_runs else "all were in the store"
+    click.echo(f"flown: {found.flown_runs} in {found.wall_s:.1f} s, {rate}")
     for verdict in verdicts:
         click.echo(str(verdict))
     failed = found.columns["run"][~found.columns["success"]]
     if len(failed):
-        few = ", ".join(str(r) for r in failed[:FAILED]) + (", …" if len(failed) > FAILED else "")
+        few = ", ".join(str(r) for r in failed[:MOST_FAILED_RUNS]) + (", …" if len(failed) > MOST_FAILED_RUNS else "")
         click.echo(f"failed: {few}; one of them once more: {command} --rerun {failed[0]} --out run-{failed[0]}")
 
 
-def _n(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.4g}"
 
 
-def print_sensitivity(made: "Campaign", found: "Result") -> None:
+def print_sensitivity(made: "Campaign", found: "CampaignResult") -> None:
     """What each factor matters to each metric, largest first."""
     from trimtab.campaign.sampling.morris import Morris
     from trimtab.commands.tables import console, new_table
@@ -112,18 +116,21 @@ def print_sensitivity(made: "Campaign", found: "Result") -> None:
         for name in told.order:
             i = told.factors.index(name)
             numbers = [[getattr(told, field + end)[i] for end in ("", "_low", "_high")] for field, _ in pair]
-            table.add_row(name, *(f"{_n(v)} ({_n(low)} to {_n(high)})" for v, low, high in numbers))
+            table.add_row(
+                name,
+                *(f"{_format_number(v)} ({_format_number(low)} to {_format_number(high)})" for v, low, high in numbers),
+            )
         console().print(table)
 
 
-def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity | Morris]":
+def sensitivities(made: "Campaign", found: "CampaignResult") -> "dict[str, Sensitivity | Morris]":
     """Of each metric, and of the success, from the rows of a design; by rank where a metric was not always finite."""
     from trimtab.campaign.sampling.morris import morris
     from trimtab.campaign.statistics.sensitivity import sensitivity
 
     parameters = [f.text for f in made.ready.spread.factors]
     told: dict[str, Any] = {}
-    for name in [*names_of(found), "success"]:
+    for name in [*metric_names(found), "success"]:
         x = found.columns[name]
         by_rank = not np.isfinite(x).all()
         label = f"{name} (by rank)" if by_rank else name
@@ -134,7 +141,7 @@ def sensitivities(made: "Campaign", found: "Result") -> "dict[str, Sensitivity |
     return told
 
 
-def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path]:
+def write_pictures(made: "Campaign", found: "CampaignResult", folder: Path) -> list[Path]:
     """Histograms, convergence, and what the failures have in common; or what matters, of a design."""
     from trimtab.campaign.sampling.points import DESIGNS
     from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_parallel, plot_sensitivity
@@ -142,12 +149,12 @@ def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path
     title, files = found.plan.scenario, []
     if found.plan.sampling in DESIGNS:
         for name, told in sensitivities(made, found).items():
-            files.append(folder / f"sensitivity-{_file(name)}.png")
+            files.append(folder / f"sensitivity-{_file_stem(name)}.png")
             plot_sensitivity(told, files[-1], f"{title}: {name}")
         return files
     limits = {c.metric: c.bound for c in made.ready.success if np.isfinite(c.bound)}
     for name, label in [(m.name, m.label) for m in made.ready.metrics]:
-        files.append(folder / f"histogram-{_file(name)}.png")
+        files.append(folder / f"histogram-{_file_stem(name)}.png")
         plot_histogram(found.columns[name], path=files[-1], title=title, label=label, limit=limits.get(name))
     files.append(folder / "convergence.png")
     plot_convergence(found.columns["success"], path=files[-1], title=title)
@@ -158,6 +165,6 @@ def write_pictures(made: "Campaign", found: "Result", folder: Path) -> list[Path
     return files
 
 
-def _file(name: str) -> str:
+def _file_stem(name: str) -> str:
     """A metric's name as part of a file's."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")

@@ -13,7 +13,7 @@ from trimtab.core.errors import InputError
 BOARDS = ("cortex-m4", "cortex-m7")
 
 
-class Request(NamedTuple):
+class ExportRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str | None
@@ -30,10 +30,10 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def export(request: Request) -> bool:
+def export(request: ExportRequest) -> bool:
     """Do what was asked for; whether all of it is good."""
     if request.check is not None:
-        return check(request.check, request.as_json)
+        return check_export(request.check, request.as_json)
     if request.scenario is None:
         raise InputError("export", "no scenario is named", fix="trimtab export hovercraft/zero-velocity --out DIR")
     if request.fly and request.target not in BOARDS:
@@ -46,21 +46,21 @@ def export(request: Request) -> bool:
     if request.out is None and not request.fly:
         raise InputError("export", "no folder is named", fix="--out autopilot")
     if request.out is not None:
-        return _write(request, request.out)
+        return _write_export(request, request.out)
     with tempfile.TemporaryDirectory() as scratch:
-        return _write(request, Path(scratch))
+        return _write_export(request, Path(scratch))
 
 
-def _write(request: Request, folder: Path) -> bool:
-    from trimtab.commands.cache import use_cache
-    from trimtab.commands.fly_scenario import Request as Flight
-    from trimtab.commands.fly_scenario import build
+def _write_export(request: ExportRequest, folder: Path) -> bool:
+    from trimtab.commands.cache import enable_cache
+    from trimtab.commands.fly_scenario import RunRequest as Flight
+    from trimtab.commands.fly_scenario import build_from_request
     from trimtab.export.export_c import export_c
 
     assert request.scenario is not None
-    scenario = build(Flight(request.scenario, request.settings, request.without))
-    use_cache()
-    real = request.real or _real_of(request.target)
+    scenario = build_from_request(Flight(request.scenario, request.settings, request.without))
+    enable_cache()
+    real = request.real or _float_type(request.target)
     # a board has one entry point: the autopilot's
     name = "autopilot" if request.target in BOARDS else None
     written = export_c(
@@ -79,16 +79,16 @@ def _write(request: Request, folder: Path) -> bool:
         result["files"] = [str(f) for f in written.files]
     good = True
     if request.fly:
-        flown, good = _on_board(folder, request.target)
+        flown, good = _fly_on_board(folder, request.target)
         result |= flown
     if request.as_json:
         click.echo(json.dumps(result))
     else:
-        _print(result, request.out)
+        _print_export(result, request.out)
     return good
 
 
-def _real_of(target: str) -> str:
+def _float_type(target: str) -> str:
     if target not in BOARDS:
         return "double"
     from trimtab.export.boards import TARGETS
@@ -96,17 +96,17 @@ def _real_of(target: str) -> str:
     return TARGETS[target].real
 
 
-def _on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
+def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
     """Fly the vectors on the emulated board: what it cost, and whether it computes what was simulated."""
     import numpy as np
 
     from trimtab.export.boards import emulate
-    from trimtab.export.verify import compare
+    from trimtab.export.verify import compare_samples
 
     flown = emulate(folder, target)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
-    worst, first = compare(flown.outputs, flown.expected, about["outputs"], tolerance)
+    worst, first = compare_samples(flown.outputs, flown.expected_outputs, about["outputs"], tolerance)
     least, median, most = flown.instructions_per_step
     name = max(worst, key=lambda n: worst[n][0] / (worst[n][1] or 1.0))
     found = {
@@ -123,7 +123,7 @@ def _on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
     return found, first is None
 
 
-def _print(result: Mapping[str, Any], out: Path | None) -> None:
+def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
     click.echo(
         f"{result['scenario']}: {result['part']} as C in {result['real']} precision, {result['lines']} lines, "
         f"{result['inputs']} numbers in, {result['outputs']} out"
@@ -150,11 +150,11 @@ def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
         click.echo(f"  same outputs           the worst, {worst['output']}, {text}")
 
 
-def check(folder: Path, as_json: bool) -> bool:
+def check_export(folder: Path, as_json: bool) -> bool:
     """Compile and replay an exported folder; whether it computes what was simulated."""
-    from trimtab.export.verify import verify
+    from trimtab.export.verify import verify_folder
 
-    verdict = verify(folder)
+    verdict = verify_folder(folder)
     name = max(verdict.worst, key=lambda n: verdict.worst[n][0] / (verdict.worst[n][1] or 1e-300))
     difference, tolerance = verdict.worst[name]
     worst = {"output": name, "difference": difference, "tolerance": tolerance}

@@ -11,10 +11,10 @@ import click
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
-    from trimtab.campaign.search.falsify import Falsified
+    from trimtab.campaign.search.falsify import FalsificationResult
 
 
-class Request(NamedTuple):
+class FalsifyRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -35,15 +35,15 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def falsify(request: Request) -> bool:
+def falsify(request: FalsifyRequest) -> bool:
     """Search; True where no failure was found (exit code 0), False where one was (exit code 1).
 
     The file is written either way: it holds the worst run that was found, failed or not.
     """
     from trimtab.campaign.search import falsify as search
-    from trimtab.commands.cache import use_cache
+    from trimtab.commands.cache import enable_cache
     from trimtab.commands.fly_scenario import check_folder, check_picture
-    from trimtab.commands.progress import progress
+    from trimtab.commands.progress import show_progress
 
     check_picture(request.plot, None)
     if request.out is not None:
@@ -53,27 +53,29 @@ def falsify(request: Request) -> bool:
         check_folder("--out", request.out.parent)
     if request.runs < 1:
         raise InputError("--runs", f"{request.runs} is no number of runs", fix="--runs 5000")
-    use_cache()
+    enable_cache()
     asked = request._asdict()
     for name in ("scenario", "out", "plot", "as_json"):
         del asked[name]
-    with progress(request.runs) as tell:
+    with show_progress(request.runs) as tell:
         found = search.falsify(request.scenario, **asked, progress=lambda n: tell("searching", n))
-    written = _write(request, found)
+    written = _write_files(request, found)
     if request.as_json:
-        click.echo(json.dumps(plain(request, found) | ({"files": written} if written else {}), allow_nan=False))
+        click.echo(
+            json.dumps(falsification_json(request, found) | ({"files": written} if written else {}), allow_nan=False)
+        )
     else:
-        _print(request, found, written)
+        _print_falsification(request, found, written)
     return not found.fails
 
 
-def replay(request: Request, found: "Falsified") -> str:
+def replay_command(request: FalsifyRequest, found: "FalsificationResult") -> str:
     """The command that flies the worst run again."""
     of = ["trimtab", "run", f"{request.out}:scenario", "--seed", str(request.seed), "--run", str(found.word)]
     return shlex.join(of)
 
 
-def _write(request: Request, found: "Falsified") -> list[str]:
+def _write_files(request: FalsifyRequest, found: "FalsificationResult") -> list[str]:
     written = []
     if request.out is not None:
         from trimtab.campaign.search.scenario_file import write_scenario
@@ -81,7 +83,8 @@ def _write(request: Request, found: "Falsified") -> list[str]:
         kept = "; ".join(request.success) or "each target reached for good"
         about = (
             f"The worst run of {request.scenario} that a search found: margin {found.margin:.6g}.\n\n"
-            f"Wanted: {kept}.\n{found.flown} runs were flown. To fly it again:\n\n    {replay(request, found)}"
+            f"Wanted: {kept}.\n{found.flown_runs} runs were flown. To fly it again:\n\n"
+            f"    {replay_command(request, found)}"
         )
         write_scenario(request.out, found.plan, found.values, about)
         written.append(str(request.out))
@@ -94,7 +97,7 @@ def _write(request: Request, found: "Falsified") -> list[str]:
     return written
 
 
-def plain(request: Request, found: "Falsified") -> dict[str, Any]:
+def falsification_json(request: FalsifyRequest, found: "FalsificationResult") -> dict[str, Any]:
     """What was found, as JSON has it; a number that is none is null."""
     import numpy as np
 
@@ -109,20 +112,20 @@ def plain(request: Request, found: "Falsified") -> dict[str, Any]:
         "seed": request.seed,
         "run": found.word,
         "metrics": {name: number(v) for name, v in found.columns.items()},
-        "flown": found.flown,
+        "flown": found.flown_runs,
         "first_failure_after": found.first,
         "over": request.over,
         "words": request.words,
         "wall_s": round(found.wall_s, 3),
-    } | ({"replay": replay(request, found)} if request.out is not None else {})
+    } | ({"replay": replay_command(request, found)} if request.out is not None else {})
 
 
-def _print(request: Request, found: "Falsified", written: list[str]) -> None:
+def _print_falsification(request: FalsifyRequest, found: "FalsificationResult", written: list[str]) -> None:
     import numpy as np
 
     said = f"FAILS, the first after {found.first} runs" if found.fails else "no failure found, which is no proof"
     click.echo(f"{request.scenario}: {said}")
-    click.echo(f"margin of the worst run {found.margin:.6g}; {found.flown} runs flown in {found.wall_s:.1f} s")
+    click.echo(f"margin of the worst run {found.margin:.6g}; {found.flown_runs} runs flown in {found.wall_s:.1f} s")
     width = max(map(len, found.values))
     for path, value in found.values.items():
         click.echo(f"  {path:<{width}}  {np.array2string(np.asarray(value), precision=8)}")
@@ -132,4 +135,4 @@ def _print(request: Request, found: "Falsified", written: list[str]) -> None:
     for file in written:
         click.echo(f"wrote {file}")
     if request.out is not None:
-        click.echo(f"fly it again:  {replay(request, found)}")
+        click.echo(f"fly it again:  {replay_command(request, found)}")

@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import click
 
-from trimtab.commands.cache import use_cache
-from trimtab.commands.fly_scenario import Request as Asked
-from trimtab.commands.fly_scenario import build
+from trimtab.commands.cache import enable_cache
+from trimtab.commands.fly_scenario import RunRequest as Asked
+from trimtab.commands.fly_scenario import build_from_request
 from trimtab.commands.line import find_key
 from trimtab.core.errors import InputError
 
 
-class Request(NamedTuple):
+class FirmwareRequest(NamedTuple):
     """What was asked for on the command line. emulate: port at which the emulated board is to listen, or None."""
 
     scenario: str
@@ -29,17 +29,17 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def firmware(request: Request) -> bool:
+def firmware(request: FirmwareRequest) -> bool:
     """Write the folder; with `emulate` build it and run it until Ctrl-C. Whether that went well."""
     from trimtab.export.firmware_folder import write_firmware
 
     if request.emulate is not None:
-        _require(request)
-    scenario = build(Asked(request.scenario, request.settings, seed=request.seed))
+        _require_tools(request)
+    scenario = build_from_request(Asked(request.scenario, request.settings, seed=request.seed))
     line = f"tcp://127.0.0.1:{request.emulate or 5760}"
     key = find_key(request.scenario, request.key, False, line, create=True)
     assert key is not None
-    use_cache()
+    enable_cache()
     written = write_firmware(scenario, request.out, key, board=request.board, seed=request.seed)
     if request.as_json:
         files = [str(f) for f in written.files]
@@ -49,10 +49,10 @@ def firmware(request: Request) -> bool:
         click.echo(
             f"build and run them: make -C {request.out} run      fly: trimtab fly {request.scenario} --link {line}"
         )
-    return request.emulate is None or _emulate(request.out, request.emulate)
+    return request.emulate is None or _run_emulator(request.out, request.emulate)
 
 
-def _require(request: Request) -> None:
+def _require_tools(request: FirmwareRequest) -> None:
     from trimtab.export.boards import require_tools
 
     require_tools(request.board)
@@ -60,7 +60,7 @@ def _require(request: Request) -> None:
         raise InputError("--emulate", "needs make, not found here", fix="apt-get install make")
 
 
-def _emulate(folder: Path, port: int) -> bool:
+def _run_emulator(folder: Path, port: int) -> bool:
     with subprocess.Popen(["make", "-s", "-C", str(folder), "run", f"PORT={port}"]) as running:
         try:
             return running.wait() == 0

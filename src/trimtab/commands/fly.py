@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 
 import click
 
-from trimtab.commands.cache import use_cache
-from trimtab.commands.fly_scenario import Request as Asked
-from trimtab.commands.fly_scenario import build, check_folder
-from trimtab.commands.line import AUTOPILOT, end_of, find_key, opened, stamps_kept, until_interrupted
-from trimtab.commands.progress import waiting
+from trimtab.commands.cache import enable_cache
+from trimtab.commands.fly_scenario import RunRequest as Asked
+from trimtab.commands.fly_scenario import build_from_request, check_folder
+from trimtab.commands.line import AUTOPILOT, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
+from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.core.time import parse, to_seconds
+from trimtab.core.time import parse_time, to_seconds
 from trimtab.scenarios import catalogue
 
 
-class Request(NamedTuple):
+class FlyRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -36,22 +36,22 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def fly(request: Request) -> bool:
+def fly(request: FlyRequest) -> bool:
     """Compile it, open the line, fly; whether the vehicle was armed and no log row was lost."""
-    scenario = build(Asked(request.scenario, _supervised(request), seed=request.seed))
+    scenario = build_from_request(Asked(request.scenario, _with_supervisor(request), seed=request.seed))
     key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
     if request.out is not None:
         check_folder("--out", request.out)
         request.out.mkdir(parents=True, exist_ok=True)
     if request.duration is not None:
-        scenario = replace(scenario, duration=parse(request.duration))
-    use_cache()
-    with tempfile.TemporaryDirectory() as scratch, opened(request.link, listen=False) as link:
+        scenario = replace(scenario, duration=parse_time(request.duration))
+    enable_cache()
+    with tempfile.TemporaryDirectory() as scratch, open_line(request.link, listen=False) as link:
         log = (request.out or Path(scratch)) / "flight.mcap"
         if log.exists():
             raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
-        run = _lockstep if request.lockstep else _real_time
-        result = run(request, scenario, link, end_of(request.link, AUTOPILOT, key), log)
+        run = _fly_lockstep if request.lockstep else _fly_real_time
+        result = run(request, scenario, link, endpoint_factory(request.link, AUTOPILOT, key), log)
     if request.as_json:
         click.echo(json.dumps(result))
     elif request.out is not None:
@@ -60,21 +60,21 @@ def fly(request: Request) -> bool:
     return bool(result["armed"]) and bool(written) and not written["dropped"] and not written["unwritten"]
 
 
-def _supervised(request: Request) -> Mapping[str, str]:
+def _with_supervisor(request: FlyRequest) -> Mapping[str, str]:
     """The settings; in real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
-    offered = catalogue.arguments(request.scenario).get("supervisor", ())
+    offered = catalogue.scenario_choices(request.scenario).get("supervisor", ())
     watched = {"supervisor": "automatic"} if "automatic" in offered and not request.lockstep else {}
     return watched | dict(request.settings)
 
 
-def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.live.lockstep import LockstepPilot, Silence
+def _fly_lockstep(request: FlyRequest, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
+    from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
 
-    with waiting(f"compiling {scenario.name}"):
-        one = LockstepPilot(scenario, end, seed=request.seed)
+    with show_spinner(f"compiling {scenario.name}"):
+        one = LockstepAutopilot(scenario, end, seed=request.seed)
     try:
         written = one.run(link, log)
-    except Silence as error:
+    except NoAnswerError as error:
         fix = f"trimtab vehicle {request.scenario} --lockstep --listen …"
         raise InputError("--lockstep", str(error), fix=fix) from None
     if not request.as_json:
@@ -82,38 +82,38 @@ def _lockstep(request: Request, scenario: Any, link: Any, end: Any, log: Path) -
     return {"scenario": scenario.name, "armed": True, "log": None if written is None else written._asdict()}
 
 
-def _real_time(request: Request, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.live.fly import Flyer
+def _fly_real_time(request: FlyRequest, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
+    from trimtab.live.fly import LiveAutopilot
 
-    with waiting(f"compiling {scenario.name}"):
-        one = Flyer(scenario, link, end, seed=request.seed)
+    with show_spinner(f"compiling {scenario.name}"):
+        one = LiveAutopilot(scenario, link, end, seed=request.seed)
 
     def tell(text: str) -> None:
         click.echo(text, err=request.as_json)
 
-    with until_interrupted() as stop, stamps_kept(one.endpoint):
+    with catch_interrupts() as stop, store_stamps_ahead(one.endpoint):
         one.connect(stop=stop)
         flight = one.fly(log=log, wanted_real_time=request.real_time, stop=stop, tell=tell)
     result = {
         "scenario": scenario.name,
         "duration_s": to_seconds(flight.t),
-        "armed": flight.armed is not None,
-        "armed_s": None if flight.armed is None else to_seconds(flight.armed),
-        "real_time": flight.granted._asdict(),
+        "armed": flight.arming_time is not None,
+        "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
+        "real_time": flight.grant._asdict(),
         "deadlines": flight.deadlines.summary() | {"skipped": one.skipped},
-        "samples": flight.pilot.heard,
-        "overflowed": flight.pilot.overflowed,
-        "overtaken": flight.pilot.overtaken,
+        "samples": flight.autopilot_end.heard,
+        "overflowed": flight.autopilot_end.overflowed,
+        "overtaken": flight.autopilot_end.overtaken,
         "wire": dataclasses.asdict(one.endpoint.counts),
         "line": link.statistics._asdict(),
         "log": None if flight.log is None else flight.log._asdict(),
     }
     if not request.as_json:
-        _print(result, str(flight.granted))
+        _print_flight(result, str(flight.grant))
     return result
 
 
-def _print(result: Mapping[str, Any], granted: str) -> None:
+def _print_flight(result: Mapping[str, Any], granted: str) -> None:
     from trimtab.commands.tables import print_deadlines
 
     print_deadlines(result["deadlines"], granted)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 import numpy as np
 
-from trimtab.commands.warm import Ready, key_of, recall, remember
+from trimtab.commands.warm import RunPrograms, load_programs, program_key, store_programs
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from trimtab.loop.scenario import Scenario
 
 
-class Request(NamedTuple):
+class RunRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -47,10 +47,10 @@ class Request(NamedTuple):
     def key(self) -> dict[str, Any]:
         """What decides the programs."""
         spoilt = [f"fault {text}" for text in self.faults]
-        return key_of(self.scenario, self.settings, [*self.without, *spoilt], self.ideal)
+        return program_key(self.scenario, self.settings, [*self.without, *spoilt], self.ideal)
 
 
-class Flown(NamedTuple):
+class RunReport(NamedTuple):
     """The runs, and what is shown of them."""
 
     name: str
@@ -60,12 +60,12 @@ class Flown(NamedTuple):
     wall_s: float
 
 
-def fly(request: Request) -> None:
+def fly_scenario(request: RunRequest) -> None:
     """Everything is checked before anything runs; files appear whole or not at all."""
     check_seed(request.seed)
     check_seed(request.run)
-    flown = _again(request) or _first(request)
-    picture, log_file = _outputs(request)
+    flown = _fly_stored(request) or _compile_and_fly(request)
+    picture, log_file = _check_outputs(request)
     real, ideal = flown.real, flown.ideal
     result = {
         "scenario": request.scenario,
@@ -74,88 +74,88 @@ def fly(request: Request) -> None:
         "backend": real.metadata["backend"],
         "duration_s": real.metadata["duration_s"],
         "wall_s": round(flown.wall_s, 4),
-        "real": summary(real, flown.targets),
-        "ideal": None if ideal is None else summary(ideal, flown.targets),
+        "real": summarise_run(real, flown.targets),
+        "ideal": None if ideal is None else summarise_run(ideal, flown.targets),
     }
-    navigated = _navigation(real)
+    navigated = _summarise_navigation(real)
     if navigated is not None:
         result["navigation"] = navigated.plain()
-    written = [*_write_log(real, ideal, log_file), *_draw(flown, picture)]
+    written = [*_write_log(real, ideal, log_file), *_draw_run(flown, picture)]
     if request.as_json:
         click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
         return
     from trimtab.commands.tables import print_navigation, print_result
 
-    print_result(result, _units(real, result["real"]["metrics"]))
+    print_result(result, _metric_units(real, result["real"]["metrics"]))
     if navigated is not None:
         print_navigation(navigated, {name: real.unit(f"{navigated.where}.{name}") for name in navigated.learned})
     for file in written:
         click.echo(f"wrote {file}")
 
 
-def _again(request: Request) -> Flown | None:
+def _fly_stored(request: RunRequest) -> RunReport | None:
     """The runs from programs that were kept, or None."""
     if request.backend == "jax":
         return None
-    ready = recall(request.key)
+    ready = load_programs(request.key)
     if ready is None:
         return None
-    _outputs(request)
-    return _fly(ready, request, time.perf_counter())
+    _check_outputs(request)
+    return _fly_programs(ready, request, time.perf_counter())
 
 
-def _fly(ready: Ready, request: Request, started: float) -> Flown:
+def _fly_programs(ready: RunPrograms, request: RunRequest, started: float) -> RunReport:
     how = request.seed, request.run, request.log_period
     real = ready.real.fly(*how)
     ideal = None if ready.ideal is None else ready.ideal.fly(*how)
-    return Flown(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
+    return RunReport(ready.name, real, ideal, ready.targets, time.perf_counter() - started)
 
 
-def _first(request: Request) -> Flown:
+def _compile_and_fly(request: RunRequest) -> RunReport:
     """The runs from the scenario itself; its programs are kept for the next time."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from trimtab.commands.cache import use_cache
-    from trimtab.commands.progress import waiting
-    from trimtab.commands.sources import files_read, loaded_files
-    from trimtab.run.prepare import use_c
+    from trimtab.commands.cache import enable_cache
+    from trimtab.commands.progress import show_spinner
+    from trimtab.commands.sources import list_loaded_files, record_read_files
+    from trimtab.run.prepare import choose_c
     from trimtab.run.simulate import compile_scenario, simulate
 
-    with files_read() as read:
-        scenario = build(request)
-    _outputs(request)
-    use_cache()
+    with record_read_files() as read:
+        scenario = build_from_request(request)
+    _check_outputs(request)
+    enable_cache()
     targets = tuple(scenario.targets)
     started = time.perf_counter()
-    programs: list[Ready] = []
+    programs: list[RunPrograms] = []
 
     def compiled() -> None:
         with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if request.ideal else None
-            programs.append(Ready(scenario.name, real.result(), twin, targets))
+            programs.append(RunPrograms(scenario.name, real.result(), twin, targets))
 
-    with waiting(f"compiling {scenario.name}; the next run starts at once"):
-        flies_c = use_c(request.backend, compiled)
+    with show_spinner(f"compiling {scenario.name}; the next run starts at once"):
+        flies_c = choose_c(request.backend, compiled)
     if flies_c:
-        files = [*loaded_files(), *read]
-        remember(request.key, programs[0], files)
-        return _fly(programs[0], request, started)
+        files = [*list_loaded_files(), *read]
+        store_programs(request.key, programs[0], files)
+        return _fly_programs(programs[0], request, started)
     how: dict[str, Any] = {"seed": request.seed, "run": request.run, "log_period": request.log_period}
     real = simulate(scenario, **how, backend="jax")
     twin = scenario.ideal() if request.ideal else None
     ideal = simulate(twin, **how, backend="jax") if twin else None
-    return Flown(scenario.name, real, ideal, targets, time.perf_counter() - started)
+    return RunReport(scenario.name, real, ideal, targets, time.perf_counter() - started)
 
 
-def build(request: Request) -> "Scenario":
+def build_from_request(request: RunRequest) -> "Scenario":
     """The scenario with its settings, checked."""
     from trimtab.scenarios.build import build as build_scenario
 
     return build_scenario(request.scenario, request.settings, request.without, request.faults)
 
 
-def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
+def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     """Metrics, last state and mode switches of one run; signals that have a target come with their path."""
     targets = tuple(targets)
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.")]
@@ -167,15 +167,21 @@ def summary(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     found = metrics(log, targets, [*wanted, *shown])
     named = {path.removeprefix("truth."): numbers for path, numbers in found.items()}
     final = {name: value if isfinite(value) else None for name, value in final.items()}
-    lost = lost_at(log)
-    return {"metrics": named, "final": final, "mode_switches": mode_switches(log), "flags": flags(log), "lost_s": lost}
+    lost = divergence_time(log)
+    return {
+        "metrics": named,
+        "final": final,
+        "mode_switches": mode_switches(log),
+        "flags": flag_times(log),
+        "lost_s": lost,
+    }
 
 
-def flags(log: Log) -> dict[str, dict[str, float]]:
+def flag_times(log: Log) -> dict[str, dict[str, float]]:
     """Flags of law and actuators that were up: for how long, and when first, in s."""
     found: dict[str, dict[str, float]] = {}
-    raised = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declared]
-    for path in [p for p in raised if log.declared[p].kind == "flag" and log[p].ndim == 1]:
+    raised = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
+    for path in [p for p in raised if log.declarations[p].kind == "flag" and log[p].ndim == 1]:
         up = log[path].astype(bool)
         if up.any():
             share = float(up.mean()) * float(log.t[-1] - log.t[0] if len(log) > 1 else 0.0)
@@ -183,7 +189,7 @@ def flags(log: Log) -> dict[str, dict[str, float]]:
     return found
 
 
-def lost_at(log: Log) -> float | None:
+def divergence_time(log: Log) -> float | None:
     """When the truth stopped being finite (s), or None."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
     if not truth or not len(log):
@@ -192,20 +198,20 @@ def lost_at(log: Log) -> float | None:
     return float(log.t[broken.argmax()]) if broken.any() else None
 
 
-def _units(log: Log, names: Iterable[str]) -> dict[str, str]:
+def _metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 
 
-def _navigation(log: Log) -> "Navigation | None":
+def _summarise_navigation(log: Log) -> "Navigation | None":
     """What a run with an aided INS says about it; what judges it is imported only then."""
     if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
         return None
-    from trimtab.logs.navigation import navigation
+    from trimtab.logs.navigation import assess_navigation
 
-    return navigation(log)
+    return assess_navigation(log)
 
 
-def _outputs(request: Request) -> tuple[Path | None, Path | None]:
+def _check_outputs(request: RunRequest) -> tuple[Path | None, Path | None]:
     """Picture and log file; refuses before the run what could not be written after it."""
     out = request.out
     picture = request.plot or (None if out is None else out / "run.png")
@@ -257,7 +263,7 @@ def _write_log(real: Log, ideal: Log | None, file: Path | None) -> list[Path]:
     return [file, twin]
 
 
-def _draw(flown: Flown, file: Path | None) -> list[Path]:
+def _draw_run(flown: RunReport, file: Path | None) -> list[Path]:
     if file is None:
         return []
     from trimtab.plots.run import plot_run
@@ -270,7 +276,7 @@ def _draw(flown: Flown, file: Path | None) -> list[Path]:
 
         drawn.append(file.with_stem(f"{file.stem}-tracking"))
         plot_tracking(flown.real, drawn[-1], title=f"{flown.name}: tracking")
-    if _navigation(flown.real) is not None:
+    if _summarise_navigation(flown.real) is not None:
         from trimtab.plots.navigation import plot_navigation
 
         drawn.append(file.with_stem(f"{file.stem}-navigation"))

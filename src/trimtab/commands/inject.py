@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import click
 
-from trimtab.commands.fly_scenario import Request as Asked
-from trimtab.commands.fly_scenario import build
-from trimtab.commands.line import INJECTOR, end_of, find_key, opened
-from trimtab.core.time import FOREVER, show
+from trimtab.commands.fly_scenario import RunRequest as Asked
+from trimtab.commands.fly_scenario import build_from_request
+from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, open_line
+from trimtab.core.time import FOREVER, format_time
 
 
-class Request(NamedTuple):
+class InjectRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -25,20 +25,20 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def inject(request: Request) -> None:
+def inject(request: InjectRequest) -> None:
     """Set the numbers of a fault that the vehicle has ready; refused where it doesn't answer."""
-    from trimtab.live.autopilot_end import dialect_for
-    from trimtab.live.injector import Injector, planned
+    from trimtab.live.autopilot_end import scenario_dialect
+    from trimtab.live.injector import Injector, plan_fault
 
-    scenario = build(Asked(request.scenario, request.settings))
-    plan = planned(scenario, request.fault)
+    scenario = build_from_request(Asked(request.scenario, request.settings))
+    plan = plan_fault(scenario, request.fault)
     key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
-    with opened(request.link, listen=False) as link:
-        endpoint = end_of(request.link, INJECTOR, key)(dialect_for(scenario))
+    with open_line(request.link, listen=False) as link:
+        endpoint = endpoint_factory(request.link, INJECTOR, key)(scenario_dialect(scenario))
         try:
             done = Injector(link, endpoint).inject(plan)
         finally:
             endpoint.close()
-    lasts = "until the end" if plan.fault.duration == FOREVER else f"for {show(int(plan.fault.duration))}"
-    found = {"fault": request.fault, "from": show(done.start), "lasts": lasts}
+    lasts = "until the end" if plan.fault.duration == FOREVER else f"for {format_time(int(plan.fault.duration))}"
+    found = {"fault": request.fault, "from": format_time(done.start), "lasts": lasts}
     click.echo(json.dumps(found) if request.as_json else f"{request.fault}: from {found['from']} on, {lasts}")

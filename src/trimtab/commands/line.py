@@ -11,20 +11,20 @@ import click
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.open_link import open_link, parse
+from trimtab.links.open_link import open_link, parse_uri
 from trimtab.wire.dialect import Dialect
-from trimtab.wire.keys import Key, create_key, key_path, load_key
+from trimtab.wire.keys import SigningKey, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """System and component of the ends."""
-KEEP_S = 1.0
+STORE_PERIOD_S = 1.0
 DATAGRAMS = ("udp",)
 
 
 def is_local(uri: str) -> bool:
     """Whether only this machine can reach a line."""
-    address = parse(uri)
+    address = parse_uri(uri)
     if address.scheme == "loopback":
         return True
     if address.scheme not in ("udp", "tcp"):
@@ -35,17 +35,17 @@ def is_local(uri: str) -> bool:
     return host == "localhost"
 
 
-def vehicle_of(scenario: str) -> str:
+def vehicle_name(scenario: str) -> str:
     """Whose key a scenario's line is signed with: the catalogue's folder, or a file's or module's name."""
     where, own, _ = scenario.partition(":")
     return Path(where).stem if own and where.endswith(".py") else where.partition("/")[0]
 
 
-def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> Key | None:
+def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> SigningKey | None:
     """The key that both ends sign with; None where unsigned was asked for on a line that only this machine reaches.
 
     Args:
-        scenario: tells the vehicle, see `vehicle_of`: there is one key a vehicle.
+        scenario: tells the vehicle, see `vehicle_name`: there is one key a vehicle.
         file: the key's, where it is not in its usual place.
         unsigned: whether to go without.
         uri: the line.
@@ -58,7 +58,7 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         if file is not None:
             raise InputError("--unsigned", "there is a --key too", fix="leave one of them out")
         return None
-    path = file or key_path(vehicle_of(scenario))
+    path = file or key_path(vehicle_name(scenario))
     if path.exists():
         return load_key(path)
     if not create:
@@ -69,9 +69,9 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
     return key
 
 
-def end_of(line: str, who: tuple[int, int], key: Key | None) -> Callable[[Dialect], Endpoint]:
+def endpoint_factory(line: str, who: tuple[int, int], key: SigningKey | None) -> Callable[[Dialect], Endpoint]:
     """What makes one end's endpoint of a line."""
-    datagrams = parse(line).scheme in DATAGRAMS
+    datagrams = parse_uri(line).scheme in DATAGRAMS
 
     def make(dialect: Dialect) -> Endpoint:
         return Endpoint(dialect, *who, key, unsigned=key is None, datagrams=datagrams)
@@ -80,7 +80,7 @@ def end_of(line: str, who: tuple[int, int], key: Key | None) -> Callable[[Dialec
 
 
 @contextlib.contextmanager
-def opened(uri: str, *, listen: bool) -> Iterator[Link]:
+def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
     """A link, closed at the end."""
     link = open_link(uri, listen=listen)
     try:
@@ -90,13 +90,13 @@ def opened(uri: str, *, listen: bool) -> Iterator[Link]:
 
 
 @contextlib.contextmanager
-def stamps_kept(endpoint: Endpoint) -> Iterator[None]:
+def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
     """Within it the endpoint's time stamps are stored ahead by another thread, so that the loop waits for no disk."""
     done = threading.Event()
 
     def keep() -> None:
-        while not done.wait(KEEP_S):
-            endpoint.keep()
+        while not done.wait(STORE_PERIOD_S):
+            endpoint.store_stamps()
 
     thread = threading.Thread(target=keep, daemon=True)
     thread.start()
@@ -109,7 +109,7 @@ def stamps_kept(endpoint: Endpoint) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def until_interrupted() -> Iterator[Callable[[], bool]]:
+def catch_interrupts() -> Iterator[Callable[[], bool]]:
     """Within it Ctrl-C and a request to terminate only raise a flag, so that logs get their end; a second one kills."""
     asked: list[int] = []
 

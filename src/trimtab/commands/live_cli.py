@@ -23,7 +23,7 @@ FAULT = click.option(
 LOCKSTEP = click.option("--lockstep", is_flag=True, help="Virtual time: each end waits for the other.")
 
 
-def pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+def parse_pairs(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """path=value texts as a mapping."""
     settings = {}
     for text in values:
@@ -36,7 +36,7 @@ def pairs(context: click.Context, parameter: click.Parameter, values: tuple[str,
 
 
 SET = click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=pairs, help="Change a setting; repeatable."
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", callback=parse_pairs, help="Change a setting; repeatable."
 )
 
 
@@ -66,10 +66,10 @@ def vehicle(as_json: bool, **asked: Any) -> None:
     trimtab vehicle hovercraft/forward --listen udp://:14550 --fault 'sensor:navigation stuck @ 8 s for 2 s'
     trimtab vehicle hovercraft/spin --listen loopback://spin --lockstep
     """
-    from trimtab.commands.vehicle import Request
+    from trimtab.commands.vehicle import VehicleRequest
     from trimtab.commands.vehicle import vehicle as carry_out
 
-    carry_out(Request(**asked, as_json=as_json))
+    carry_out(VehicleRequest(**asked, as_json=as_json))
 
 
 @click.command()
@@ -96,10 +96,10 @@ def fly(as_json: bool, **asked: Any) -> None:
     trimtab fly hovercraft/forward --link serial:///dev/ttyUSB1?baud=115200
     trimtab fly hovercraft/spin --link loopback://spin --lockstep
     """
-    from trimtab.commands.fly import Request
+    from trimtab.commands.fly import FlyRequest
     from trimtab.commands.fly import fly as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(FlyRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
@@ -121,10 +121,10 @@ def inject(as_json: bool, **asked: Any) -> None:
     trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550
     trimtab inject hovercraft/forward 'actuators wrong by -2 @ 1 s for 500 ms' --link udp://127.0.0.1:14550
     """
-    from trimtab.commands.inject import Request
+    from trimtab.commands.inject import InjectRequest
     from trimtab.commands.inject import inject as carry_out
 
-    carry_out(Request(**asked, as_json=as_json))
+    carry_out(InjectRequest(**asked, as_json=as_json))
 
 
 @click.command(name="link-test")
@@ -148,10 +148,10 @@ def link_test(as_json: bool, **asked: Any) -> None:
     trimtab link-test serial:///dev/ttyUSB1?baud=115200 --out radio     on the other
     trimtab link-test udp://127.0.0.1:14555 --load 2.9/22.0 --plot delays.png
     """
-    from trimtab.commands.link_test import Request
+    from trimtab.commands.link_test import LinkTestRequest
     from trimtab.commands.link_test import link_test as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(LinkTestRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
@@ -163,7 +163,7 @@ def link_test(as_json: bool, **asked: Any) -> None:
     "instead",
     multiple=True,
     metavar="PART=CHOICE",
-    callback=pairs,
+    callback=parse_pairs,
     help="Another estimator or law.",
 )
 @click.option("--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True)
@@ -180,10 +180,10 @@ def replay(as_json: bool, **asked: Any) -> None:
     trimtab replay forward/run.mcap
     trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
     """
-    from trimtab.commands.replay import Request
+    from trimtab.commands.replay import ReplayRequest
     from trimtab.commands.replay import replay as carry_out
 
-    carry_out(Request(**asked, as_json=as_json))
+    carry_out(ReplayRequest(**asked, as_json=as_json))
 
 
 @click.command()
@@ -204,10 +204,10 @@ def firmware(as_json: bool, **asked: Any) -> None:
     trimtab firmware hovercraft/forward --out board --emulate 5760
     trimtab fly hovercraft/forward --link tcp://127.0.0.1:5760
     """
-    from trimtab.commands.firmware import Request
+    from trimtab.commands.firmware import FirmwareRequest
     from trimtab.commands.firmware import firmware as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(FirmwareRequest(**asked, as_json=as_json)):
         sys.exit(1)
 
 
@@ -227,8 +227,8 @@ def live_faults(as_json: bool, **asked: Any) -> None:
     trimtab live-faults --only cut-1 --only autopilot-killed
     trimtab live-faults --jobs 3 --out campaign --json
     """
-    from trimtab.commands.live_faults import Request
+    from trimtab.commands.live_faults import LiveFaultsRequest
     from trimtab.commands.live_faults import live_faults as carry_out
 
-    if not carry_out(Request(**asked, as_json=as_json)):
+    if not carry_out(LiveFaultsRequest(**asked, as_json=as_json)):
         sys.exit(1)

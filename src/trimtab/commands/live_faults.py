@@ -13,10 +13,10 @@ from trimtab.commands.fly_scenario import check_folder
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
-    from studies.live_faults.case import Outcome
+    from studies.live_faults.case import CaseOutcome
 
 
-class Request(NamedTuple):
+class LiveFaultsRequest(NamedTuple):
     """What was asked for on the command line."""
 
     only: tuple[str, ...] = ()
@@ -26,11 +26,11 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def live_faults(request: Request) -> bool:
+def live_faults(request: LiveFaultsRequest) -> bool:
     """Fly the cases; whether all of them hold."""
-    from studies.live_faults.campaign import chosen, fly_cases
+    from studies.live_faults.campaign import fly_cases, select_cases
 
-    wanted = chosen(request.only)
+    wanted = select_cases(request.only)
     if request.out is not None:
         check_folder("--out", request.out)
         for name in wanted:
@@ -41,7 +41,7 @@ def live_faults(request: Request) -> bool:
         check_folder("--page", request.page.parent)
     began = monotonic()
 
-    def tell(outcome: "Outcome") -> None:
+    def tell(outcome: "CaseOutcome") -> None:
         if not request.as_json:
             click.echo(f"{outcome.verdict:8s}{outcome.name:26s} {outcome.happened or outcome.skipped}")
         for problem in outcome.problems:
@@ -49,11 +49,11 @@ def live_faults(request: Request) -> bool:
 
     outcomes = fly_cases(wanted, out=request.out, jobs=request.jobs, tell=tell)
     wall = monotonic() - began
-    _show(request, outcomes, wall)
+    _show_outcomes(request, outcomes, wall)
     return all(one.verdict != "fails" for one in outcomes)
 
 
-def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
+def _show_outcomes(request: LiveFaultsRequest, outcomes: "Sequence[CaseOutcome]", wall: float) -> None:
     if request.page is not None:
         _write_page(request.page, outcomes, wall, apart=bool(request.only))
     if request.as_json:
@@ -66,11 +66,11 @@ def _show(request: Request, outcomes: "Sequence[Outcome]", wall: float) -> None:
         click.echo(f"wrote {request.page}")
 
 
-def _write_page(file: Path, outcomes: "Sequence[Outcome]", wall: float, *, apart: bool) -> None:
+def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:
     """A new page of all cases; or the rows of some in the page that is there."""
-    from studies.live_faults.cases import cases
-    from studies.live_faults.page import flown, page
+    from studies.live_faults.cases import all_cases
+    from studies.live_faults.page import describe_flights, format_page
 
     before = file.read_text("utf-8") if apart and file.exists() else ""
-    run = flown([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
-    file.write_text(page(outcomes, run, before, [case.name for case in cases()]), "utf-8")
+    run = describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
+    file.write_text(format_page(outcomes, run, before, [case.name for case in all_cases()]), "utf-8")

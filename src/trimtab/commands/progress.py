@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def progress(total: int) -> Iterator[Callable[[str, int], None]]:
+def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
     """A bar that vanishes; nothing where standard error is no terminal. Tell it what goes on, and how many are done."""
     if not sys.stderr.isatty():
         yield lambda text, done: None
@@ -22,7 +22,7 @@ def progress(total: int) -> Iterator[Callable[[str, int], None]]:
 
 
 @contextmanager
-def waiting(text: str) -> Iterator[None]:
+def show_spinner(text: str) -> Iterator[None]:
     """A spinner that says what is waited for, and vanishes; nothing where standard error is no terminal."""
     if not sys.stderr.isatty():
         yield
@@ -34,7 +34,7 @@ def waiting(text: str) -> Iterator[None]:
 
 
 @contextmanager
-def counting(total: int, before: str) -> Iterator[Callable[[int], None]]:
+def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
     """A bar with rate and remaining time, which is told how many are done in all; `before` until the first are."""
     if not sys.stderr.isatty():
         yield lambda done: None

@@ -21,7 +21,7 @@ PARTS = ("estimator", "law", "allocation")
 """Of an autopilot: what can be replaced whole."""
 
 
-class Request(NamedTuple):
+class ReplayRequest(NamedTuple):
     """What was asked for on the command line."""
 
     file: Path
@@ -32,30 +32,30 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def replay(request: Request) -> None:
+def replay(request: ReplayRequest) -> None:
     """Everything is checked before anything runs; exit code 1 where a replay is not what was recorded."""
-    from trimtab.commands.cache import use_cache
+    from trimtab.commands.cache import enable_cache
     from trimtab.commands.fly_scenario import check_picture
-    from trimtab.commands.progress import waiting
+    from trimtab.commands.progress import show_spinner
     from trimtab.logs.mcap import read_mcap
-    from trimtab.run.replay import describe
+    from trimtab.run.replay import describe_replay
     from trimtab.run.replay import replay as fly_again
-    from trimtab.scenarios.recorded import recorded_scenario
+    from trimtab.scenarios.recorded import rebuild_scenario
 
     check_picture(request.plot, None)
     log = read_mcap(request.file)
-    scenario = recorded_scenario(log, request.scenario)
-    autopilot = other_autopilot(scenario, log, request.instead) if request.instead else None
-    use_cache()
-    with waiting(f"compiling the autopilot of {scenario.name}"):
+    scenario = rebuild_scenario(log, request.scenario)
+    autopilot = replace_parts(scenario, log, request.instead) if request.instead else None
+    enable_cache()
+    with show_spinner(f"compiling the autopilot of {scenario.name}"):
         found = fly_again(log, scenario, autopilot=autopilot, backend=request.backend)
-    errors = estimate_errors(log, found)
-    written = _draw(request, log, found)
+    errors = rms_errors(log, found)
+    written = _draw_replay(request, log, found)
     if request.as_json:
         about = {"file": str(request.file), "scenario": scenario.name, "seed": log.metadata.get("seed")}
-        click.echo(json.dumps(about | plain(found) | {"errors": errors, "files": written}))
+        click.echo(json.dumps(about | replay_json(found) | {"errors": errors, "files": written}))
     else:
-        click.echo(describe(found) + (f"; {found.rest}" if found.rest else ""))
+        click.echo(describe_replay(found) + (f"; {found.end_reason}" if found.end_reason else ""))
         if found.changed:
             _print_errors(errors)
         for file in written:
@@ -64,15 +64,15 @@ def replay(request: Request) -> None:
         raise SystemExit(1)
 
 
-def plain(found: "Replay") -> dict[str, Any]:
+def replay_json(found: "Replay") -> dict[str, Any]:
     """The outcome as plain numbers and words, for JSON."""
-    first = None if found.first is None else {k: _known(v) for k, v in found.first._asdict().items()}
-    steps = {"steps": len(found.recorded), "until_s": float(found.recorded.t[-1]), "rest": found.rest}
+    first = None if found.first is None else {k: _finite_or_none(v) for k, v in found.first._asdict().items()}
+    steps = {"steps": len(found.recorded_log), "until_s": float(found.recorded_log.t[-1]), "rest": found.end_reason}
     flags = {name: getattr(found, name) for name in ("backend", "changed", "exact", "strict", "equal")}
     return steps | flags | {"first": first}
 
 
-def other_autopilot(scenario: "Scenario", log: "Log", instead: Mapping[str, str]) -> Any:
+def replace_parts(scenario: "Scenario", log: "Log", instead: Mapping[str, str]) -> Any:
     """The recorded autopilot with some of it replaced.
 
     Args:
@@ -87,27 +87,27 @@ def other_autopilot(scenario: "Scenario", log: "Log", instead: Mapping[str, str]
     autopilot = scenario.autopilot
     for name in PARTS:
         if name in instead:
-            autopilot = replace(autopilot, **{name: _part(name, instead[name], scenario.name)})
+            autopilot = replace(autopilot, **{name: _load_part(name, instead[name], scenario.name)})
     settings = {f"autopilot.{p.removeprefix('autopilot.')}": v for p, v in instead.items() if p not in PARTS}
     return with_settings(replace(scenario, autopilot=autopilot), settings).autopilot
 
 
-def _part(name: str, choice: str, scenario: str) -> Any:
+def _load_part(name: str, choice: str, scenario: str) -> Any:
     """A part by name: what a scenario flies by choice, or what a factory makes."""
     from trimtab.scenarios import catalogue
 
     if ":" in choice:
-        return _made(name, choice)
-    offered = catalogue.arguments(scenario) if scenario in catalogue.names() else {}
+        return _build_part(name, choice)
+    offered = catalogue.scenario_choices(scenario) if scenario in catalogue.scenario_names() else {}
     for argument, values in offered.items():
         if choice in values:
-            return getattr(catalogue.load(scenario, {argument: choice})[0].autopilot, name)
+            return getattr(catalogue.load_scenario(scenario, {argument: choice})[0].autopilot, name)
     choices = [v for values in offered.values() for v in values]
     problem = f"{choice!r} is no choice of scenario {scenario!r}"
     raise InputError(f"--with {name}", problem, choices=choices, fix=f"--with {name}=module:factory")
 
 
-def _made(name: str, choice: str) -> Any:
+def _build_part(name: str, choice: str) -> Any:
     from trimtab.core.record import is_record
 
     where, _, factory = choice.partition(":")
@@ -124,22 +124,22 @@ def _made(name: str, choice: str) -> Any:
     return made
 
 
-def estimate_errors(log: "Log", found: "Replay") -> dict[str, dict[str, float | None]]:
+def rms_errors(log: "Log", found: "Replay") -> dict[str, dict[str, float | None]]:
     """State -> RMS of its error as recorded and as replayed, where the log has the truth."""
-    from trimtab.plots.replay import truth_of
+    from trimtab.plots.replay import interpolate_truth
 
     errors = {}
-    for path in [p for p in found.recorded.paths if p in found.replayed]:
-        truth = truth_of(log, path, found.recorded.ticks)
+    for path in [p for p in found.recorded_log.paths if p in found.replayed_log]:
+        truth = interpolate_truth(log, path, found.recorded_log.ticks)
         if truth is not None:
-            pair = {"recorded": found.recorded[path], "replayed": found.replayed[path]}
+            pair = {"recorded": found.recorded_log[path], "replayed": found.replayed_log[path]}
             errors[path.rpartition(".")[2]] = {
-                k: _known(np.sqrt(np.nanmean((v - truth) ** 2))) for k, v in pair.items()
+                k: _finite_or_none(np.sqrt(np.nanmean((v - truth) ** 2))) for k, v in pair.items()
             }
     return errors
 
 
-def _known(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     if isinstance(value, str):
         return value
     return float(value) if np.isfinite(value) else None
@@ -151,7 +151,7 @@ def _print_errors(errors: Mapping[str, Mapping[str, float | None]]) -> None:
         click.echo(f"  {name}: rms of its error {was} as recorded, {now} as replayed")
 
 
-def _draw(request: Request, log: "Log", found: "Replay") -> list[str]:
+def _draw_replay(request: ReplayRequest, log: "Log", found: "Replay") -> list[str]:
     if request.plot is None:
         return []
     from trimtab.plots.replay import plot_replay
@@ -159,5 +159,5 @@ def _draw(request: Request, log: "Log", found: "Replay") -> list[str]:
     request.plot.parent.mkdir(parents=True, exist_ok=True)
     words = ", ".join(f"{k}={v}" for k, v in request.instead.items())
     title = f"{request.file.name} replayed" + (f" with {words}" if words else "")
-    plot_replay(log, found.recorded, found.replayed, request.plot, title)
+    plot_replay(log, found.recorded_log, found.replayed_log, request.plot, title)
     return [str(request.plot)]

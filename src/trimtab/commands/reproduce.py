@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from studies import catalogue
-from studies.catalogue import Group
-from trimtab.commands.progress import progress
+from studies.catalogue import StudyGroup
+from trimtab.commands.progress import show_progress
 
 if TYPE_CHECKING:  # rich is imported when something is shown
     from studies.row import Row
 
-Found = list[tuple[Group, "list[Row]"]]
+GroupRows = list[tuple[StudyGroup, "list[Row]"]]
 
 
-class Request(NamedTuple):
+class ReproduceRequest(NamedTuple):
     """What was asked for on the command line."""
 
     study: str | None
@@ -27,31 +27,31 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def reproduce(request: Request) -> bool:
+def reproduce(request: ReproduceRequest) -> bool:
     """List the studies, or compute one; whether every row that must hold does."""
     if request.study is None:
-        _list(request.as_json)
+        _list_studies(request.as_json)
         return True
-    chosen = catalogue.groups(request.study, request.only)
+    chosen = catalogue.list_groups(request.study, request.only)
     if request.out is not None:
         from trimtab.commands.fly_scenario import check_folder
 
         check_folder("--out", request.out)
-    from trimtab.commands.cache import use_cache
+    from trimtab.commands.cache import enable_cache
 
-    use_cache()
-    found, files = _computed(chosen, request.out)
+    enable_cache()
+    found, files = _compute_groups(chosen, request.out)
     failing = [row for _, rows in found for row in rows if row.fails]
     if request.as_json:
         _print_json(request.study, found, files)
     else:
-        _print(request.study, found, files)
+        _print_groups(request.study, found, files)
     return not failing
 
 
-def _list(as_json: bool) -> None:
+def _list_studies(as_json: bool) -> None:
     """Every study with its groups."""
-    found = {name: (doc, catalogue.groups(name)) for name, doc in catalogue.studies().items()}
+    found = {name: (doc, catalogue.list_groups(name)) for name, doc in catalogue.list_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in found.items()}
         click.echo(json.dumps({"studies": content}))
@@ -63,10 +63,10 @@ def _list(as_json: bool) -> None:
     click.echo(f"compute one: trimtab reproduce {next(iter(found))}")
 
 
-def _computed(chosen: list[Group], out: Path | None) -> tuple[Found, list[Path]]:
-    found: Found = []
+def _compute_groups(chosen: list[StudyGroup], out: Path | None) -> tuple[GroupRows, list[Path]]:
+    found: GroupRows = []
     files: list[Path] = []
-    with progress(len(chosen)) as tell:
+    with show_progress(len(chosen)) as tell:
         for group in chosen:
             tell(group.title, 0)
             rows = []
@@ -80,15 +80,15 @@ def _computed(chosen: list[Group], out: Path | None) -> tuple[Found, list[Path]]
     return found, files
 
 
-def counts(rows: Iterable["Row"]) -> dict[str, int]:
+def verdict_counts(rows: Iterable["Row"]) -> dict[str, int]:
     """Verdict -> number of rows."""
     found = Counter(row.verdict for row in rows)
     return {verdict: found[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
-def _print_json(study: str, found: Found, files: list[Path]) -> None:
+def _print_json(study: str, found: GroupRows, files: list[Path]) -> None:
     rows = [{"group": group.name} | row.as_json() for group, rows in found for row in rows]
-    total = counts(row for _, rows in found for row in rows)
+    total = verdict_counts(row for _, rows in found for row in rows)
     result = {
         "study": study,
         "good": not any(r.fails for _, rows in found for r in rows),
@@ -98,14 +98,14 @@ def _print_json(study: str, found: Found, files: list[Path]) -> None:
     click.echo(json.dumps(result | ({"files": [str(f) for f in files]} if files else {}), allow_nan=False))
 
 
-def _print(study: str, found: Found, files: list[Path]) -> None:
+def _print_groups(study: str, found: GroupRows, files: list[Path]) -> None:
     from trimtab.commands.tables import print_rows
 
     for group, rows in found:
         print_rows(f"{group.title}, [1] {group.place}", rows)
-    total = counts(row for _, rows in found for row in rows)
+    total = verdict_counts(row for _, rows in found for row in rows)
     click.echo("* not a number of the publication: read off an axis, or calculated independently from what it prints")
-    click.echo(f"[1] {catalogue.studies()[study]}")
+    click.echo(f"[1] {catalogue.list_studies()[study]}")
     click.echo(", ".join(f"{n} {verdict}" for verdict, n in total.items() if n or verdict != "differs"))
     for file in files:
         click.echo(f"wrote {file}")

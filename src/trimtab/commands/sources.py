@@ -1,6 +1,6 @@
 """Which files a run was made from: those of the package, and the user's own, as loaded and as read.
 
-Importing this brings neither JAX nor numpy along. Import it before a scenario is loaded: `settled` tells files that
+Importing this brings neither JAX nor numpy along. Import it before a scenario is loaded: `is_settled` tells files that
 were changed since, and may hold something else than what was loaded from them.
 """
 
@@ -17,8 +17,8 @@ from typing import Any
 PACKAGE = os.path.realpath(Path(__file__).parents[1])
 SITES = ("site-packages", "dist-packages")
 """Names of the folders in which packages are installed."""
-BEGAN_NS = time.time_ns()
-SETTLED_NS = 2_000_000_000
+START_NS = time.time_ns()
+SETTLING_NS = 2_000_000_000
 """How old a file must have been then: the coarsest file systems round the time of a change to 2 s."""
 
 _readers: list[set[str]] = []
@@ -38,7 +38,7 @@ def fingerprint(files: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def package_files() -> list[str]:
+def list_package_files() -> list[str]:
     """Every file of the trimtab package but hidden and compiled ones: Python, C, and data."""
     found: list[str] = []
     for folder, below, names in os.walk(PACKAGE):
@@ -47,28 +47,28 @@ def package_files() -> list[str]:
     return sorted(found)
 
 
-def settled(path: str) -> bool:
+def is_settled(path: str) -> bool:
     """Whether a file was last changed well before this program began, so that what was loaded is what it holds."""
     about = os.stat(path)
-    return max(about.st_mtime_ns, about.st_ctime_ns) < BEGAN_NS - SETTLED_NS
+    return max(about.st_mtime_ns, about.st_ctime_ns) < START_NS - SETTLING_NS
 
 
-def loaded_files() -> list[str]:
+def list_loaded_files() -> list[str]:
     """The files of all modules loaded by now that are neither Python's own, nor installed packages, nor trimtab's."""
     files = {getattr(module, "__file__", None) for module in list(sys.modules.values())}
     command = getattr(sys.modules.get("__main__"), "__file__", None)
     if command and os.path.dirname(command) == os.path.dirname(sys.executable):
         files.discard(command)  # the command trimtab itself
-    return _of_the_user(file for file in files if isinstance(file, str))
+    return _select_user_files(file for file in files if isinstance(file, str))
 
 
 @contextmanager
-def files_read() -> Iterator[set[str]]:
+def record_read_files() -> Iterator[set[str]]:
     """The files that are opened for reading meanwhile, e.g. a trace that a scenario loads; filled in at the end.
 
     Python's own files, installed packages, trimtab's files, and devices are left out.
     """
-    _watch()
+    _install_audit_hook()
     seen: set[str] = set()
     found: set[str] = set()
     _readers.append(seen)
@@ -76,15 +76,15 @@ def files_read() -> Iterator[set[str]]:
         yield found
     finally:
         _readers[:] = [r for r in _readers if r is not seen]
-        found.update(p for p in _of_the_user(seen) if not p.endswith(".pyc") and not os.path.isdir(p))
+        found.update(p for p in _select_user_files(seen) if not p.endswith(".pyc") and not os.path.isdir(p))
 
 
 @functools.cache
-def _watch() -> None:
-    sys.addaudithook(_note)  # cannot be taken away again: once is enough
+def _install_audit_hook() -> None:
+    sys.addaudithook(_record_open)  # cannot be taken away again: once is enough
 
 
-def _note(event: str, given: tuple[Any, ...]) -> None:
+def _record_open(event: str, given: tuple[Any, ...]) -> None:
     if event != "open" or not _readers:
         return
     with suppress(Exception):  # what is raised here would come out of the open() that is watched
@@ -94,7 +94,7 @@ def _note(event: str, given: tuple[Any, ...]) -> None:
                 seen.add(path)
 
 
-def _of_the_user(files: Iterable[str]) -> list[str]:
+def _select_user_files(files: Iterable[str]) -> list[str]:
     import sysconfig
 
     own = sysconfig.get_paths()

@@ -12,7 +12,7 @@ from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:
     from trimtab.campaign.search.axes import Axis
-    from trimtab.campaign.search.map_theory import Theory
+    from trimtab.campaign.search.map_theory import StabilityCriterion
     from trimtab.campaign.search.stability_map import StabilityMap
     from trimtab.loop.scenario import Scenario
 
@@ -21,7 +21,7 @@ COARSE = 5
 EXAMPLE = "delay=0:0.6"
 
 
-class Request(NamedTuple):
+class MapRequest(NamedTuple):
     """What was asked for on the command line."""
 
     scenario: str
@@ -39,46 +39,46 @@ class Request(NamedTuple):
     as_json: bool = False
 
 
-def stability_map(request: Request) -> None:
+def stability_map(request: MapRequest) -> None:
     """Everything is checked before anything runs."""
     from trimtab.campaign.search import stability_map as maps
-    from trimtab.commands.cache import use_cache
-    from trimtab.commands.fly_scenario import Request as Flight
-    from trimtab.commands.fly_scenario import build, check_picture
-    from trimtab.commands.progress import waiting
+    from trimtab.commands.cache import enable_cache
+    from trimtab.commands.fly_scenario import RunRequest as Flight
+    from trimtab.commands.fly_scenario import build_from_request, check_picture
+    from trimtab.commands.progress import show_spinner
     from trimtab.run.program import check_seed
 
     check_seed(request.seed)
-    x, y = axis("--x", request.x), axis("--y", request.y)
+    x, y = parse_axis("--x", request.x), parse_axis("--y", request.y)
     if x.name == y.name:
         raise InputError("--y", f"it is {y.name!r} like --x", fix="give it another parameter, e.g. --y jitter=0:0.3")
-    scenario = build(Flight(request.scenario, request.settings, request.without))
+    scenario = build_from_request(Flight(request.scenario, request.settings, request.without))
     check_picture(request.plot, None)
-    use_cache()
+    enable_cache()
     wanted: dict[str, Any] = {"runs": request.runs, "depth": request.depth, "threshold": request.threshold}
     if request.success:
-        from trimtab.campaign.search.stability_map import success_of
+        from trimtab.campaign.search.stability_map import parse_success
 
-        wanted["success"], wanted["signals"] = success_of(scenario, request.success)
-    with waiting(f"flying {scenario.name}"):
+        wanted["success"], wanted["signals"] = parse_success(scenario, request.success)
+    with show_spinner(f"flying {scenario.name}"):
         found = maps.stability_map(scenario, x, y, seed=request.seed, **wanted)
-        criteria, why = _theory(found) if request.theory else ((), "")
-    written = _draw(found, criteria, scenario, request.plot)
+        criteria, why = _find_criteria(found) if request.theory else ((), "")
+    written = _draw_map(found, criteria, scenario, request.plot)
     if request.as_json:
-        plain = _plain(request, found, criteria) | ({"files": written} if written else {})
+        plain = _map_json(request, found, criteria) | ({"files": written} if written else {})
         click.echo(json.dumps(plain, allow_nan=False))
         return
-    _print(found, criteria, why)
+    _print_map(found, criteria, why)
     for file in written:
         click.echo(f"wrote {file}")
 
 
-def axis(option: str, text: str) -> "Axis":
+def parse_axis(option: str, text: str) -> "Axis":
     """An axis from `name=low:high[:count]`: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
 
     With percent signs the scenario's own value is multiplied.
     """
-    from trimtab.campaign.search.axes import KINDS, LINKS, of_link, of_path, of_scale
+    from trimtab.campaign.search.axes import KINDS, LINKS, axis_of_link, axis_of_path, axis_of_scale
 
     name, given, span = text.partition("=")
     ends = span.split(":")
@@ -99,29 +99,29 @@ def axis(option: str, text: str) -> "Axis":
     if kind in KINDS and link in ("", *LINKS):
         if percent:
             raise InputError(option, f"{name!r} takes no percent", fix=f"{option} {EXAMPLE}")
-        return of_link(kind, values, link or "uplink")
+        return axis_of_link(kind, values, link or "uplink")
     if "." not in name:
         choices = [*KINDS, *(f"{one}-{kind}" for one in LINKS for kind in KINDS)]
         fix = f"{option} {EXAMPLE}, or the path of a quantity, which  trimtab list SCENARIO  shows"
         raise InputError(option, f"there is no {name!r}", choices=choices, fix=fix)
-    return of_scale(name, values) if percent else of_path(name, values)
+    return axis_of_scale(name, values) if percent else axis_of_path(name, values)
 
 
-def _theory(found: "StabilityMap") -> tuple[tuple["Theory", ...], str]:
+def _find_criteria(found: "StabilityMap") -> tuple[tuple["StabilityCriterion", ...], str]:
     """The criteria that apply, or why there are none."""
-    from trimtab.campaign.search.map_theory import theory
+    from trimtab.campaign.search.map_theory import stability_criteria
 
     try:
-        return theory(found), ""
+        return stability_criteria(found), ""
     except InputError as error:
         return (), error.problem
 
 
-def _plain(request: Request, found: "StabilityMap", criteria: tuple["Theory", ...]) -> dict[str, Any]:
-    traced = found.traced
+def _map_json(request: MapRequest, found: "StabilityMap", criteria: tuple["StabilityCriterion", ...]) -> dict[str, Any]:
+    traced = found.traced_boundary
     boundary = [
         [[float(found.at_x[i]), float(found.at_y[j])], [float(found.at_x[i + s]), float(found.at_y[j + s])]]
-        for i, j, s in traced.boundary().tolist()
+        for i, j, s in traced.boundary_cells().tolist()
     ]
     return {
         "scenario": request.scenario,
@@ -131,19 +131,19 @@ def _plain(request: Request, found: "StabilityMap", criteria: tuple["Theory", ..
         "backend": found.backend,
         "x": {"name": found.x.name, "unit": found.x.unit, "values": found.at_x.tolist()},
         "y": {"name": found.y.name, "unit": found.y.unit, "values": found.at_y.tolist()},
-        "flown": traced.looked_at,
+        "flown": traced.evaluated_points,
         "full_grid": traced.of,
-        "points": np.column_stack([found.points, found.share]).tolist(),
+        "points": np.column_stack([found.flown_points, found.share]).tolist(),
         "boundary_cells": boundary,
-        "theory": {one.name: [line.tolist() for line in one.lines()] for one in criteria},
+        "theory": {one.name: [line.tolist() for line in one.zero_lines()] for one in criteria},
     }
 
 
-def _print(found: "StabilityMap", criteria: tuple["Theory", ...], why: str) -> None:
-    traced = found.traced
+def _print_map(found: "StabilityMap", criteria: tuple["StabilityCriterion", ...], why: str) -> None:
+    traced = found.traced_boundary
     click.echo(
-        f"{found.scenario.name}: {traced.looked_at} points flown of {traced.of}, {found.runs} runs each,"
-        f" {len(traced.boundary())} cells on the boundary"
+        f"{found.scenario.name}: {traced.evaluated_points} points flown of {traced.of}, {found.runs} runs each,"
+        f" {len(traced.boundary_cells())} cells on the boundary"
     )
     for value in found.y.values:
         line = int(np.abs(found.at_y - value).argmin())
@@ -153,24 +153,26 @@ def _print(found: "StabilityMap", criteria: tuple["Theory", ...], why: str) -> N
         passes = [f"{a:.4g} to {b:.4g}" for a, b in found.crossings(float(value))]
         turns = f", turns at {found.x.name} {', '.join(passes)}{along}" if passes else " all along"
         click.echo(f"  {found.y.name} {value:.4g}{unit}: {side} at {found.x.values[0]:.4g}{turns}")
-    if len(traced.boundary()) == 0:
-        click.echo(_no_boundary(found))
+    if len(traced.boundary_cells()) == 0:
+        click.echo(_boundary_hint(found))
     if criteria:
         click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}")
     elif why:
         click.echo(f"no theory beside it: {why}")
 
 
-def _no_boundary(found: "StabilityMap") -> str:
+def _boundary_hint(found: "StabilityMap") -> str:
     """What to type where a map is all of one colour."""
-    if (found.share >= found.traced.threshold).all():
+    if (found.share >= found.traced_boundary.threshold).all():
         return "no boundary: it succeeds everywhere. Wider --x or --y, or a stricter --success"
     target = found.scenario.targets[0].path.removeprefix("truth.") if found.scenario.targets else "SIGNAL"
     what = f"--success 'error_rms:{target} <= 0.5', --without navigation-error, or other --x and --y"
     return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"
 
 
-def _draw(found: "StabilityMap", criteria: tuple["Theory", ...], scenario: "Scenario", file: Path | None) -> list[str]:
+def _draw_map(
+    found: "StabilityMap", criteria: tuple["StabilityCriterion", ...], scenario: "Scenario", file: Path | None
+) -> list[str]:
     if file is None:
         return []
     from trimtab.plots.stability_map import plot_stability_map

@@ -11,11 +11,11 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.table import Table
 
     from studies.row import Row
-    from trimtab.commands.calibrate import Axis
-    from trimtab.design.certificate_check import Checked
+    from trimtab.commands.calibrate import SensorAxis
+    from trimtab.design.certificate_check import CertificateProof
     from trimtab.identify.allan import Coefficient
     from trimtab.logs.navigation import Navigation
-    from trimtab.run.error_budget import Budget
+    from trimtab.run.error_budget import ErrorBudget
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -61,7 +61,7 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
     from trimtab.core.record import leaves  # brings numpy along, which a list of names does not need
 
     faults = sorted(scenario.imperfections())
-    rows = [(path, _value(value, d), _unit(d), d.doc) for path, value, d in leaves(scenario)]
+    rows = [(path, _format_value(value, d), _format_unit(d), d.doc) for path, value, d in leaves(scenario)]
     if as_json:
         settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}
         click.echo(json.dumps({"scenario": name, "choices": arguments, "settings": settings, "imperfections": faults}))
@@ -79,12 +79,12 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
     click.echo(f"--without {' | '.join(faults)}")
 
 
-def _value(value: Any, declared: Any) -> str:
+def _format_value(value: Any, declared: Any) -> str:
     from trimtab.core.record import Option
-    from trimtab.core.time import show
+    from trimtab.core.time import format_time
 
     if isinstance(declared, Option):
-        return show(value) if declared.kind == "period" else str(value)
+        return format_time(value) if declared.kind == "period" else str(value)
     from numpy import shape, size
 
     numbers = shape(value)
@@ -94,7 +94,7 @@ def _value(value: Any, declared: Any) -> str:
     return "[" + ",".join(f"{v:.4g}" for v in value) + "]" if few else f"{'x'.join(map(str, numbers))} numbers"
 
 
-def _unit(declared: Any) -> str:
+def _format_unit(declared: Any) -> str:
     from trimtab.core.record import Option
 
     if isinstance(declared, Option):
@@ -116,8 +116,10 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     for signal in signals:
         for i, (side, found) in enumerate(flown.items()):
             name = f"{signal} ({units[signal]})" if i == 0 else ""
-            cells = [_number(found["metrics"][signal][metric]) for metric in METRICS]
-            table.add_row(name, side, _number(found["final"].get(signal)), *cells, end_section=side == list(flown)[-1])
+            cells = [_format_number(found["metrics"][signal][metric]) for metric in METRICS]
+            table.add_row(
+                name, side, _format_number(found["final"].get(signal)), *cells, end_section=side == list(flown)[-1]
+            )
     console().print(table)
     switches = ", ".join(f"{side} {found['mode_switches']}" for side, found in flown.items())
     click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
@@ -160,7 +162,7 @@ def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
     rows += [(f"{name} error", "truth", judged, "") for name, judged in found.errors.items()]
     for name, of, j, white in rows:
         bounds = f"{j.low:.3g} … {j.high:.3g}"
-        factor = f"{j.factor:.2f}  ({_short(j.factor_low)} … {_short(j.factor_high)})"
+        factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     screen.print(table)
     table = new_table()
@@ -174,11 +176,11 @@ def print_navigation(found: "Navigation", units: Mapping[str, str]) -> None:
     click.echo(f"navigation: {found.verdict}; judged from {found.since_s:.2f} s on; {sure} (docs, Navigation of a run)")
 
 
-def _short(value: float) -> str:
+def _format_short(value: float) -> str:
     return f"{value:.2f}" if value < 100 else "∞"
 
 
-def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
+def print_noise(name: str, axes: Mapping[str, "SensorAxis"]) -> None:
     """Noise coefficients of each axis with their intervals, and what a filter takes."""
     any_axis = next(iter(axes.values()))
     shown, dt = console(), any_axis.fit.sampling_period
@@ -186,7 +188,7 @@ def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
     for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
         table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
     for axis, a in axes.items():
-        cells = (_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
+        cells = (_format_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     shown.print(table)
     table = new_table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
@@ -200,13 +202,13 @@ def print_noise(name: str, axes: Mapping[str, "Axis"]) -> None:
     click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
 
 
-def _coefficient(c: "Coefficient") -> str:
+def _format_coefficient(c: "Coefficient") -> str:
     return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"
 
 
-def print_budget(title: str, found: "Budget") -> None:
+def print_budget(title: str, found: "ErrorBudget") -> None:
     """What each imperfection costs: its share of each mean square, and each rms with it alone."""
-    from trimtab.run.error_budget import share
+    from trimtab.run.error_budget import cost_share
 
     screen, measures = console(), list(found.units)
     heads = [f"{m.replace('_', ' ')} ({found.units[m]})" for m in measures]
@@ -215,27 +217,27 @@ def print_budget(title: str, found: "Budget") -> None:
     for head in heads:
         table.add_column(head, justify="right")
     for name, row in (("all", found.whole), ("none", found.least)):
-        table.add_row(name, *(_rms(*row[m]) for m in measures), end_section=name == "none")
+        table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
     for cost in found.costs:
-        table.add_row(f"{cost.name} alone", *(_rms(*cost.alone[m]) for m in measures))
+        table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
     screen.print(table)
     table = new_table(title="Share of the mean square that goes when it is switched off", title_justify="left")
     table.add_column("imperfection", no_wrap=True)
     for head in measures:
         table.add_column(head.replace("_", " "), justify="right")
     for cost in found.costs:
-        table.add_row(cost.name, *(f"{100 * share(found, cost, m):.1f} %" for m in measures))
+        table.add_row(cost.name, *(f"{100 * cost_share(found, cost, m):.1f} %" for m in measures))
     screen.print(table)
     click.echo("± one standard error; shares need not add up to 100 % (docs, Error budget)")
 
 
-def _rms(value: float, error: float) -> str:
+def _format_rms(value: float, error: float) -> str:
     return f"{value:.4f} ± {error:.4f}"
 
 
 def print_rows(title: str, rows: Iterable["Row"]) -> None:
     """Rows of a study: printed beside computed, and of each that does not hold the reason."""
-    from studies.row import shown
+    from studies.row import format_value
 
     rows, screen = list(rows), console()
     table = new_table(title=title.replace("[", r"\["), title_justify="left")
@@ -244,9 +246,9 @@ def print_rows(title: str, rows: Iterable["Row"]) -> None:
         table.add_column(heading, justify=justify, no_wrap=heading == "verdict")
     styles = {"differs": "bold red", "not reproduced": "yellow"}
     for row in rows:
-        printed = shown(row.printed) + ("" if row.basis in ("printed", "text") else " *")
+        printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " *")
         unit = "" if row.unit == "1" else row.unit
-        cells = (row.what, printed, shown(row.computed), row.tolerance, unit, row.verdict, row.citation)
+        cells = (row.what, printed, format_value(row.computed), row.tolerance, unit, row.verdict, row.citation)
         table.add_row(*(cell.replace("[", r"\[") for cell in cells), style=styles.get(row.verdict))
     screen.print(table)
     for row in rows:
@@ -254,7 +256,7 @@ def print_rows(title: str, rows: Iterable["Row"]) -> None:
             screen.print(f"  {row.verdict}: {row.what}. {row.note}".rstrip().replace("[", r"\["))
 
 
-def print_conditions(title: str, found: "Checked") -> None:
+def print_conditions(title: str, found: "CertificateProof") -> None:
     """Each condition of a certificate with its number and verdict."""
     table = new_table(title=title, title_justify="left")
     for heading in ("condition", "verdict", "number", "of", "by"):
@@ -269,7 +271,7 @@ def print_conditions(title: str, found: "Checked") -> None:
             click.echo(f"{'' if c.holds else 'FAILS  '}{c.name}: {c.why}")
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     if value is None:
         return "-"
     small = value != 0 and abs(value) < 0.01

@@ -15,7 +15,7 @@ Index = list[Value]
 
 
 class Array:
-    """An array of one type: `items`, an object array of values, or a `buffer` (row-major, from element `offset`)."""
+    """An array of one type: `element_array`, an object array of values, or a `buffer`, row-major from `offset`."""
 
     __slots__ = ("buffer", "dtype", "items", "offset", "shape")
 
@@ -35,7 +35,7 @@ def type_name(dtype: Any) -> str:
     return NAMES[np.dtype(dtype)]
 
 
-def small(shape: tuple[int, ...]) -> bool:
+def is_small(shape: tuple[int, ...]) -> bool:
     """Whether an array of this shape is unrolled."""
     return math.prod(shape) <= UNROLL
 
@@ -56,12 +56,12 @@ def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
     """A known array."""
     data = np.asarray(data)
     dtype = dtype or type_name(data.dtype)
-    if small(data.shape):
+    if is_small(data.shape):
         return scalars([b.const(n, dtype) for n in data.ravel()], data.shape, dtype)
     return Array(data.shape, dtype, buffer=Buffer(dtype, data.size, "const", data=data.ravel()))
 
 
-def linear(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
+def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
     """The row-major position of an index."""
     position = b.index(0)
     for extent, i in zip(shape, index, strict=True):
@@ -70,57 +70,57 @@ def linear(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
     return position
 
 
-def at(b: Builder, array: Array, position: Value) -> Value:
+def read_flat(b: Builder, array: Array, position: Value) -> Value:
     """The element at a row-major position."""
     if array.items is not None:
         if position.op == "const":
             return array.items.ravel()[int(position.const)]
-        array = stored(b, array)
+        array = store_in_memory(b, array)
     assert array.buffer is not None
     if array.offset is not None:
         position = b.op("add", position, array.offset, dtype="i32")
     return b.load(array.buffer, position)
 
 
-def read(b: Builder, array: Array, index: Index) -> Value:
+def read_element(b: Builder, array: Array, index: Index) -> Value:
     """The element at an index; the index of an axis of length 1 is taken as 0."""
     index = [b.index(0) if n == 1 else i for n, i in zip(array.shape, index, strict=True)]
-    return at(b, array, linear(b, array.shape, index))
+    return read_flat(b, array, flat_index(b, array.shape, index))
 
 
-def values(b: Builder, array: Array) -> list[Value]:
+def element_list(b: Builder, array: Array) -> list[Value]:
     """All elements in row-major order; for small arrays."""
     if array.items is not None:
         return list(array.items.ravel())
-    return [at(b, array, b.index(i)) for i in range(array.size)]
+    return [read_flat(b, array, b.index(i)) for i in range(array.size)]
 
 
-def items(b: Builder, array: Array) -> Any:
+def element_array(b: Builder, array: Array) -> Any:
     """All elements as an object array of the array's shape; for small arrays."""
     if array.items is not None:
         return array.items
-    return scalars(values(b, array), array.shape, array.dtype).items
+    return scalars(element_list(b, array), array.shape, array.dtype).items
 
 
-def stored(b: Builder, array: Array) -> Array:
+def store_in_memory(b: Builder, array: Array) -> Array:
     """The same array in a buffer, which serves all who read these values by a computed index: nobody writes to it."""
     if array.items is None:
         return array
     elements = tuple(array.items.ravel())
-    buffer = b.once(("stored", array.dtype, elements), lambda: _memory(b, array.dtype, elements))
+    buffer = b.memoise(("stored", array.dtype, elements), lambda: _make_buffer(b, array.dtype, elements))
     return Array(array.shape, array.dtype, buffer=buffer)
 
 
-def _memory(b: Builder, dtype: str, elements: tuple[Value, ...]) -> Buffer:
+def _make_buffer(b: Builder, dtype: str, elements: tuple[Value, ...]) -> Buffer:
     if all(v.op == "const" for v in elements):
         return Buffer(dtype, len(elements), "const", data=np.array([v.const for v in elements], TYPES[dtype]))
-    made = b.local(dtype, len(elements))
+    made = b.local_buffer(dtype, len(elements))
     for i, v in enumerate(elements):
         b.store(made, b.index(i), v)
     return made
 
 
-def every(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> None:
+def loop_over_indices(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> None:
     """Nested loops over all indices of a shape."""
 
     def nest(index: Index) -> None:
@@ -129,23 +129,23 @@ def every(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> 
         elif shape[len(index)] == 1:
             nest([*index, b.index(0)])
         else:
-            b.each(shape[len(index)], lambda i: nest([*index, i]))
+            b.repeat(shape[len(index)], lambda i: nest([*index, i]))
 
     nest([])
 
 
-def build(b: Builder, shape: tuple[int, ...], dtype: str, element: Callable[[Index], Value]) -> Array:
+def build_array(b: Builder, shape: tuple[int, ...], dtype: str, element: Callable[[Index], Value]) -> Array:
     """The array whose element at an index is element(index): unrolled when small, else loops into a new buffer."""
-    if small(shape):
+    if is_small(shape):
         found = [element([b.index(i) for i in index]) for index in np.ndindex(*shape)]
         return scalars(found, shape, dtype)
-    made = Array(shape, dtype, buffer=b.local(dtype, math.prod(shape)))
+    made = Array(shape, dtype, buffer=b.local_buffer(dtype, math.prod(shape)))
 
     def write(index: Index) -> None:
         assert made.buffer is not None
-        b.store(made.buffer, linear(b, shape, index), element(index))
+        b.store(made.buffer, flat_index(b, shape, index), element(index))
 
-    every(b, shape, write)
+    loop_over_indices(b, shape, write)
     return made
 
 
@@ -155,11 +155,11 @@ def copy_into(b: Builder, target: Buffer, source: Array) -> None:
         for i, v in enumerate(source.items.ravel()):
             b.store(target, b.index(i), v)
     elif source.size:
-        b.each(source.size, lambda i: b.store(target, i, at(b, source, i)))
+        b.repeat(source.size, lambda i: b.store(target, i, read_flat(b, source, i)))
 
 
-def copied(b: Builder, array: Array) -> Array:
+def copy_array(b: Builder, array: Array) -> Array:
     """The same array in a new buffer that nothing else refers to."""
-    made = b.local(array.dtype, array.size)
+    made = b.local_buffer(array.dtype, array.size)
     copy_into(b, made, array)
     return Array(array.shape, array.dtype, buffer=made)

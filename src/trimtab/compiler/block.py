@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.elementary import FREE, INCLUDES, elementary, elementary_names
-from trimtab.compiler.routine import Place, Routine
-from trimtab.compiler.scalar_text import literal
-from trimtab.compiler.structs import Member, members, struct
+from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, elementary_names, elementary_text
+from trimtab.compiler.routine import Routine, StructPlace
+from trimtab.compiler.scalar_text import number_literal
+from trimtab.compiler.structs import Member, members, struct_text
 from trimtab.compiler.writer import Writer
 from trimtab.core.float64 import jax
 
 
-class Exported(NamedTuple):
+class ExportedBlock(NamedTuple):
     """The text of a block, and what its structs hold."""
 
     name: str
@@ -33,7 +33,7 @@ def export_step(
     step: Callable[[Any, Any, Any], tuple[Any, Any]],
     given: Any,
     real: str = "f64",
-) -> Exported:
+) -> ExportedBlock:
     """The C of a block.
 
     Args:
@@ -49,36 +49,36 @@ def export_step(
     each, shapes = jax.make_jaxpr(step, return_shape=True)(params, state, given)
     P, S = members(params, real), members(state, real)
     IN, OUT = members(given, real), members(shapes[1], real)
-    starting = Routine(begin, [Place("p->", P)], [Place("s->", S)], real)
-    sources = [Place("p->", P), Place("s->", S, True), Place("in->", IN)]
-    stepping = Routine(each, sources, [Place("s->", S), Place("out->", OUT)], real)
+    starting = Routine(begin, [StructPlace("p->", P)], [StructPlace("s->", S)], real)
+    sources = [StructPlace("p->", P), StructPlace("s->", S, True), StructPlace("in->", IN)]
+    stepping = Routine(each, sources, [StructPlace("s->", S), StructPlace("out->", OUT)], real)
     w = Writer({}, set())
-    bodies = starting.lines(w), stepping.lines(w)
-    bounded = not any(r.ends_on_data() for r in (starting, stepping))
-    header = _header(name, doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded)
-    tables, defaults = _defaults(P, [np.asarray(v) for v in jax.tree.leaves(params)])
+    bodies = starting.body_lines(w), stepping.body_lines(w)
+    bounded = not any(r.has_data_dependent_loop() for r in (starting, stepping))
+    header = _header_text(name, doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded)
+    tables, defaults = _default_lines(P, [np.asarray(v) for v in jax.tree.leaves(params)])
     parts = [
-        FREE,
+        LICENCE_NOTE,
         f'#include "{name}.h"\n',
         INCLUDES,
-        elementary(0, elementary_names(w)),
-        w.helpers(),
+        elementary_text(0, elementary_names(w)),
+        w.helper_texts(),
         *w.tables,
         *tables,
     ]
-    parts.append(_function(f"{name}_defaults({name}_params *p)", defaults, ["p"]))
-    parts.append(_function(f"{name}_init(const {name}_params *p, {name}_state *s)", bodies[0], ["p", "s"]))
+    parts.append(_step_function_text(f"{name}_defaults({name}_params *p)", defaults, ["p"]))
+    parts.append(_step_function_text(f"{name}_init(const {name}_params *p, {name}_state *s)", bodies[0], ["p", "s"]))
     arguments = f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out"
-    parts.append(_function(f"{name}_step({arguments})", bodies[1], ["p", "s", "in", "out"]))
-    return Exported(name, header, "\n".join(parts), IN, OUT, P)
+    parts.append(_step_function_text(f"{name}_step({arguments})", bodies[1], ["p", "s", "in", "out"]))
+    return ExportedBlock(name, header, "\n".join(parts), IN, OUT, P)
 
 
-def _function(head: str, lines: list[str], unused: list[str]) -> str:
+def _step_function_text(head: str, lines: list[str], unused: list[str]) -> str:
     silence = " ".join(f"(void){name};" for name in unused)
     return "\n".join([f"void {head}", "{", *lines, f"    {silence}", "}\n"])
 
 
-def _header(name: str, doc: str, real: str, held: dict[str, list[Member]], bounded: bool) -> str:
+def _header_text(name: str, doc: str, real: str, held: dict[str, list[Member]], bounded: bool) -> str:
     guard = f"{name.upper()}_H"
     docs = {
         "params": "Parameters; the defaults are those of the scenario.",
@@ -87,7 +87,7 @@ def _header(name: str, doc: str, real: str, held: dict[str, list[Member]], bound
         "out": "What a step gives.",
     }
     loops = "every loop is bounded" if bounded else "some loops end on data, so its time has no bound known here"
-    structs = [struct(f"{name}_{kind}", m, docs[kind]) for kind, m in held.items()]
+    structs = [struct_text(f"{name}_{kind}", m, docs[kind]) for kind, m in held.items()]
     calls = [
         f"/* Set all parameters to their defaults. */\nvoid {name}_defaults({name}_params *p);\n",
         f"/* Begin: the state before the first step. */\nvoid {name}_init(const {name}_params *p, {name}_state *s);\n",
@@ -97,13 +97,15 @@ def _header(name: str, doc: str, real: str, held: dict[str, list[Member]], bound
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
-    return "\n".join([FREE, f"/* {doc} */", *top, number, *structs, *calls, plus[1], "#endif\n"])
+    return "\n".join([LICENCE_NOTE, f"/* {doc} */", *top, number, *structs, *calls, plus[1], "#endif\n"])
 
 
-def _defaults(held: list[Member], values: list[Any]) -> tuple[list[str], list[str]]:
+def _default_lines(held: list[Member], values: list[Any]) -> tuple[list[str], list[str]]:
     tables, lines = [], []
     for i, (m, value) in enumerate(zip(held, values, strict=True)):
-        numbers = [literal(n, m.dtype) for n in value.astype(np.float32 if m.dtype == "f32" else value.dtype).ravel()]
+        numbers = [
+            number_literal(n, m.dtype) for n in value.astype(np.float32 if m.dtype == "f32" else value.dtype).ravel()
+        ]
         if len(numbers) <= 8:
             lines += [f"    {m.at('p->', k)} = {text};" for k, text in enumerate(numbers)]
             continue

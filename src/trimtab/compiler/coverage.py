@@ -9,7 +9,7 @@ INTEGERS = "integers"
 FLOATS = "float64, float32"
 ANY = "all types"
 
-COVERED: dict[str, tuple[str, str]] = {
+COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "add": (NUMBERS, "integers wrap"),
     "sub": (NUMBERS, "integers wrap"),
     "mul": (NUMBERS, "integers wrap"),
@@ -131,11 +131,11 @@ COVERED: dict[str, tuple[str, str]] = {
 """Primitive, by its name in jaxprs -> (types, what of it is covered)."""
 
 
-def table() -> str:
+def coverage_table() -> str:
     """The list in Markdown."""
-    rows = [f"| `{name}` | {types} | {remark} |" for name, (types, remark) in COVERED.items()]
+    rows = [f"| `{name}` | {types} | {remark} |" for name, (types, remark) in COVERED_PRIMITIVES.items()]
     return "\n".join(["| primitive | types | covered |", "|---|---|---|", *rows])
 
 
 if __name__ == "__main__":
-    print(table())
+    print(coverage_table())

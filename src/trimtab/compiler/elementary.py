@@ -18,23 +18,26 @@ from trimtab.core.errors import InputError
 LANES = (0, 4, 8)
 LIBM = {"cbrt": 1, "pow": 2, "asinh": 1, "acosh": 1, "atanh": 1, "erf": 1, "erfc": 1, "fmod": 2}
 """Functions left to the C library, one number at a time, and how many arguments each takes."""
-OWN = (
+OWN_FUNCTIONS = (
     *("sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "exp", "exp2", "expm1", "log", "log1p"),
     *("sinh", "cosh", "tanh", "logistic", "sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
 )
-HELPERS = ("abs", "copysign", "is_finite", "splat", "all", "any")
+HELPER_FUNCTIONS = ("abs", "copysign", "is_finite", "splat", "all", "any")
 """Small parts that generated vector code needs as well; `any` only in vectors."""
-SINGLE = {
-    **{name: f"{name}f" for name in (*OWN[:13], *LIBM, "sinh", "cosh", "tanh", "sqrt", "floor", "ceil", "trunc")},
+SINGLE_PRECISION_NAMES = {
+    **{
+        name: f"{name}f"
+        for name in (*OWN_FUNCTIONS[:13], *LIBM, "sinh", "cosh", "tanh", "sqrt", "floor", "ceil", "trunc")
+    },
     **{"round_even": "rintf", "round_away": "roundf", "rsqrt": "", "logistic": "", "sincos": ""},
 }
 """Functions for float by what the C library calls them ("": written out); asked for with an f behind the name."""
-FUNCTIONS = (*OWN, *LIBM)
+FUNCTIONS = (*OWN_FUNCTIONS, *LIBM)
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
 
-def elementary(lanes: int = 0, names: Iterable[str] | None = None) -> str:
+def elementary_text(lanes: int = 0, names: Iterable[str] | None = None) -> str:
     """C text that defines the elementary functions: `tt_sin` for double, `tt_sinf` for float, `ttv_sin` for vectors.
 
     lanes: 0 for C99 (also valid C++), 4 or 8 for C++ that has the vectors `vf64`, `vi64`, `vu64` in addition; the text
@@ -42,16 +45,20 @@ def elementary(lanes: int = 0, names: Iterable[str] | None = None) -> str:
     """
     if lanes not in LANES:
         raise InputError("elementary", f"lanes = {lanes}", choices=map(str, LANES))
-    single = [f"{name}f" for name in SINGLE]
-    known = dict.fromkeys([*FUNCTIONS, *HELPERS, *single])
+    single = [f"{name}f" for name in SINGLE_PRECISION_NAMES]
+    known = dict.fromkeys([*FUNCTIONS, *HELPER_FUNCTIONS, *single])
     wanted = list(known) if names is None else list(dict.fromkeys(names))
     if unknown := [name for name in wanted if name not in known]:
         raise InputError("elementary", f"no function {', '.join(unknown)}", choices=known)
     double = [name for name in wanted if name not in single and name != "any"]
-    text = [_blocks("scalar")[0], *_with_needs(double, "tt"), *(_single(n[:-1]) for n in wanted if n in single)]
+    text = [
+        _blocks("scalar")[0],
+        *_with_dependencies(double, "tt"),
+        *(_single_precision(n[:-1]) for n in wanted if n in single),
+    ]
     if lanes:
         double += [n for n in ("splat", "abs", "copysign", "is_finite", "all", "any") if n not in double]
-        text += [f"#define TT_LANES {lanes}", _blocks("vector")[0], *_with_needs(double, "ttv")]
+        text += [f"#define TT_LANES {lanes}", _blocks("vector")[0], *_with_dependencies(double, "ttv")]
     return "\n\n".join(text) + "\n"
 
 
@@ -65,7 +72,10 @@ def _blocks(name: str) -> list[str]:
 def _functions(prefix: str) -> dict[str, str]:
     """C text of each function by name, for prefix tt (one number) or ttv (vectors)."""
     vector = prefix == "ttv"
-    blocks = [*_blocks("vector" if vector else "scalar")[1:], *(_plain(b, vector) for b in _blocks("elementary")[1:])]
+    blocks = [
+        *_blocks("vector" if vector else "scalar")[1:],
+        *(_replace_tokens(b, vector) for b in _blocks("elementary")[1:]),
+    ]
     found = {
         name: block
         for block in blocks
@@ -76,7 +86,7 @@ def _functions(prefix: str) -> dict[str, str]:
     return found | {f"far_{name}": _lane_by_lane(name, arity, vector, far=True) for name, arity in far.items()}
 
 
-def _plain(block: str, vector: bool) -> str:
+def _replace_tokens(block: str, vector: bool) -> str:
     """The block with its tokens replaced."""
     tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE", "COLD": "TTV_COLD"}
     if not vector:
@@ -104,7 +114,7 @@ def _lane_by_lane(name: str, arity: int, vector: bool, *, far: bool) -> str:
     return _LINE.format(inline=inline, type=number, name=full, parameters=parameters, body=body)
 
 
-def _with_needs(names: Iterable[str], prefix: str) -> Iterator[str]:
+def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
     """Blocks of these functions, each after those that it calls."""
     functions, done = _functions(prefix), set[str]()
 
@@ -121,7 +131,7 @@ def _with_needs(names: Iterable[str], prefix: str) -> Iterator[str]:
         yield from visit(name)
 
 
-def _single(name: str) -> str:
+def _single_precision(name: str) -> str:
     """The function of this name for float: the C library's."""
     if name == "sincos":
         body = "    *sine = sinf(x);\n    *cosine = cosf(x);\n"
@@ -129,12 +139,13 @@ def _single(name: str) -> str:
         return _LINE.format(inline="TT_INLINE ", type="void", name="tt_sincosf", parameters=parameters, body=body)
     two = name in ("pow", "fmod", "atan2")
     value = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}.get(name, "")
-    value = value or f"{SINGLE[name]}({'x, z' if two else 'x'})"
+    value = value or f"{SINGLE_PRECISION_NAMES[name]}({'x, z' if two else 'x'})"
     parameters, body = "float x, float z" if two else "float x", f"    return {value};\n"
     return _LINE.format(inline="TT_INLINE ", type="float", name=f"tt_{name}f", parameters=parameters, body=body)
 
 
-FREE = """/* Generated by trimtab. This text may be used, changed and passed on for any purpose, under any licence or
+LICENCE_NOTE = """\
+/* Generated by trimtab. This text may be used, changed and passed on for any purpose, under any licence or
  * none, without notice; it comes without warranty. */
 """
 INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stdint.h>\n#include <string.h>\n"
@@ -145,18 +156,18 @@ typedef uint32_t vu32 __attribute__((vector_size(4 * LANES)));
 """
 
 
-def preamble(writer: Writer, lanes: int = 0) -> str:
+def preamble_text(writer: Writer, lanes: int = 0) -> str:
     """Text that goes before functions written by this writer; lanes 0 for scalar C."""
-    parts = [FREE, INCLUDES, elementary(lanes, elementary_names(writer))]
+    parts = [LICENCE_NOTE, INCLUDES, elementary_text(lanes, elementary_names(writer))]
     if lanes:
         parts.append(LANE_TYPES)
-    parts.append(writer.helpers())
+    parts.append(writer.helper_texts())
     parts += writer.tables
     return "\n".join(parts)
 
 
 def elementary_names(writer: Writer) -> list[str]:
     """The elementary functions that were used, e.g. "sincos" for tt_sincos and ttv_sincos."""
-    known = {*FUNCTIONS, *(f"{name}f" for name in SINGLE)}
+    known = {*FUNCTIONS, *(f"{name}f" for name in SINGLE_PRECISION_NAMES)}
     names = [n.split("_", 1)[1] for n in writer.used if n.startswith(("tt_", "ttv_"))]
     return [n for n in dict.fromkeys(names) if n in known]

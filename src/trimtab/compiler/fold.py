@@ -39,21 +39,21 @@ PLAIN: dict[str, Callable[..., Any]] = {
 def fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str, attr: Any) -> Value | None:
     """The value that an operation is known to have, or None."""
     if op == "select":
-        return _select(b, args)
+        return _fold_select(b, args)
     if args and all(a.op == "const" for a in args):
-        return _known(b, op, [a.const for a in args], dtype)
+        return _fold_constants(b, op, [a.const for a in args], dtype)
     if op in ("eq", "ne", "le", "ge") and args[0].dtype == "bool" and args[1].op == "const":
-        return _test(b, op, args[0], bool(args[1].const))
+        return _fold_comparison(b, op, args[0], bool(args[1].const))
     if op == "convert" and args[0].dtype == dtype:
         return args[0]
     if op == "not" and args[0].op == "not":
         return args[0].args[0]
     if len(args) == 2:
-        return _identity(b, op, args[0], args[1], dtype)
+        return _fold_identity(b, op, args[0], args[1], dtype)
     return None
 
 
-def _known(b: Builder, op: str, numbers: list[Any], dtype: str) -> Value | None:
+def _fold_constants(b: Builder, op: str, numbers: list[Any], dtype: str) -> Value | None:
     with np.errstate(all="ignore"):
         if op in COMPARE:
             return b.const(COMPARE[op](*numbers), "bool")
@@ -65,11 +65,11 @@ def _known(b: Builder, op: str, numbers: list[Any], dtype: str) -> Value | None:
             found = divmod(int(numbers[0]), int(numbers[1]))
             return b.const(found[op == "rem"], dtype)
         if op == "convert":
-            return _converted(b, numbers[0], dtype)
+            return _convert_constant(b, numbers[0], dtype)
     return None
 
 
-def _converted(b: Builder, number: Any, dtype: str) -> Value | None:
+def _convert_constant(b: Builder, number: Any, dtype: str) -> Value | None:
     if np.issubdtype(type(number), np.floating) and not is_float(dtype) and dtype != "bool":
         limits = np.iinfo(TYPES[dtype])
         if np.isnan(number):
@@ -80,7 +80,7 @@ def _converted(b: Builder, number: Any, dtype: str) -> Value | None:
     return b.const(number, dtype)
 
 
-def _select(b: Builder, args: tuple[Value, ...]) -> Value | None:
+def _fold_select(b: Builder, args: tuple[Value, ...]) -> Value | None:
     test, yes, no = args
     if test.op == "const":
         return yes if test.const else no
@@ -91,7 +91,7 @@ def _select(b: Builder, args: tuple[Value, ...]) -> Value | None:
     return None
 
 
-def _test(b: Builder, op: str, value: Value, wanted: bool) -> Value | None:
+def _fold_comparison(b: Builder, op: str, value: Value, wanted: bool) -> Value | None:
     if op in ("eq", "ne"):
         return value if (op == "eq") == wanted else b.op("not", value, dtype="bool")
     if op == "ge" and wanted:
@@ -101,27 +101,27 @@ def _test(b: Builder, op: str, value: Value, wanted: bool) -> Value | None:
     return None
 
 
-def _is(value: Value, number: float) -> bool:
+def _is_number(value: Value, number: float) -> bool:
     """Whether a value is exactly this number, the sign of a zero included."""
     if value.op != "const" or value.const != number:
         return False
     return not is_float(value.dtype) or np.signbit(value.const) == np.signbit(np.float64(number))
 
 
-def _identity(b: Builder, op: str, x: Value, y: Value, dtype: str) -> Value | None:
+def _fold_identity(b: Builder, op: str, x: Value, y: Value, dtype: str) -> Value | None:
     float_ = is_float(dtype)
     zero = -0.0 if float_ else 0
     if op == "add":
-        return y if _is(x, zero) else x if _is(y, zero) else None
+        return y if _is_number(x, zero) else x if _is_number(y, zero) else None
     if op == "mul":
-        if not float_ and (_is(x, 0) or _is(y, 0)):
+        if not float_ and (_is_number(x, 0) or _is_number(y, 0)):
             return b.const(0, dtype)
-        return y if _is(x, 1) else x if _is(y, 1) else None
-    if (op == "sub" and _is(y, 0)) or (op == "div" and _is(y, 1)):
+        return y if _is_number(x, 1) else x if _is_number(y, 1) else None
+    if (op == "sub" and _is_number(y, 0)) or (op == "div" and _is_number(y, 1)):
         return x
-    if op == "rem" and not float_ and _is(y, 1):
+    if op == "rem" and not float_ and _is_number(y, 1):
         return b.const(0, dtype)
-    if op in ("shift_left", "shift_right_logical", "shift_right_arithmetic") and _is(y, 0):
+    if op in ("shift_left", "shift_right_logical", "shift_right_arithmetic") and _is_number(y, 0):
         return x
     if dtype == "bool" and op in ("and", "or"):
         for one, other in ((x, y), (y, x)):
@@ -130,5 +130,5 @@ def _identity(b: Builder, op: str, x: Value, y: Value, dtype: str) -> Value | No
         return x if x is y else None
     of_truth = x.op == "convert" and x.args[0].dtype == "bool" and not is_float(x.dtype)
     if op in ("eq", "ne") and of_truth and y.op == "const" and int(y.const) in (0, 1):
-        return _test(b, op, x.args[0], bool(y.const))
+        return _fold_comparison(b, op, x.args[0], bool(y.const))
     return None

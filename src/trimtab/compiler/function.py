@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array, scalars, small
+from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.c_functions import C_TYPES
 from trimtab.compiler.dead_code import prune
-from trimtab.compiler.elementary import preamble
+from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.fold import fold
 from trimtab.compiler.ir import TYPES, Buffer, Builder, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
-from trimtab.compiler.uniform import spread
+from trimtab.compiler.uniform import find_varying
 from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
-from trimtab.native.build import build, load
+from trimtab.native.build import build_library, load_library
 
 
 class Function:
@@ -29,12 +29,12 @@ class Function:
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
         self.b = Builder(fold, hoist)
         lowering = Lowering(self.b, RULES, real)
-        indexed = jaxprs.indexed(jaxpr.jaxpr)
+        indexed = jaxprs.indexed_inputs(jaxpr.jaxpr)
         self.inputs = [
-            parameter(v.aval.shape, lowering.type_of(v.aval.dtype), i in indexed)
+            parameter_array(v.aval.shape, lowering.type_name(v.aval.dtype), i in indexed)
             for i, v in enumerate(jaxpr.jaxpr.invars)
         ]
-        self.outputs = lowering.program(jaxpr, self.inputs, [False] * len(self.inputs))
+        self.outputs = lowering.lower_program(jaxpr, self.inputs, [False] * len(self.inputs))
         kept = [v for a in self.outputs if a.items is not None for v in a.items.ravel()]
         self.live = prune([self.b.prologue, self.b.top], kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
@@ -42,24 +42,24 @@ class Function:
         """C, or C++ over lanes, of `void name(const void *const *in, void *const *out, int32_t runs)`."""
         blocks = [self.b.prologue, self.b.top]
         inputs = [thing for a in self.inputs for thing in ([a.buffer] if a.items is None else a.items.ravel())]
-        varying = spread(blocks, inputs, []) if lanes else None
+        varying = find_varying(blocks, inputs, []) if lanes else None
         w = Writer({}, self.live, varying)
-        w.survey(blocks)
+        w.note_sincos(blocks)
         for i, a in enumerate(self.inputs):
             _load_input(w, i, a, lanes)
         for block in blocks:
-            w.block(block)
+            w.write_block(block)
         for i, a in enumerate(self.outputs):
             _store_output(w, i, a, lanes)
         arguments = "const void *const *in, void *const *out, int32_t runs"
         head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}({arguments})\n{{"
-        return "\n".join([preamble(w, lanes), head, *w.lines, "    (void)in; (void)out; (void)runs;", "}\n"])
+        return "\n".join([preamble_text(w, lanes), head, *w.lines, "    (void)in; (void)out; (void)runs;", "}\n"])
 
 
-def parameter(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
+def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
     """An array that is given: scalars, or a buffer where it is large or indexed."""
     size = math.prod(shape)
-    if small(shape) and not in_memory:
+    if is_small(shape) and not in_memory:
         return scalars([Value("input", (), dtype) for _ in range(size)], shape, dtype)
     return Array(shape, dtype, buffer=Buffer(dtype, size, "input"))
 
@@ -71,12 +71,12 @@ def _load_input(w: Writer, i: int, a: Array, lanes: int) -> None:
         assert a.buffer is not None
         name = w.names[id(a.buffer)] = f"in{i}"
         if not lanes:
-            w.line(f"const {T} *{name} = in[{i}];")
+            w.write_line(f"const {T} *{name} = in[{i}];")
             return
-        w.line(f"{w.type(a.dtype, True)} {name}[{max(a.size, 1)}];")
+        w.write_line(f"{w.type(a.dtype, True)} {name}[{max(a.size, 1)}];")
         minus = "-(int64_t)" if a.dtype == "bool" else ""
         read = f"{minus}{source}[(l < runs ? l : 0) * {a.size} + j]"
-        w.line(f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE {name}[j][l] = {read};")
+        w.write_line(f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE {name}[j][l] = {read};")
         return
     for j, v in enumerate(a.items.ravel()):
         if id(v) not in w.live:
@@ -84,10 +84,10 @@ def _load_input(w: Writer, i: int, a: Array, lanes: int) -> None:
         name = w.names[id(v)] = f"in{i}_{j}"
         if lanes:
             minus = "-(int64_t)" if a.dtype == "bool" else ""
-            w.line(f"{w.type(a.dtype, True)} {name};")
-            w.line(f"EACH_LANE {name}[l] = {minus}{source}[(l < runs ? l : 0) * {a.size} + {j}];")
+            w.write_line(f"{w.type(a.dtype, True)} {name};")
+            w.write_line(f"EACH_LANE {name}[l] = {minus}{source}[(l < runs ? l : 0) * {a.size} + {j}];")
         else:
-            w.line(f"const {T} {name} = {source}[{j}];")
+            w.write_line(f"const {T} {name} = {source}[{j}];")
 
 
 def _store_output(w: Writer, i: int, a: Array, lanes: int) -> None:
@@ -96,25 +96,29 @@ def _store_output(w: Writer, i: int, a: Array, lanes: int) -> None:
     if a.items is not None:
         for j, v in enumerate(a.items.ravel()):
             if lanes:
-                w.line(f"EACH_LANE if (l < runs) {target}[l * {a.size} + {j}] = {_truth(w.wide(v), a.dtype)};")
+                w.write_line(
+                    f"EACH_LANE if (l < runs) {target}[l * {a.size} + {j}] = {_lane_number(w.vector_text(v), a.dtype)};"
+                )
             else:
-                w.line(f"{target}[{j}] = {w.name(v)};")
+                w.write_line(f"{target}[{j}] = {w.name(v)};")
         return
     assert a.buffer is not None
     name, offset = w.name(a.buffer), "" if a.offset is None else f" + {w.name(a.offset)}"
     wide = w.varies(a.buffer)
     if lanes:
-        value = _truth(f"{name}[j{offset}]", a.dtype) if wide else f"{name}[j{offset}]"
-        w.line(f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE if (l < runs) {target}[l * {a.size} + j] = {value};")
+        value = _lane_number(f"{name}[j{offset}]", a.dtype) if wide else f"{name}[j{offset}]"
+        w.write_line(
+            f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE if (l < runs) {target}[l * {a.size} + j] = {value};"
+        )
     else:
-        w.line(f"for (int32_t j = 0; j < {a.size}; j++) {target}[j] = {name}[j{offset}];")
+        w.write_line(f"for (int32_t j = 0; j < {a.size}; j++) {target}[j] = {name}[j{offset}];")
 
 
-def _truth(text: str, dtype: str) -> str:
+def _lane_number(text: str, dtype: str) -> str:
     return f"({text})[l] != 0" if dtype == "bool" else f"({text})[l]"
 
 
-def lowered(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
+def lower_function(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
     """A JAX function lowered for arguments of these shapes and types."""
     return Function(jax.make_jaxpr(function)(*arguments), real)
 
@@ -134,7 +138,7 @@ def compile_function(function: Callable[..., Any], *example: Any) -> Callable[..
     """
     program, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
     made = Function(program)
-    call = load(build(made.text("trimtab_call"))).trimtab_call
+    call = load_library(build_library(made.text("trimtab_call"))).trimtab_call
     call.restype = None
     outputs, tree = jax.tree.flatten(shapes)
     wanted = jax.tree.structure(example)
@@ -149,11 +153,11 @@ def compile_function(function: Callable[..., Any], *example: Any) -> Callable[..
                 problem = f"an argument has shape {v.shape}, wanted is {a.shape}"
                 raise InputError("compiled function", problem, fix="compile it for these shapes")
         results = [np.empty(o.shape, o.dtype) for o in outputs]
-        call(_pointers(held), _pointers(results), ctypes.c_int32(1))
+        call(_pointer_array(held), _pointer_array(results), ctypes.c_int32(1))
         return jax.tree.unflatten(tree, results)
 
     return compiled
 
 
-def _pointers(arrays: list[Any]) -> Any:
+def _pointer_array(arrays: list[Any]) -> Any:
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])

@@ -50,7 +50,7 @@ class Buffer:
         self.dtype, self.size, self.kind, self.name, self.data = dtype, size, kind, name, data
 
     @property
-    def fixed(self) -> bool:
+    def is_read_only(self) -> bool:
         """Whether nothing ever writes to it."""
         return self.kind in ("const", "input")
 
@@ -99,7 +99,7 @@ class If:
         return joined
 
 
-class Record:
+class Emit:
     """Values that are handed to the outside, as text that whoever prints the program writes."""
 
     def __init__(self, values: list[Value]) -> None:
@@ -137,7 +137,7 @@ class Builder:
         return self.blocks[-1]
 
     @contextmanager
-    def inside(self, block: Block) -> Iterator[None]:
+    def write_into(self, block: Block) -> Iterator[None]:
         """Write into a block; what is computed there is unknown outside."""
         self.blocks.append(block)
         self.known.append({})
@@ -147,7 +147,7 @@ class Builder:
             self.blocks.pop()
             self.known.pop()
 
-    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+    def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
         """What has this key already, here or around; else what is made now."""
         for table in reversed(self.known):
             if key in table:
@@ -188,13 +188,13 @@ class Builder:
         """An element of a buffer, as it is now."""
         if buffer.data is not None and index.op == "const":
             return self.const(buffer.data[int(index.const)], buffer.dtype)
-        if buffer.fixed:
+        if buffer.is_read_only:
             return self.op("load", index, dtype=buffer.dtype, attr=buffer)
         value = Value("load", (index,), buffer.dtype, buffer)
         self.block.items.append(Define(value))
         return value
 
-    def local(self, dtype: str, size: int) -> Buffer:
+    def local_buffer(self, dtype: str, size: int) -> Buffer:
         """A new buffer of this block."""
         buffer = Buffer(dtype, size, "local")
         self.block.items.append(Local(buffer))
@@ -208,13 +208,13 @@ class Builder:
         """Run body(index, carried) `count` times; returns what is carried at the end."""
         made = Loop(count, Value("index", (), "i32"), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
-        with self.inside(made.body):
+        with self.write_into(made.body):
             nexts = body(made.index, variables)
         made.carries = list(zip(variables, starts, nexts, strict=True))
         self.block.items.append(made)
         return variables
 
-    def each(self, count: int, body: Callable[[Value], None]) -> None:
+    def repeat(self, count: int, body: Callable[[Value], None]) -> None:
         """Run body(index) `count` times."""
 
         def nothing(index: Value, carried: list[Value]) -> list[Value]:
@@ -232,9 +232,9 @@ class Builder:
         """Run body(carried) while test(carried) holds."""
         made = Loop(None, Value("index", (), "i32"), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
-        with self.inside(made.head):
+        with self.write_into(made.head):
             made.test = test(variables)
-        with self.inside(made.body):
+        with self.write_into(made.body):
             nexts = body(variables)
         made.carries = list(zip(variables, starts, nexts, strict=True))
         self.block.items.append(made)
@@ -243,9 +243,9 @@ class Builder:
     def branch(self, test: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
         """first() where the test holds, else second(); only one of them is computed."""
         made = If(test, Block(), Block())
-        with self.inside(made.first):
+        with self.write_into(made.first):
             x = first()
-        with self.inside(made.second):
+        with self.write_into(made.second):
             y = second()
         self.block.items.append(made)
         return made.join(x, y)

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array, constant, small, stored, type_name
+from trimtab.compiler.arrays import Array, constant, is_small, store_in_memory, type_name
 from trimtab.compiler.ir import Builder
 from trimtab.core.errors import InputError
 
 Rule = Callable[["Site"], list[Array]]
 
-INSTEAD = {
+ALTERNATIVES = {
     "sort": "jnp.partition by hand, or keep the values ordered as they come",
     "lu": "core.linalg.solve_spd, or an unrolled solve",
     "lu_pivots_to_permutation": "core.linalg.solve_spd, or an unrolled solve",
@@ -46,11 +46,11 @@ class Site:
         self.params: dict[str, Any] = equation.params
         aval = equation.outvars[0].aval if equation.outvars else None
         self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
-        self.dtype: str = lowering.type_of(aval.dtype) if aval is not None else ""
+        self.dtype: str = lowering.type_name(aval.dtype) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
         """The results of another program on these operands; those that die may be changed in place."""
-        return self.lowering.program(jaxpr, operands, dying or [False] * len(operands))
+        return self.lowering.lower_program(jaxpr, operands, dying or [False] * len(operands))
 
 
 class Lowering:
@@ -60,83 +60,89 @@ class Lowering:
         self.b, self.rules, self.real = b, rules, real
         self.around: list[Any] = []
 
-    def source(self) -> str:
+    def source_line(self) -> str:
         """file:line of the innermost Python that made what is lowered now and is not JAX's own."""
         for equation in reversed(self.around):
-            found = jaxprs.source(equation)
+            found = jaxprs.source_line(equation)
             if found is not None:
                 return found
         return "an unknown line"
 
-    def type_of(self, dtype: Any) -> str:
+    def type_name(self, dtype: Any) -> str:
         """Our name of a JAX type."""
         try:
             name = type_name(dtype)
         except (KeyError, TypeError):
-            where = f", from {self.source()}," if self.around else ""
+            where = f", from {self.source_line()}," if self.around else ""
             fix = "use float64, float32, integers or bool"
             raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
         return self.real if name == "f64" else name
 
-    def array_like(self, aval: Any) -> Array:
+    def new_array(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
-        dtype = self.type_of(aval.dtype)
-        return Array(aval.shape, dtype, buffer=self.b.local(dtype, math.prod(aval.shape)))
+        dtype = self.type_name(aval.dtype)
+        return Array(aval.shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(aval.shape)))
 
-    def program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+    def lower_program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
         inner = jaxpr.jaxpr
         env: dict[Any, Array] = {}
         doomed: dict[Any, bool] = {}
         for var, data in zip(inner.constvars, jaxpr.consts, strict=True):
-            env[var], doomed[var] = constant(self.b, data, self.type_of(data.dtype)), False
+            env[var], doomed[var] = constant(self.b, data, self.type_name(data.dtype)), False
         for var, operand, dies in zip(inner.invars, operands, dying, strict=True):
             env[var], doomed[var] = operand, dies
         last = _last_uses(inner)
         for k, equation in enumerate(inner.eqns):
             self.around.append(equation)
-            given = [self._atom(a, env) for a in equation.invars]
-            dies = [self._dies(a, k, env, doomed, last) for a in equation.invars]
-            env.update(zip(equation.outvars, self._equation(equation, given, dies), strict=True))
+            given = [self._operand_array(a, env) for a in equation.invars]
+            dies = [self._is_last_use(a, k, env, doomed, last) for a in equation.invars]
+            env.update(zip(equation.outvars, self._lower_equation(equation, given, dies), strict=True))
             self.around.pop()
-        return [self._atom(a, env) for a in inner.outvars]
+        return [self._operand_array(a, env) for a in inner.outvars]
 
-    def _atom(self, atom: Any, env: dict[Any, Array]) -> Array:
-        number = jaxprs.literal(atom)
-        return env[atom] if number is None else constant(self.b, number, self.type_of(atom.aval.dtype))
+    def _operand_array(self, atom: Any, env: dict[Any, Array]) -> Array:
+        number = jaxprs.literal_value(atom)
+        return env[atom] if number is None else constant(self.b, number, self.type_name(atom.aval.dtype))
 
-    def _dies(self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]) -> bool:
+    def _is_last_use(
+        self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]
+    ) -> bool:
         """Whether the buffer of an operand is read by nobody after equation k, under any name."""
-        if jaxprs.literal(atom) is not None:
+        if jaxprs.literal_value(atom) is not None:
             return False
         buffer = env[atom].buffer
-        if buffer is None or buffer.fixed:
+        if buffer is None or buffer.is_read_only:
             return False
         names = [v for v, array in env.items() if array.buffer is buffer]
         return all(last.get(v, -1) <= k and doomed.get(v, True) for v in names)
 
-    def _equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
-        inner = jaxprs.called(equation)
+    def _lower_equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        inner = jaxprs.called_program(equation)
         if inner is not None:
-            return self.program(inner, operands, dying)
+            return self.lower_program(inner, operands, dying)
         name = equation.primitive.name
         rule = self.rules.get(name)
         if rule is None:
-            where = self.source()
-            fix = f"write {INSTEAD[name]}" if name in INSTEAD else "write it with what trimtab.compiler.coverage lists"
+            where = self.source_line()
+            fix = (
+                f"write {ALTERNATIVES[name]}"
+                if name in ALTERNATIVES
+                else "write it with what trimtab.compiler.coverage lists"
+            )
             raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
         site = Site(self, equation, operands, dying)
         if name not in ("cond", "scan", "while"):
-            self._in_memory(equation, operands)
+            self._store_operands(equation, operands)
         return rule(site)
 
-    def _in_memory(self, equation: Any, operands: list[Array]) -> None:
+    def _store_operands(self, equation: Any, operands: list[Array]) -> None:
         """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
-        if all(small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
+        if all(is_small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
             return
         for array in operands:
             if array.size > 1:
-                stored(self.b, array)
+                store_in_memory(self.b, array)
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:
@@ -144,9 +150,9 @@ def _last_uses(jaxpr: Any) -> dict[Any, int]:
     last: dict[Any, int] = {}
     for k, equation in enumerate(jaxpr.eqns):
         for atom in equation.invars:
-            if jaxprs.literal(atom) is None:
+            if jaxprs.literal_value(atom) is None:
                 last[atom] = k
     for atom in jaxpr.outvars:
-        if jaxprs.literal(atom) is None:
+        if jaxprs.literal_value(atom) is None:
             last[atom] = len(jaxpr.eqns)
     return last

@@ -24,7 +24,7 @@ class Member(NamedTuple):
     path: str
     shape: tuple[int, ...]
     dtype: str
-    declared: Quantity | None
+    declaration: Quantity | None
     name: str
 
     @property
@@ -58,7 +58,7 @@ def identifier(name: str) -> str:
     return f"{made}_" if made in RESERVED else made
 
 
-def struct(name: str, held: list[Member], doc: str) -> str:
+def struct_text(name: str, held: list[Member], doc: str) -> str:
     """The typedef of a struct with these members, nested as their paths are."""
     tree: dict[str, Any] = {}
     for m in held:
@@ -67,25 +67,25 @@ def struct(name: str, held: list[Member], doc: str) -> str:
         for group in groups:
             node = node.setdefault(group, {})
         node[last] = m
-    body = _fields(tree, 1) or "    char nothing;  /* C has no empty structs */\n"
+    body = _field_text(tree, 1) or "    char nothing;  /* C has no empty structs */\n"
     return f"/* {doc} */\ntypedef struct {{\n{body}}} {name};\n"
 
 
-def _fields(tree: dict[str, Any], depth: int) -> str:
+def _field_text(tree: dict[str, Any], depth: int) -> str:
     pad, text = "    " * depth, ""
     for name, item in tree.items():
         if isinstance(item, Member):
             size = f"[{max(item.size, 1)}]" if item.shape else ""
-            text += f"{pad}{C_TYPES[item.dtype]} {name}{size};{_comment(item)}\n"
+            text += f"{pad}{C_TYPES[item.dtype]} {name}{size};{_comment_text(item)}\n"
         else:
-            text += f"{pad}struct {{\n{_fields(item, depth + 1)}{pad}}} {name};\n"
+            text += f"{pad}struct {{\n{_field_text(item, depth + 1)}{pad}}} {name};\n"
     return text
 
 
-def _comment(m: Member) -> str:
-    if m.declared is None:
+def _comment_text(m: Member) -> str:
+    if m.declaration is None:
         return ""
-    d = m.declared
+    d = m.declaration
     unit = "" if d.unit == "1" else f"{d.unit}: "
     frame = f" Frame {d.frame}." if d.frame else ""
     modes = f" {', '.join(f'{i} {n}' for i, n in enumerate(d.modes))}." if d.modes else ""

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from trimtab.compiler.ir import Block, Define, If, Local, Loop, Record, Store, Value
+from trimtab.compiler.ir import Block, Define, Emit, If, Local, Loop, Store, Value
 
 
-class Varying:
+class VaryingValues:
     """Ids of the values, buffers, branches and loops that differ between the runs of a batch."""
 
     def __init__(self, values: set[int], buffers: set[int]) -> None:
@@ -28,26 +28,26 @@ class Varying:
             self.add(value, self.values)
 
 
-def spread(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> Varying:
+def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> VaryingValues:
     """What differs between runs when these inputs do.
 
     feedback: (state as it comes in, state as it goes out) of what the caller carries from call to call.
     """
-    varying = Varying(set(), set())
+    varying = VaryingValues(set(), set())
     for thing in inputs:
         varying.add(thing, varying.values if isinstance(thing, Value) else varying.buffers)
     varying.changed = True
     while varying.changed:
         varying.changed = False
         for block in blocks:
-            _mark(block, varying, False)
+            _mark_block(block, varying, False)
         for before, after in feedback:
             if varying(after):
                 varying.add(before, varying.values if isinstance(before, Value) else varying.buffers)
     return varying
 
 
-def _mark(block: Block, varying: Varying, masked: bool) -> None:
+def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
     """masked: whether only some of the runs execute this block."""
     for item in block.items:
         if isinstance(item, Define):
@@ -57,17 +57,17 @@ def _mark(block: Block, varying: Varying, masked: bool) -> None:
                 varying.add(item.buffer, varying.buffers)
         elif isinstance(item, If):
             apart = varying(item.test)
-            _mark(item.first, varying, masked or apart)
-            _mark(item.second, varying, masked or apart)
+            _mark_block(item.first, varying, masked or apart)
+            _mark_block(item.second, varying, masked or apart)
             for joined, x, y in item.joins:
                 if apart or varying(x) or varying(y):
                     varying.add(joined, varying.values)
         elif isinstance(item, Loop):
-            _mark(item.head, varying, masked)
+            _mark_block(item.head, varying, masked)
             apart = item.test is not None and varying(item.test)
-            _mark(item.body, varying, masked or apart)
+            _mark_block(item.body, varying, masked or apart)
             for variable, start, next_ in item.carries:
                 if apart or varying(start) or varying(next_):
                     varying.add(variable, varying.values)
-        elif not isinstance(item, Local | Record):
+        elif not isinstance(item, Local | Emit):
             raise TypeError(item)

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.compiler.c_functions import C_TYPES, helper, lane_helper, needs, vector
-from trimtab.compiler.ir import Block, Buffer, Define, If, Local, Loop, Record, Store, Value
-from trimtab.compiler.lane_text import check_type, lane_expression, mask_for
-from trimtab.compiler.scalar_text import expression, literal
-from trimtab.compiler.uniform import Varying
+from trimtab.compiler.c_functions import C_TYPES, helper_dependencies, lane_helper, scalar_helper, vector_type
+from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.lane_text import check_type, lane_expression, lane_mask
+from trimtab.compiler.scalar_text import number_literal, scalar_expression
+from trimtab.compiler.uniform import VaryingValues
 
 PAIR = {"sin_of": "s", "cos_of": "c"}
 
@@ -18,7 +18,7 @@ class Writer:
     names: texts of inputs, states and buffers, by id; live: ids of the values that are needed.
     """
 
-    def __init__(self, names: dict[int, str], live: set[int], varying: Varying | None = None) -> None:
+    def __init__(self, names: dict[int, str], live: set[int], varying: VaryingValues | None = None) -> None:
         self.names, self.live, self.varying = names, live, varying
         self.lines: list[str] = []
         self.depth, self.count = 1, 0
@@ -33,7 +33,7 @@ class Writer:
         """Whether a value or buffer differs between lanes."""
         return self.varying is not None and self.varying(thing)
 
-    def line(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """One line at the present depth."""
         self.lines.append("    " * self.depth + text)
 
@@ -42,7 +42,7 @@ class Writer:
         self.count += 1
         return f"{prefix}{self.count}"
 
-    def use(self, name: str) -> str:
+    def note_use(self, name: str) -> str:
         """Note that a helper or an elementary function is called."""
         self.used[name] = None
         return name
@@ -51,51 +51,51 @@ class Writer:
         """C type of a scalar or, where it varies, of a vector."""
         if varies:
             check_type(dtype)
-        return vector(dtype) if varies else C_TYPES[dtype]
+        return vector_type(dtype) if varies else C_TYPES[dtype]
 
     def name(self, thing: Any) -> str:
         """Text of a value as it is, or of a buffer."""
         if isinstance(thing, Buffer):
             return self.buffer(thing)
         if thing.op == "const":
-            return literal(thing.const, thing.dtype)
+            return number_literal(thing.const, thing.dtype)
         return self.names[id(thing)]
 
-    def wide(self, thing: Any) -> str:
+    def vector_text(self, thing: Any) -> str:
         """Text of a value as a vector."""
         text = self.name(thing)
         if isinstance(thing, Buffer) or self.varies(thing):
             return text
-        return f"{self.use(f'tv_splat_{thing.dtype}')}({text})"
+        return f"{self.note_use(f'tv_splat_{thing.dtype}')}({text})"
 
     def buffer(self, buffer: Buffer) -> str:
         """Name of a buffer; a table of constants is written down at its first use."""
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
-            numbers = ", ".join(literal(n, buffer.dtype) for n in buffer.data) or "0"
+            numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
             self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{max(buffer.size, 1)}] = {{{numbers}}};")
         return self.names[id(buffer)]
 
-    def block(self, block: Block) -> None:
+    def write_block(self, block: Block) -> None:
         """All statements of a block."""
         for item in block.items:
             if isinstance(item, Define):
-                self.define(item.value)
+                self.write_definition(item.value)
             elif isinstance(item, Local):
                 buffer = item.buffer
                 self.names[id(buffer)] = name = self.fresh("a")
-                self.line(f"{self.type(buffer.dtype, self.varies(buffer))} {name}[{max(buffer.size, 1)}];")
+                self.write_line(f"{self.type(buffer.dtype, self.varies(buffer))} {name}[{max(buffer.size, 1)}];")
             elif isinstance(item, Store):
-                self.store(item)
+                self.write_store(item)
             elif isinstance(item, If):
-                self.branch(item)
-            elif isinstance(item, Record):
+                self.write_branch(item)
+            elif isinstance(item, Emit):
                 self.record(item.values)
             else:
-                self.loop(item)
+                self.write_loop(item)
 
-    def define(self, v: Value) -> None:
+    def write_definition(self, v: Value) -> None:
         """const TYPE name = expression;"""
         varies = self.varies(v)
         if v.op in PAIR:
@@ -104,176 +104,178 @@ class Writer:
         name = self.names[id(v)] = self.fresh()
         kind = self.type(v.dtype, varies)
         if v.op == "sincos":
-            self.sincos(v, name, kind)
+            self.write_sincos(v, name, kind)
             return
         if varies:
-            right = lane_expression(v, self.operand(v), self.use, self.varies)
+            right = lane_expression(v, self.operand_naming(v), self.note_use, self.varies)
         else:
-            right = expression(v, self.name, self.use)
-        self.line(f"const {kind} {name} = {right};")
+            right = scalar_expression(v, self.name, self.note_use)
+        self.write_line(f"const {kind} {name} = {right};")
 
-    def operand(self, v: Value) -> Any:
+    def operand_naming(self, v: Value) -> Any:
         """How operands of a varying operation are named: as vectors; an index or table that is uniform stays so."""
-        return self.name if v.op == "load" else self.wide
+        return self.name if v.op == "load" else self.vector_text
 
-    def sincos(self, v: Value, name: str, kind: str) -> None:
+    def write_sincos(self, v: Value, name: str, kind: str) -> None:
         """Sine and cosine of one angle, or the one that is needed."""
         prefix = "ttv_" if self.varies(v) else "tt_"
         suffix = "f" if v.dtype == "f32" else ""
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
         angle = self.name(v.args[0])
         if len(wanted) == 2:
-            self.line(f"{kind} {name}s, {name}c;")
-            self.line(f"{self.use(f'{prefix}sincos{suffix}')}({angle}, &{name}s, &{name}c);")
+            self.write_line(f"{kind} {name}s, {name}c;")
+            self.write_line(f"{self.note_use(f'{prefix}sincos{suffix}')}({angle}, &{name}s, &{name}c);")
             return
         for which in wanted:
-            function = self.use(f"{prefix}{which.removesuffix('_of')}{suffix}")
-            self.line(f"const {kind} {name}{PAIR[which]} = {function}({angle});")
+            function = self.note_use(f"{prefix}{which.removesuffix('_of')}{suffix}")
+            self.write_line(f"const {kind} {name}{PAIR[which]} = {function}({angle});")
 
-    def survey(self, blocks: list[Block]) -> None:
+    def note_sincos(self, blocks: list[Block]) -> None:
         """Note which of sine and cosine are needed of each pair, before anything is written."""
         self.live_pairs: set[tuple[str, int]] = set()
-        for v in defined(blocks):
+        for v in defined_values(blocks):
             if v.op in PAIR:
                 self.live_pairs.add((v.op, id(v.args[0])))
 
-    def store(self, item: Store) -> None:
+    def write_store(self, item: Store) -> None:
         """buffer[index] = value, in the lanes that take part."""
         target, index = self.name(item.buffer), self.name(item.index)
         if not self.varies(item.buffer):
-            self.line(f"{target}[{index}] = {self.name(item.value)};")
+            self.write_line(f"{target}[{index}] = {self.name(item.value)};")
             return
-        value, t = self.wide(item.value), item.buffer.dtype
+        value, t = self.vector_text(item.value), item.buffer.dtype
         if self.varies(item.index):
-            put = self.use(f"tv_put_{t}")
-            self.line(f"{put}({target}, {index}, {value}, {self.everyone()});")
+            put = self.note_use(f"tv_put_{t}")
+            self.write_line(f"{put}({target}, {index}, {value}, {self.active_mask()});")
         elif self.masks:
-            self.line(f"{target}[{index}] = {mask_for(self.masks[-1], t)} ? {value} : {target}[{index}];")
+            self.write_line(f"{target}[{index}] = {lane_mask(self.masks[-1], t)} ? {value} : {target}[{index}];")
         else:
-            self.line(f"{target}[{index}] = {value};")
+            self.write_line(f"{target}[{index}] = {value};")
 
-    def everyone(self) -> str:
+    def active_mask(self) -> str:
         """The mask of the lanes that take part here."""
-        return self.masks[-1] if self.masks else f"{self.use('tv_splat_bool')}(true)"
+        return self.masks[-1] if self.masks else f"{self.note_use('tv_splat_bool')}(true)"
 
-    def indented(self, opening: str, block: Block) -> None:
+    def write_braces(self, opening: str, block: Block) -> None:
         """A block in braces."""
-        self.line(opening)
+        self.write_line(opening)
         self.depth += 1
-        self.block(block)
+        self.write_block(block)
 
-    def branch(self, item: If) -> None:
+    def write_branch(self, item: If) -> None:
         """A real branch where all lanes agree; else both sides, each in its lanes."""
         if self.varies(item.test):
-            self.masked_branch(item)
+            self.write_masked_branch(item)
             return
-        results = [(self.declare(joined), x, y) for joined, x, y in item.joins]
-        self.indented(f"if ({self.name(item.test)}) {{", item.first)
+        results = [(self.declare_join(joined), x, y) for joined, x, y in item.joins]
+        self.write_braces(f"if ({self.name(item.test)}) {{", item.first)
         for (name, wide), x, _ in results:
-            self.line(f"{name} = {self.wide(x) if wide else self.name(x)};")
+            self.write_line(f"{name} = {self.vector_text(x) if wide else self.name(x)};")
         self.depth -= 1
         if item.second.items or results:
-            self.indented("} else {", item.second)
+            self.write_braces("} else {", item.second)
             for (name, wide), _, y in results:
-                self.line(f"{name} = {self.wide(y) if wide else self.name(y)};")
+                self.write_line(f"{name} = {self.vector_text(y) if wide else self.name(y)};")
             self.depth -= 1
-        self.line("}")
+        self.write_line("}")
 
-    def declare(self, joined: Value) -> tuple[str, bool]:
+    def declare_join(self, joined: Value) -> tuple[str, bool]:
         """A variable that blocks assign: its name, and whether it is a vector."""
         wide = self.varies(joined)
         name = self.names[id(joined)] = self.fresh()
-        self.line(f"{self.type(joined.dtype, wide)} {name};")
+        self.write_line(f"{self.type(joined.dtype, wide)} {name};")
         return name, wide
 
-    def masked_branch(self, item: If) -> None:
+    def write_masked_branch(self, item: If) -> None:
         """Both sides, each skipped where no lane takes it."""
         outer = f" & {self.masks[-1]}" if self.masks else ""
         test, yes, no = self.name(item.test), self.fresh("m"), self.fresh("m")
-        self.line(f"const vi64 {yes} = {test}{outer};")
-        self.line(f"const vi64 {no} = ~{test}{outer};")
+        self.write_line(f"const vi64 {yes} = {test}{outer};")
+        self.write_line(f"const vi64 {no} = ~{test}{outer};")
         results = []
         for joined, x, y in item.joins:
-            name, _ = self.declare(joined)
+            name, _ = self.declare_join(joined)
             self.lines[-1] = self.lines[-1].removesuffix(";") + " = {};"
             results.append((name, x, y))
-        self.side(yes, item.first, results, True)
-        self.side(no, item.second, results, False)
+        self.write_side(yes, item.first, results, True)
+        self.write_side(no, item.second, results, False)
 
-    def side(self, mask: str, block: Block, results: list[Any], first: bool) -> None:
+    def write_side(self, mask: str, block: Block, results: list[Any], first: bool) -> None:
         """One side of a masked branch, with what it gives."""
         braces = bool(block.items)
         if braces:
-            self.line(f"if ({self.use('tv_any')}({mask})) {{")
+            self.write_line(f"if ({self.note_use('tv_any')}({mask})) {{")
             self.depth += 1
         self.masks.append(mask)
-        self.block(block)
+        self.write_block(block)
         self.masks.pop()
         for name, x, y in results:
-            value = self.wide(x if first else y)
-            kept = mask_for(mask, (x if first else y).dtype)
-            self.line(f"{name} = {value};" if first else f"{name} = {kept} ? {value} : {name};")
+            value = self.vector_text(x if first else y)
+            kept = lane_mask(mask, (x if first else y).dtype)
+            self.write_line(f"{name} = {value};" if first else f"{name} = {kept} ? {value} : {name};")
         if braces:
             self.depth -= 1
-            self.line("}")
+            self.write_line("}")
 
-    def loop(self, item: Loop) -> None:
+    def write_loop(self, item: Loop) -> None:
         """for or while; lanes that are done keep what they carry."""
         carried = []
         for variable, start, next_ in item.carries:
-            name, wide = self.declare(variable)
-            self.lines[-1] = self.lines[-1].removesuffix(";") + f" = {self.wide(start) if wide else self.name(start)};"
+            name, wide = self.declare_join(variable)
+            self.lines[-1] = (
+                self.lines[-1].removesuffix(";") + f" = {self.vector_text(start) if wide else self.name(start)};"
+            )
             carried.append((name, wide, next_))
         apart = item.test is not None and self.varies(item.test)
         live = self.fresh("m")
         if apart:
-            self.line(f"vi64 {live} = {self.everyone()};")
+            self.write_line(f"vi64 {live} = {self.active_mask()};")
         if item.count is not None:
             index = self.names[id(item.index)] = self.fresh("i")
-            self.line(f"for (int32_t {index} = 0; {index} < {item.count}; {index}++) {{")
+            self.write_line(f"for (int32_t {index} = 0; {index} < {item.count}; {index}++) {{")
         else:
-            self.line("for (;;) {")
+            self.write_line("for (;;) {")
         self.depth += 1
-        self.block(item.head)
+        self.write_block(item.head)
         if apart:
-            self.line(f"{live} &= {self.name(item.test)};")
-            self.line(f"if (!{self.use('tv_any')}({live})) break;")
+            self.write_line(f"{live} &= {self.name(item.test)};")
+            self.write_line(f"if (!{self.note_use('tv_any')}({live})) break;")
             self.masks.append(live)
         elif item.test is not None:
-            self.line(f"if (!({self.name(item.test)})) break;")
-        self.block(item.body)
-        self.assign(carried, live if apart else None)
+            self.write_line(f"if (!({self.name(item.test)})) break;")
+        self.write_block(item.body)
+        self.write_assignments(carried, live if apart else None)
         if apart:
             self.masks.pop()
         self.depth -= 1
-        self.line("}")
+        self.write_line("}")
 
-    def assign(self, carried: list[tuple[str, bool, Value]], mask: str | None = None) -> None:
+    def write_assignments(self, carried: list[tuple[str, bool, Value]], mask: str | None = None) -> None:
         """Give all carried variables their next values at once."""
         targets = {name for name, _, _ in carried}
         moves = []
         for name, wide, next_ in carried:
-            text = self.wide(next_) if wide else self.name(next_)
+            text = self.vector_text(next_) if wide else self.name(next_)
             if text == name:
                 continue
             if any(other in targets for other in (text, self.name(next_))):
                 held = self.fresh()
-                self.line(f"const {self.type(next_.dtype, wide)} {held} = {text};")
+                self.write_line(f"const {self.type(next_.dtype, wide)} {held} = {text};")
                 text = held
             moves.append((name, text, next_.dtype))
         for name, text, dtype in moves:
-            self.line(f"{name} = {f'{mask_for(mask, dtype)} ? {text} : {name}' if mask else text};")
+            self.write_line(f"{name} = {f'{lane_mask(mask, dtype)} ? {text} : {name}' if mask else text};")
 
-    def helpers(self) -> str:
+    def helper_texts(self) -> str:
         """Text of all helpers that were used, in an order that compiles; elementary functions are not among them."""
         ordered: dict[str, None] = {}
         for name in self.used:
-            for needed in [*needs(name), name]:
+            for needed in [*helper_dependencies(name), name]:
                 ordered[needed] = None
         scalar = [n for n in ordered if n.startswith("tt_")]
         lanes = sorted((n for n in ordered if n.startswith("tv_")), key=lambda n: "splat" not in n)
         found = []
-        for make, names in ((helper, scalar), (lane_helper, lanes)):
+        for make, names in ((scalar_helper, scalar), (lane_helper, lanes)):
             for n in names:
                 try:
                     found.append(make(n))
@@ -282,7 +284,7 @@ class Writer:
         return "\n".join(found)
 
 
-def defined(blocks: list[Block]) -> list[Value]:
+def defined_values(blocks: list[Block]) -> list[Value]:
     """All values that are computed in some blocks, nested ones included."""
     found: list[Value] = []
     for block in blocks:
@@ -290,7 +292,7 @@ def defined(blocks: list[Block]) -> list[Value]:
             if isinstance(item, Define):
                 found.append(item.value)
             elif isinstance(item, If):
-                found += defined([item.first, item.second])
+                found += defined_values([item.first, item.second])
             elif isinstance(item, Loop):
-                found += defined([item.head, item.body])
+                found += defined_values([item.head, item.body])
     return found

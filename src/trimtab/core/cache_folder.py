@@ -18,11 +18,11 @@ def cache_folder(name: str) -> Path:
     except RuntimeError as unknown:
         raise FileNotFoundError(f"no home folder: {unknown}") from unknown
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not is_ours(folder.stat()):
+    if not is_owned_by_user(folder.stat()):
         raise PermissionError(f"{folder} belongs to somebody else, or others can write to it")
     return folder
 
 
-def is_ours(about: os.stat_result) -> bool:
+def is_owned_by_user(about: os.stat_result) -> bool:
     """Whether a file or folder belongs to this user and nobody else can write to it."""
     return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not about.st_mode & 0o022)

@@ -11,22 +11,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from trimtab.core.record import SWITCH, SWITCHED, WAITING, Option, declarations
+from trimtab.core.record import PENDING_RECORDS, X64_VARIABLE, X64_WAS_UNSET, Option, declarations
 
-__all__ = ["jax", "jnp", "register_waiting"]
+__all__ = ["jax", "jnp", "register_records"]
 
 _LOCK = threading.RLock()
 
 
-def register_waiting() -> None:
+def register_records() -> None:
     """Make every record that waits a pytree: quantities and parts are its children, options its structure."""
     with _LOCK:
-        while WAITING:
-            _register(WAITING[0])
-            del WAITING[0]  # afterwards: who finds the list empty can rely on it
+        while PENDING_RECORDS:
+            _register_pytree(PENDING_RECORDS[0])
+            del PENDING_RECORDS[0]  # afterwards: who finds the list empty can rely on it
 
 
-def _register(made: Any) -> None:
+def _register_pytree(made: Any) -> None:
     declared = declarations(made)
     dynamic = tuple(n for n, d in declared.items() if not isinstance(d, Option))
     static = tuple(n for n, d in declared.items() if isinstance(d, Option))
@@ -53,6 +53,6 @@ def _register(made: Any) -> None:
 
 
 jax.config.update("jax_enable_x64", True)
-if SWITCHED and os.environ.get(SWITCH) == "1":
-    del os.environ[SWITCH]
-register_waiting()
+if X64_WAS_UNSET and os.environ.get(X64_VARIABLE) == "1":
+    del os.environ[X64_VARIABLE]
+register_records()

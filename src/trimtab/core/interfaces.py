@@ -169,7 +169,7 @@ class Link(Protocol):
         """Hand a packet over without waiting; False where it had to be dropped."""
         ...
 
-    def vouch(self) -> None:
+    def accept_sender(self) -> None:
         """Say that the packet received last came from one who may be answered; only who hears strangers needs it."""
         ...
 
@@ -183,7 +183,7 @@ class Link(Protocol):
 
 
 @runtime_checkable
-class Autopilot(Protocol):
+class AutopilotInterface(Protocol):
     """Frame in, command out, each `period`."""
 
     @property

@@ -2,5 +2,5 @@
 
 from typing import Any
 
-QUICKLY: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 """For jax.jit(…, compiler_options=QUICKLY)."""

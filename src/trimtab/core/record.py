@@ -36,13 +36,13 @@ DTYPES = {
 }
 KINDS = tuple(DTYPES)
 MISSING = dataclasses.MISSING
-WAITING: list[Any] = []
+PENDING_RECORDS: list[Any] = []
 """Records that are not pytrees yet, because nothing had imported JAX when they were made."""
-SWITCH = "JAX_ENABLE_X64"
-SWITCHED = "jax" not in sys.modules and SWITCH not in os.environ
+X64_VARIABLE = "JAX_ENABLE_X64"
+X64_WAS_UNSET = "jax" not in sys.modules and X64_VARIABLE not in os.environ
 """Whether JAX was told here to start in float64, should it be imported; `core.float64` takes the note away again."""
-if SWITCHED:
-    os.environ[SWITCH] = "1"
+if X64_WAS_UNSET:
+    os.environ[X64_VARIABLE] = "1"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,28 +133,28 @@ def _field(declared: Declaration, default: Any) -> Any:
 def record(cls: type[T]) -> type[T]:
     """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
     if "jax" not in sys.modules:
-        _look_when_made(cls)
+        _register_on_creation(cls)
     made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
     for f in dataclasses.fields(made):
         if "declared" not in f.metadata:
             raise TypeError(f"{cls.__name__}.{f.name} is not declared: use quantity(), part(), option() or period()")
-    WAITING.append(made)
-    _tell_jax()
+    PENDING_RECORDS.append(made)
+    _register_pending_records()
     return made
 
 
-def _tell_jax() -> None:
+def _register_pending_records() -> None:
     """Make the records that wait pytrees, once the program has imported JAX."""
-    if WAITING and "jax" in sys.modules:
-        importlib.import_module("trimtab.core.float64").register_waiting()
+    if PENDING_RECORDS and "jax" in sys.modules:
+        importlib.import_module("trimtab.core.float64").register_records()
 
 
-def _look_when_made(cls: Any) -> None:
+def _register_on_creation(cls: Any) -> None:
     """Let each new one of a class look whether JAX has been imported since the class was made."""
     finish = getattr(cls, "__post_init__", None)
 
     def __post_init__(self: Any) -> None:
-        _tell_jax()
+        _register_pending_records()
         if finish is not None:
             finish(self)
 
@@ -214,13 +214,13 @@ def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], 
         if isinstance(declared, Quantity | Option):
             if rest:
                 raise KeyError(path)
-            return _put(value, name, change(child, declared))
+            return _replace_child(value, name, change(child, declared))
         if rest:
-            return _put(value, name, with_leaf(child, rest, change))
+            return _replace_child(value, name, with_leaf(child, rest, change))
     raise KeyError(path)
 
 
-def _put(value: Any, name: str, child: Any) -> Any:
+def _replace_child(value: Any, name: str, child: Any) -> Any:
     if isinstance(value, Mapping):
         items: dict[str, Any] = dict(value)  # pyright: ignore[reportUnknownArgumentType]
         items[name] = child
@@ -232,7 +232,7 @@ def _put(value: Any, name: str, child: Any) -> Any:
     return replace(value, **{name: child})
 
 
-def numeric(tree: T) -> T:
+def to_arrays(tree: T) -> T:
     """The same tree with every quantity as a numpy array of its declared type, so that equal programs compile once."""
 
     def convert(value: Any) -> Any:

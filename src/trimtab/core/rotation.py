@@ -104,7 +104,7 @@ def quaternion_to_matrix(q: Any) -> Any:
     return jnp.eye(3) + 2 * q[0] * U + 2 * (U @ U)
 
 
-def updated(R_WB: Any, turn: Any) -> Any:
+def rotate_by_vector(R_WB: Any, turn: Any) -> Any:
     """R_WB (3, 3) after a turn by the vector `turn` (3,), the integral of w_WB_B over the step (rad).
 
     With v = -turn, E = I + sin|v|/|v| [v×] + (1 - cos|v|)/|v|² [v×]² carries the transpose, R_BW(k) = E R_BW(k-1), so
@@ -116,7 +116,7 @@ def updated(R_WB: Any, turn: Any) -> Any:
     return R_WB @ from_rotation_vector(-turn).T
 
 
-def orthonormalised(R: Any) -> Any:
+def orthonormalise(R: Any) -> Any:
     """A nearly orthonormal (3, 3) brought closer, R (3 I - Rᵀ R)/2: the error of Rᵀ R is squared.
 
     Source: Björck and Bowie, SIAM J. Numer. Anal. 8 (1971), one iteration.
@@ -124,7 +124,7 @@ def orthonormalised(R: Any) -> Any:
     return R @ (3 * jnp.eye(3) - R.T @ R) / 2
 
 
-def vertical(R_WB: Any, margin: float = 0.01) -> Any:
+def is_vertical(R_WB: Any, margin: float = 0.01) -> Any:
     """Whether pitch is within `margin` (rad) of ±90°, where roll and yaw are not told apart: a flag."""
     return R_WB[0, 0] ** 2 + R_WB[1, 0] ** 2 < np.sin(margin) ** 2
 
@@ -146,16 +146,16 @@ def euler_rates(roll: Any, pitch: Any, w_WB_B: Any, margin: float = 0.01) -> tup
     return jnp.stack([w_WB_B[0] + jnp.sin(pitch) * yaw_rate, pitch_rate, yaw_rate]), singular
 
 
-def quaternion_normalised(q: Any) -> Any:
+def normalise_quaternion(q: Any) -> Any:
     """A quaternion (4,) scaled to unit length; (1, 0, 0, 0) where it is zero."""
     n2 = q @ q
     alive = n2 > 0
     return jnp.where(alive, q / jnp.sqrt(jnp.where(alive, n2, 1.0)), jnp.array([1.0, 0.0, 0.0, 0.0]))
 
 
-def quaternion_updated(q_WB: Any, turn: Any) -> Any:
+def rotate_quaternion_by_vector(q_WB: Any, turn: Any) -> Any:
     """q_WB (4,) after a turn by the vector `turn` (3,), the integral of w_WB_B over the step (rad); unit length."""
-    return quaternion_normalised(quaternion_product(q_WB, quaternion_from_rotation_vector(turn)))
+    return normalise_quaternion(quaternion_product(q_WB, quaternion_from_rotation_vector(turn)))
 
 
 def quaternion_from_euler(roll: Any, pitch: Any, yaw: Any) -> Any:
@@ -190,7 +190,7 @@ def quaternion_from_matrix(R: Any) -> Any:
     return jnp.where(q[0] < 0, -q, q)
 
 
-def quaternion_rotate(q_WB: Any, v_B: Any) -> Any:
+def rotate_vector(q_WB: Any, v_B: Any) -> Any:
     """v_W (3,) = R(q_WB) v_B, without making the matrix; q unit."""
     t = 2 * jnp.cross(q_WB[1:], v_B)
     return v_B + q_WB[0] * t + jnp.cross(q_WB[1:], t)

@@ -39,12 +39,12 @@ class Sample:
     valid: Scalar = quantity("1", "Whether there has been any measurement at all.", kind="flag")
 
 
-def measured(t: Any, value: Any, *, fresh: Any = True) -> Sample:
+def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
     """The sample of a value measured now, at integer time t."""
     return Sample(value=value, t=t, age=0.0, fresh=fresh, valid=True)
 
 
-def held(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
+def hold_sample(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
     """The same sample as seen at a later time `now`."""
     return replace(sample, age=to_seconds(now - sample.t), fresh=fresh)
 

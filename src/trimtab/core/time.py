@@ -36,10 +36,10 @@ def seconds(value: float | str | Decimal) -> int:
 
 def ms(value: float | str) -> int:
     """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``."""
-    return parse(f"{value} ms")
+    return parse_time(f"{value} ms")
 
 
-def parse(text: str | float) -> int:
+def parse_time(text: str | float) -> int:
     """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, or a bare number of seconds."""
     found = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(s|ms|us|µs|ns)?\s*", str(text))
     if not found:
@@ -51,7 +51,7 @@ def parse(text: str | float) -> int:
     return seconds(value)
 
 
-def show(units: int) -> str:
+def format_time(units: int) -> str:
     """A time for people: ``6.5536 ms``, ``20 ms``, ``2 s``."""
     if units and units % UNITS_PER_SECOND == 0:
         return f"{units // UNITS_PER_SECOND} s"
@@ -94,11 +94,11 @@ def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable
         duration: end of the run, not itself an instant.
         max_step: longest integration step.
     """
-    return _timetable(tuple(sorted({int(p) for p in periods})), int(duration), int(max_step))
+    return _merge_instants(tuple(sorted({int(p) for p in periods})), int(duration), int(max_step))
 
 
 @functools.lru_cache(maxsize=8)
-def _timetable(distinct: tuple[int, ...], duration: int, max_step: int) -> Timetable:
+def _merge_instants(distinct: tuple[int, ...], duration: int, max_step: int) -> Timetable:
     due = [np.arange(0, duration, p, dtype=np.int64) for p in distinct]
     t = np.unique(np.concatenate([np.zeros(1, np.int64), *due]))
     gaps = np.diff(np.append(t, duration))

@@ -1,7 +1,7 @@
 """A gain with all that is needed to prove it again: matrices, weights, what is claimed, and how it was found.
 
-`certify` makes one, `as_json` and `certificate_file.read` keep it in a file of text in which no digit is lost, and
-`certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear model that is
+`build_certificate` makes one, `certificate_json` and `read_certificate` keep it in a file of text without
+losing a digit, and `certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear model that is
 in it: near the point, in continuous time, and not while an input saturates.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
@@ -23,7 +23,7 @@ import numpy as np
 from trimtab import __version__
 from trimtab.core.errors import InputError
 from trimtab.design import composite
-from trimtab.design.lqr import KalmanBucy, poles_of
+from trimtab.design.lqr import KalmanBucy, sorted_poles
 
 FORMAT = "trimtab certificate 1"
 ABOVE = 1.01
@@ -35,7 +35,7 @@ SCOPE = (
 )
 
 
-class Recorded(NamedTuple):
+class RecordedNumber(NamedTuple):
     """A number that was computed when the certificate was made, and is not computed again.
 
     value: must be at least low, and below high.  how: over which grid, by what.
@@ -92,14 +92,14 @@ class Certificate(NamedTuple):
     scale: Any
     poles: Any
     observer: ObserverPart | None
-    recorded: dict[str, Recorded]
+    recorded: dict[str, RecordedNumber]
     version: str = __version__
 
-    def feedback(self) -> composite.Feedback:
+    def feedback_matrices(self) -> composite.Feedback:
         """What the conditions are made of, in floats."""
         return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
 
-    def places(self) -> Any:
+    def estimated_indices(self) -> Any:
         """Where the estimated states are in e (k,)."""
         return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
 
@@ -127,7 +127,7 @@ def observer_part(
     return ObserverPart(tuple(estimated), A, C, Q, R, found.P, found.L, weight, least, found.poles)
 
 
-def certify(
+def build_certificate(
     system: str,
     matrices: tuple[Any, Any],
     gain: tuple[Any, Any],
@@ -139,7 +139,7 @@ def certify(
     Q: Any = None,
     scale: Any = None,
     observer: tuple[Sequence[str], Any, Any, Any, Any, KalmanBucy] | None = None,
-    recorded: Mapping[str, Recorded] | None = None,
+    recorded: Mapping[str, RecordedNumber] | None = None,
     about: Mapping[str, float | str] | None = None,
 ) -> Certificate:
     """Put a certificate together; nothing is proved yet, see `certificate_check.check`.
@@ -174,7 +174,7 @@ def certify(
         Re=Re,
         Q=None if Q is None else np.atleast_2d(np.asarray(Q, float)),
         scale=d,
-        poles=poles_of((A + B @ K) * d / d[:, None]),
+        poles=sorted_poles((A + B @ K) * d / d[:, None]),
         observer=None,
         recorded=dict(recorded or {}),
     )
@@ -182,28 +182,30 @@ def certify(
         names, *four, found = observer
         at = [made.states.index(n) for n in names]
         four = [np.atleast_2d(np.asarray(M, float)) for M in four]
-        made = made._replace(observer=observer_part(names, *four, found, made.feedback(), at))
+        made = made._replace(observer=observer_part(names, *four, found, made.feedback_matrices(), at))
     return made
 
 
-def as_json(certificate: Certificate) -> str:
+def certificate_json(certificate: Certificate) -> str:
     """The certificate as text; floats by their shortest digits that give the same float again."""
-    content = {"format": FORMAT, "scope": SCOPE} | _plain(certificate)
-    lines = json.dumps(content | {"digest": digest(certificate)}, indent=1, allow_nan=False, ensure_ascii=False)
-    return _rows_on_lines(lines) + "\n"
+    content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate)
+    lines = json.dumps(
+        content | {"digest": certificate_digest(certificate)}, indent=1, allow_nan=False, ensure_ascii=False
+    )
+    return _join_matrix_rows(lines) + "\n"
 
 
-def digest(certificate: Certificate) -> str:
+def certificate_digest(certificate: Certificate) -> str:
     """SHA-256 of all that the certificate says, against changes by accident; the proof does not rest on it."""
-    text = json.dumps(_plain(certificate), sort_keys=True, allow_nan=False)
+    text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _plain(value: Any) -> Any:
+def _as_plain(value: Any) -> Any:
     if hasattr(value, "_asdict"):
-        return {n: _plain(v) for n, v in value._asdict().items()}
+        return {n: _as_plain(v) for n, v in value._asdict().items()}
     if isinstance(value, dict):
-        return {n: _plain(v) for n, v in value.items()}
+        return {n: _as_plain(v) for n, v in value.items()}
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return [[float(v.real), float(v.imag)] for v in value]
@@ -211,7 +213,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _rows_on_lines(text: str) -> str:
+def _join_matrix_rows(text: str) -> str:
     """Rows of numbers on one line each, for reading."""
     lines, row = [], ""
     for line in text.split("\n"):
@@ -234,17 +236,17 @@ METHODS = ("lqr", "lmi")
 FIX = "trimtab design hypersonic --out certificate.json  writes one"
 
 
-def read(path: str | Path) -> tuple[Certificate, str]:
+def read_certificate(path: str | Path) -> tuple[Certificate, str]:
     """A certificate, and the digest that is written beside it."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is no text"
         raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error
-    return parsed(text, str(path))
+    return parse_certificate(text, str(path))
 
 
-def parsed(text: str, name: str) -> tuple[Certificate, str]:
+def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     """The certificate, and the digest that is written beside it.
 
     Args:
@@ -259,7 +261,7 @@ def parsed(text: str, name: str) -> tuple[Certificate, str]:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
         raise InputError(f"file '{name}'", f"is no certificate: format {found!r}", choices=(FORMAT,), fix=FIX)
     try:
-        return _certificate(content, name), str(content["digest"])
+        return _parse_fields(content, name), str(content["digest"])
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
@@ -267,15 +269,15 @@ def parsed(text: str, name: str) -> tuple[Certificate, str]:
         raise InputError(f"file '{name}'", what, fix=FIX) from error
 
 
-def _certificate(c: dict[str, Any], name: str) -> Certificate:
-    states, inputs = _names(c["states"], "states", name), _names(c["inputs"], "inputs", name)
+def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
+    states, inputs = _parse_names(c["states"], "states", name), _parse_names(c["inputs"], "inputs", name)
     n, m = len(states), len(inputs)
     if c["method"] not in METHODS or (c["method"] == "lqr") != (c["Q"] is not None):
         raise InputError(f"file '{name}', method", f"{c['method']!r}", choices=METHODS, fix=FIX)
     shapes = {"A": (n, n), "B": (n, m), "K": (m, n), "P": (n, n), "Qe": (n, n), "Re": (m, m), "scale": (n,)}
     if c["Q"] is not None:
         shapes["Q"] = (n, n)
-    arrays = {key: _array(c[key], shape, key, name) for key, shape in shapes.items()}
+    arrays = {key: _parse_array(c[key], shape, key, name) for key, shape in shapes.items()}
     if not (arrays["scale"] > 0).all():
         raise InputError(f"file '{name}', scale", f"{arrays['scale']}", fix="sizes are above 0; " + FIX)
     return Certificate(
@@ -284,48 +286,48 @@ def _certificate(c: dict[str, Any], name: str) -> Certificate:
         method=c["method"],
         states=states,
         inputs=inputs,
-        poles=_poles(c["poles"], n, "poles", name),
-        observer=None if c["observer"] is None else _observer(c["observer"], states, name),
-        recorded={k: _recorded(v, k, name) for k, v in c["recorded"].items()},
+        poles=_parse_poles(c["poles"], n, "poles", name),
+        observer=None if c["observer"] is None else _parse_observer(c["observer"], states, name),
+        recorded={k: _parse_recorded_number(v, k, name) for k, v in c["recorded"].items()},
         version=str(c["version"]),
         **({"Q": None} | arrays),
     )
 
 
-def _observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> ObserverPart:
-    estimated = _names(o["estimated"], "observer.estimated", name)
+def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> ObserverPart:
+    estimated = _parse_names(o["estimated"], "observer.estimated", name)
     unknown = [s for s in estimated if s not in states]
     if unknown:
         raise InputError(f"file '{name}', observer.estimated", f"{unknown}", choices=states, fix=FIX)
     k, p = len(estimated), len(o["C"])
     shapes = {"A": (k, k), "C": (p, k), "Q": (k, k), "R": (p, p), "P": (k, k), "L": (k, p)}
-    arrays = {key: _array(o[key], shape, f"observer.{key}", name) for key, shape in shapes.items()}
-    weight, least = (float(_array(o[key], (), f"observer.{key}", name)) for key in ("weight", "least_weight"))
-    poles = _poles(o["poles"], k, "observer.poles", name)
+    arrays = {key: _parse_array(o[key], shape, f"observer.{key}", name) for key, shape in shapes.items()}
+    weight, least = (float(_parse_array(o[key], (), f"observer.{key}", name)) for key in ("weight", "least_weight"))
+    poles = _parse_poles(o["poles"], k, "observer.poles", name)
     return ObserverPart(estimated=estimated, weight=weight, least_weight=least, poles=poles, **arrays)
 
 
-def _recorded(value: dict[str, Any], key: str, name: str) -> Recorded:
-    v, low, high = (float(_array(value[n], (), f"recorded.{key}.{n}", name)) for n in ("value", "low", "high"))
-    return Recorded(v, low, high, str(value["how"]))
+def _parse_recorded_number(value: dict[str, Any], key: str, name: str) -> RecordedNumber:
+    v, low, high = (float(_parse_array(value[n], (), f"recorded.{key}.{n}", name)) for n in ("value", "low", "high"))
+    return RecordedNumber(v, low, high, str(value["how"]))
 
 
-def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
+def _parse_names(value: Any, key: str, name: str) -> tuple[str, ...]:
     made = tuple(str(v) for v in value)
     if not made or len(set(made)) != len(made) or isinstance(value, str):
         raise InputError(f"file '{name}', {key}", f"{value}", fix="names, each once; " + FIX)
     return made
 
 
-def _array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
+def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
     made = np.array(value, float)
     if made.shape != shape or not np.isfinite(made).all():
         raise InputError(f"file '{name}', {key}", f"shape {made.shape}, wanted {shape}, finite", fix=FIX)
     return made
 
 
-def _poles(value: Any, n: int, key: str, name: str) -> Any:
-    made = _array(value, (n, 2), key, name)
+def _parse_poles(value: Any, n: int, key: str, name: str) -> Any:
+    made = _parse_array(value, (n, 2), key, name)
     return made[:, 0] + 1j * made[:, 1]
 
 

@@ -16,8 +16,8 @@ from scipy.linalg import eigh
 
 from trimtab.core.errors import InputError
 from trimtab.design import composite, exact
-from trimtab.design.certificate import Certificate, ObserverPart, digest
-from trimtab.design.lqr import in_words, poles_of
+from trimtab.design.certificate import Certificate, ObserverPart, certificate_digest
+from trimtab.design.lqr import format_pole, sorted_poles
 from trimtab.design.observability import constant_rank
 
 CLOSE = 1e-9
@@ -32,7 +32,7 @@ FLOATS = "floats"
 RECORDED = "recorded only"
 
 
-class Condition(NamedTuple):
+class ProofCondition(NamedTuple):
     """One line of the proof.
 
     name: the condition.  holds: whether it is proved.  number: margin, deviation or value.  meaning: of the number.
@@ -47,34 +47,38 @@ class Condition(NamedTuple):
     why: str = ""
 
 
-class Checked(NamedTuple):
+class CertificateProof(NamedTuple):
     """All conditions; holds: whether every one does."""
 
-    conditions: tuple[Condition, ...]
+    conditions: tuple[ProofCondition, ...]
     holds: bool
 
 
-def check(certificate: Certificate, written: str | None = None) -> Checked:
+def prove_certificate(certificate: Certificate, written: str | None = None) -> CertificateProof:
     """Prove a certificate again.
 
     Args:
         certificate: of `certify` or of a file.
         written: the digest in the file, where there is one.
     """
-    made = [*_sound(certificate)]
+    made = [*_entry_conditions(certificate)]
     if all(c.holds for c in made):  # else what follows has no meaning
-        made += [*_feedback(certificate), *_observer(certificate), *_recorded(certificate)]
-    made += _file(certificate, written)
-    return Checked(tuple(made), all(c.holds for c in made))
+        made += [
+            *_feedback_conditions(certificate),
+            *_observer_conditions(certificate),
+            *_recorded_conditions(certificate),
+        ]
+    made += _file_conditions(certificate, written)
+    return CertificateProof(tuple(made), all(c.holds for c in made))
 
 
-def _file(c: Certificate, written: str | None) -> Iterator[Condition]:
-    if written is not None and written != digest(c):
+def _file_conditions(c: Certificate, written: str | None) -> Iterator[ProofCondition]:
+    if written is not None and written != certificate_digest(c):
         why = "the file was changed after it was written; the other lines say what that did"
-        yield Condition("the file is as it was written", False, float("nan"), "digest", "SHA-256", why)
+        yield ProofCondition("the file is as it was written", False, float("nan"), "digest", "SHA-256", why)
 
 
-def _sound(c: Certificate) -> Iterator[Condition]:
+def _entry_conditions(c: Certificate) -> Iterator[ProofCondition]:
     """Entries of a size that can be shown, symmetry, and weights that are positive."""
     o = c.observer
     matrices = {n: getattr(c, n) for n in ("A", "B", "K", "P", "Qe", "Re", "Q", "scale") if getattr(c, n) is not None}
@@ -84,7 +88,7 @@ def _sound(c: Certificate) -> Iterator[Condition]:
         least = float(np.abs(np.diag(M)).min()) if name in ("Re", "observer.R", "Qe") else 1.0
         if most > HUGE or 0 < least < 1 / HUGE:
             number = most if most > HUGE else least
-            yield Condition(f"{name} within floats", False, number, "largest or smallest entry", FLOATS)
+            yield ProofCondition(f"{name} within floats", False, number, "largest or smallest entry", FLOATS)
             return
     pairs = [("P", c.P), ("Q_e", c.Qe), ("R_e", c.Re), *([] if c.Q is None else [("Q", c.Q)])]
     pairs += [] if o is None else [("P_eta", o.P), ("Q_eta", o.Q), ("R", o.R)]
@@ -93,84 +97,86 @@ def _sound(c: Certificate) -> Iterator[Condition]:
         if apart:
             i, j = np.unravel_index(int(np.abs(M - M.T).argmax()), M.shape)
             why = f"[{i}, {j}] is {M[i, j]!r}, [{j}, {i}] is {M[j, i]!r}"
-            yield Condition(f"{name} = {name}'", False, apart, "largest difference", "exact", why)
+            yield ProofCondition(f"{name} = {name}'", False, apart, "largest difference", "exact", why)
     if not all(np.array_equal(M, M.T) for _, M in pairs):
         return
     for name, M in (("Q_e > 0", c.Qe), ("R_e > 0", c.Re), *([] if o is None else [("R > 0", o.R)])):
-        yield definite(name, exact.fractions(M), [str(i) for i in range(len(M))])
+        yield definite_condition(name, exact.as_fractions(M), [str(i) for i in range(len(M))])
 
 
-def _feedback(c: Certificate) -> Iterator[Condition]:
+def _feedback_conditions(c: Certificate) -> Iterator[ProofCondition]:
     f = rational_feedback(c)
-    yield definite("P > 0", f.P, c.states)
-    yield definite("(14)", composite.inequality(f), c.states, f.Qe, "Q_e")
-    poles = poles_of((c.A + c.B @ c.K) * c.scale / c.scale[:, None])
-    stable = definite("A + B K Hurwitz", composite.lyapunov(f), c.states, f.Qe, "Q_e")
-    yield stable._replace(why=stable.why or f"rightmost pole {in_words(poles[0])}")
-    yield _same_poles("poles of A + B K", poles, c.poles)
+    yield definite_condition("P > 0", f.P, c.states)
+    yield definite_condition("(14)", composite.inequality_matrix(f), c.states, f.Qe, "Q_e")
+    poles = sorted_poles((c.A + c.B @ c.K) * c.scale / c.scale[:, None])
+    stable = definite_condition("A + B K Hurwitz", composite.lyapunov_matrix(f), c.states, f.Qe, "Q_e")
+    yield stable._replace(why=stable.why or f"rightmost pole {format_pole(poles[0])}")
+    yield _poles_condition("poles of A + B K", poles, c.poles)
     if c.Q is None:
         return
     d, weight = c.scale, np.sqrt(np.diag(c.Re))
     K, wanted = (np.array(M, float) * d * weight[:, None] for M in (f.K, -(f.Re_inverse @ f.B.T @ f.P)))
-    yield _close("K = -R_e^-1 B'P", K - wanted, wanted, (c.inputs, c.states))
-    residual = np.array(composite.inequality(f) + f.Qe - exact.fractions(c.Q), float) * np.outer(d, d)
-    yield _close("left side of (14) = Q_e - Q", residual, c.Q * np.outer(d, d), (c.states, c.states))
+    yield _residual_condition("K = -R_e^-1 B'P", K - wanted, wanted, (c.inputs, c.states))
+    residual = np.array(composite.inequality_matrix(f) + f.Qe - exact.as_fractions(c.Q), float) * np.outer(d, d)
+    yield _residual_condition("left side of (14) = Q_e - Q", residual, c.Q * np.outer(d, d), (c.states, c.states))
 
 
-def _observer(c: Certificate) -> Iterator[Condition]:
+def _observer_conditions(c: Certificate) -> Iterator[ProofCondition]:
     if c.observer is None:
         return
     o, f, r = c.observer, rational_feedback(c), rational_observer(c, c.observer)
-    yield definite("P_eta > 0", r.P, o.estimated)
-    poles = poles_of(o.A - o.L @ o.C)
-    stable = definite("A_eta - L C Hurwitz", composite.observer_lyapunov(r), o.estimated)
-    yield stable._replace(why=stable.why or f"rightmost pole {in_words(poles[0])}")
-    yield _same_poles("poles of A_eta - L C", poles, o.poles)
-    yield _seen(o, r)
+    yield definite_condition("P_eta > 0", r.P, o.estimated)
+    poles = sorted_poles(o.A - o.L @ o.C)
+    stable = definite_condition("A_eta - L C Hurwitz", composite.observer_lyapunov_matrix(r), o.estimated)
+    yield stable._replace(why=stable.why or f"rightmost pole {format_pole(poles[0])}")
+    yield _poles_condition("poles of A_eta - L C", poles, o.poles)
+    yield _observability_condition(o, r)
     size = np.sqrt(np.diag(o.P))
     L, wanted = (np.array(M, float) / size[:, None] for M in (r.L, r.P @ r.C.T @ r.R_inverse))
-    yield _close("L = P_eta C'R^-1", L - wanted, wanted, (o.estimated, [str(i) for i in range(len(o.R))]))
-    apart = np.array(composite.observer_lyapunov(r) - composite.dissipation(r), float) / np.outer(size, size)
+    yield _residual_condition("L = P_eta C'R^-1", L - wanted, wanted, (o.estimated, [str(i) for i in range(len(o.R))]))
+    apart = np.array(composite.observer_lyapunov_matrix(r) - composite.dissipation_matrix(r), float) / np.outer(
+        size, size
+    )
     term = np.array(r.A @ r.P, float) / np.outer(size, size)
-    yield _close("Riccati equation of P_eta", apart, term, (o.estimated, o.estimated))
-    yield _same_weight(c, o)
+    yield _residual_condition("Riccati equation of P_eta", apart, term, (o.estimated, o.estimated))
+    yield _weight_condition(c, o)
     weight, names = Fraction(o.weight), (*c.states, *(f"w.{n}" for n in o.estimated))
-    yield definite(f"(15) z({o.weight:.6g}) > 0", composite.weighted(f, r, weight), names)
+    yield definite_condition(f"(15) z({o.weight:.6g}) > 0", composite.weighted_matrix(f, r, weight), names)
     for gain, robust in ROBUST.items():
-        M = composite.decrease(f, r, weight, Fraction(robust))
-        yield definite(f"V falls, gain {gain}", M, names)
+        M = composite.decrease_matrix(f, r, weight, Fraction(robust))
+        yield definite_condition(f"V falls, gain {gain}", M, names)
 
 
-def _recorded(c: Certificate) -> Iterator[Condition]:
+def _recorded_conditions(c: Certificate) -> Iterator[ProofCondition]:
     for name, number in c.recorded.items():
         inside = number.low <= number.value < number.high
         limits = f"at least {number.low:g}, below {number.high:g}; {number.how}"
-        yield Condition(name, inside, number.value, "value", RECORDED, limits)
+        yield ProofCondition(name, inside, number.value, "value", RECORDED, limits)
 
 
-def _same_weight(c: Certificate, o: ObserverPart) -> Condition:
+def _weight_condition(c: Certificate, o: ObserverPart) -> ProofCondition:
     name, meaning = "least weight lambda*, as recorded", "relative deviation"
     try:
-        least = composite.least_weight(c.feedback(), _in_floats(c, o))
+        least = composite.least_weight(c.feedback_matrices(), _float_observer(c, o))
     except InputError as error:
-        return Condition(name, False, float("inf"), meaning, FLOATS, error.problem)
+        return ProofCondition(name, False, float("inf"), meaning, FLOATS, error.problem)
     off = abs(least - o.least_weight) / max(abs(least), np.finfo(float).tiny)
     why = "" if off <= SAME else f"now {least!r}, recorded {o.least_weight!r}"
-    return Condition(name, bool(off <= SAME), off, meaning, FLOATS, why)
+    return ProofCondition(name, bool(off <= SAME), off, meaning, FLOATS, why)
 
 
-def _seen(o: ObserverPart, r: composite.Observer) -> Condition:
+def _observability_condition(o: ObserverPart, r: composite.Observer) -> ProofCondition:
     blocks = [r.C]
     for _ in range(len(o.A) - 1):
         blocks.append(blocks[-1] @ r.A)
-    found, k = exact.rank(np.vstack(blocks)), len(o.A)
+    found, k = exact.exact_rank(np.vstack(blocks)), len(o.A)
     ratio = constant_rank(o.A, o.C).ratio
-    return Condition(
+    return ProofCondition(
         f"(A_eta, C) observable, rank {found} of {k}", found == k, ratio, "singular ratio, scaled", "exact rank"
     )
 
 
-def definite(name: str, M: Any, names: Any, unit: Any = None, label: str = "its diagonal") -> Condition:
+def definite_condition(name: str, M: Any, names: Any, unit: Any = None, label: str = "its diagonal") -> ProofCondition:
     """The line of one matrix that must be positive definite, with a margin that is proved too.
 
     Args:
@@ -180,35 +186,37 @@ def definite(name: str, M: Any, names: Any, unit: Any = None, label: str = "its 
         unit: what the margin is measured in, positive definite; its own diagonal where not given.
         label: name of that.
     """
-    proof = exact.positive(M)
+    proof = exact.prove_definite(M)
     meaning = f"margin in {label}"
     if not proof.holds:
         row = "" if proof.pivot is None else f" at {list(names)[proof.pivot]}"
-        return Condition(name, False, _smallest(M, unit), meaning, proof.how, f"pivot{row} is {proof.value:.6g}")
+        return ProofCondition(
+            name, False, _smallest_eigenvalue(M, unit), meaning, proof.how, f"pivot{row} is {proof.value:.6g}"
+        )
     unit = np.diag(np.diag(M)) if unit is None else unit
-    margin = float(f"{0.99 * _smallest(M, unit):.2e}")  # so that what is shown is what is proved
-    if not (margin > 0 and exact.positive(M - Fraction(margin) * unit).holds):
-        return Condition(name, True, 0.0, meaning, proof.how, "positive, by less than floats can tell")
-    return Condition(name, True, margin, meaning, proof.how)
+    margin = float(f"{0.99 * _smallest_eigenvalue(M, unit):.2e}")  # so that what is shown is what is proved
+    if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
+        return ProofCondition(name, True, 0.0, meaning, proof.how, "positive, by less than floats can tell")
+    return ProofCondition(name, True, margin, meaning, proof.how)
 
 
 def rational_feedback(c: Certificate) -> composite.Feedback:
     """The feedback's matrices as fractions; R_e is inverted exactly."""
-    A, B, K, P, Qe, Re = (exact.fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
-    return composite.Feedback(A, B, K, P, Qe, exact.inverse(Re))
+    A, B, K, P, Qe, Re = (exact.as_fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
+    return composite.Feedback(A, B, K, P, Qe, exact.exact_inverse(Re))
 
 
 def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
     """The observer's matrices as fractions."""
-    A, C, Q, P, L, R = (exact.fractions(M) for M in (o.A, o.C, o.Q, o.P, o.L, o.R))
-    return composite.Observer(A, C, Q, P, L, exact.inverse(R), c.places())
+    A, C, Q, P, L, R = (exact.as_fractions(M) for M in (o.A, o.C, o.Q, o.P, o.L, o.R))
+    return composite.Observer(A, C, Q, P, L, exact.exact_inverse(R), c.estimated_indices())
 
 
-def _in_floats(c: Certificate, o: ObserverPart) -> composite.Observer:
-    return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), c.places())
+def _float_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
+    return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), c.estimated_indices())
 
 
-def _smallest(M: Any, unit: Any) -> float:
+def _smallest_eigenvalue(M: Any, unit: Any) -> float:
     """Smallest eigenvalue of M in units of `unit`, in floats."""
     a = np.array(M, float)
     b = np.diag(np.abs(np.diag(a))) if unit is None else np.array(unit, float)
@@ -221,17 +229,17 @@ def _smallest(M: Any, unit: Any) -> float:
     return float(values[0])
 
 
-def _same_poles(name: str, now: Any, then: Any) -> Condition:
+def _poles_condition(name: str, now: Any, then: Any) -> ProofCondition:
     """Each pole beside the nearest recorded one."""
     apart = np.abs(now[:, None] - then[None, :])
     worst = max(apart.min(axis=1).argmax(), 0)
     off = float(max(apart.min(axis=1).max(), apart.min(axis=0).max()) / np.abs(now).max())
-    why = "" if off <= SAME else f"now {in_words(now[worst])}, recorded {in_words(then[apart[worst].argmin()])}"
-    return Condition(f"{name}, as recorded", bool(off <= SAME), off, "relative deviation", FLOATS, why)
+    why = "" if off <= SAME else f"now {format_pole(now[worst])}, recorded {format_pole(then[apart[worst].argmin()])}"
+    return ProofCondition(f"{name}, as recorded", bool(off <= SAME), off, "relative deviation", FLOATS, why)
 
 
-def _close(name: str, apart: Any, term: Any, names: tuple[Any, Any]) -> Condition:
+def _residual_condition(name: str, apart: Any, term: Any, names: tuple[Any, Any]) -> ProofCondition:
     off = float(np.abs(apart).max() / np.abs(term).max())
     i, j = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
     why = "" if off <= CLOSE else f"worst at {names[0][i]}, {names[1][j]}"
-    return Condition(name, bool(off <= CLOSE), off, "relative deviation, scaled", "exact, compared in floats", why)
+    return ProofCondition(name, bool(off <= CLOSE), off, "relative deviation, scaled", "exact, compared in floats", why)

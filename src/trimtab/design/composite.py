@@ -6,7 +6,7 @@ E picks the estimated states. Two conditions:
 
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
-is [1]'s (15), corrected and with a weight; `decrease` is -dV/dt itself, for any gain. Both are taken in coordinates w
+is [1]'s (15), corrected and with a weight; `decrease_matrix` is -dV/dt itself, for any gain. Both are in coordinates w
 with e_eta = P_eta w, which change no sign and need no inverse of P_eta. All functions take numbers as they
 come: float arrays, or arrays of fractions for exact results.
 
@@ -52,41 +52,41 @@ class Observer(NamedTuple):
     at: Any
 
 
-def lyapunov(f: Feedback) -> Any:
+def lyapunov_matrix(f: Feedback) -> Any:
     """-(P (A + B K) + (A + B K)'P) (n, n): positive where V = e'P e falls, and then A + B K is Hurwitz."""
     rate = f.P @ (f.A + f.B @ f.K)
     return -(rate + rate.T)
 
 
-def coupling(f: Feedback) -> Any:
+def coupling_matrix(f: Feedback) -> Any:
     """W = P B R_e^-1 B'P (n, n)."""
     reach = f.P @ f.B
     return reach @ f.Re_inverse @ reach.T
 
 
-def inequality(f: Feedback) -> Any:
+def inequality_matrix(f: Feedback) -> Any:
     """Minus the left side of (14) (n, n): positive where it holds."""
-    return lyapunov(f) - coupling(f) - f.Qe
+    return lyapunov_matrix(f) - coupling_matrix(f) - f.Qe
 
 
-def dissipation(o: Observer) -> Any:
+def dissipation_matrix(o: Observer) -> Any:
     """P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
     seen = o.P @ o.C.T
     return o.Q + seen @ o.R_inverse @ seen.T
 
 
-def observer_lyapunov(o: Observer) -> Any:
-    """-((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation`, where P_eta and L are the steady ones."""
+def observer_lyapunov_matrix(o: Observer) -> Any:
+    """-((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation_matrix`, with the steady P_eta and L."""
     rate = (o.A - o.L @ o.C) @ o.P
     return -(rate + rate.T)
 
 
-def weighted(f: Feedback, o: Observer, weight: Any) -> Any:
+def weighted_matrix(f: Feedback, o: Observer, weight: Any) -> Any:
     """z(weight) (n + k, n + k), (15) corrected."""
-    return _blocks(f.Qe, coupling(f)[:, o.at] @ o.P / 2, weight * dissipation(o))
+    return _block_matrix(f.Qe, coupling_matrix(f)[:, o.at] @ o.P / 2, weight * dissipation_matrix(o))
 
 
-def decrease(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
+def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
     """-dV/dt as a matrix of (e, w) (n + k, n + k), for the gain K + robust R_e^-1 B'P.
 
     Args:
@@ -97,33 +97,33 @@ def decrease(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
     """
     whole = f._replace(K=f.K + robust * (f.Re_inverse @ f.B.T @ f.P))
     across = (f.P @ f.B @ whole.K)[:, o.at] @ o.P / 2
-    return _blocks(lyapunov(whole) / 2, across, weight * observer_lyapunov(o))
+    return _block_matrix(lyapunov_matrix(whole) / 2, across, weight * observer_lyapunov_matrix(o))
 
 
 def least_weight(f: Feedback, o: Observer) -> float:
     """lambda*, above which z(lambda) > 0: largest eigenvalue of E'W Q_e^-1 W E/4 against Pi."""
-    return _least(weighted(f, o, 1.0), len(f.A))
+    return _least_block_weight(weighted_matrix(f, o, 1.0), len(f.A))
 
 
 def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
-    """The weight above which V falls: of `decrease`, infinite where A + B K itself does not make it fall."""
-    return _least(decrease(f, o, 1.0, robust), len(f.A))
+    """The weight above which V falls: of `decrease_matrix`, infinite where A + B K itself does not make it fall."""
+    return _least_block_weight(decrease_matrix(f, o, 1.0, robust), len(f.A))
 
 
-def printed(f: Feedback, o: Observer) -> Any:
+def printed_inequality(f: Feedback, o: Observer) -> Any:
     """(15) as it is printed, in the only way its sizes fit, (k + m, k + m); negative definite where it holds.
 
     [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. It is there for the record: the
     root of a product that is not symmetric is taken, and its symmetric part, and the weight is missing.
     """
     inner = np.linalg.inv(o.P)
-    Pi = inner @ dissipation(o) @ inner
+    Pi = inner @ dissipation_matrix(o) @ inner
     root = np.real(sqrtm(f.Qe[np.ix_(o.at, o.at)] @ Pi))
     reach = (f.P @ f.B)[o.at]
     return np.block([[-(root + root.T), reach], [reach.T, -np.linalg.inv(f.Re_inverse)]])
 
 
-def _least(M: Any, n: int) -> float:
+def _least_block_weight(M: Any, n: int) -> float:
     """The least weight of the lower block: largest eigenvalue of S'a^-1 S against b, of [a, S; S', b]."""
     size = np.sqrt(np.abs(np.diag(M)))
     scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
@@ -138,5 +138,5 @@ def _least(M: Any, n: int) -> float:
     return float(values[-1])
 
 
-def _blocks(a: Any, across: Any, b: Any) -> Any:
+def _block_matrix(a: Any, across: Any, b: Any) -> Any:
     return np.vstack([np.hstack([a, across]), np.hstack([across.T, b])])

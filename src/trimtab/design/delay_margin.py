@@ -34,10 +34,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.design.loop_transfer import Loop
+from trimtab.design.loop_transfer import FeedbackLoop
 
 
-def growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
+def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
     """What E x^2 is multiplied by from one step to the next: a^2 q^(1 + retransmissions); bounded where below 1.
 
     Args:
@@ -63,7 +63,7 @@ def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransm
         start: E x(0)^2.
         retransmissions: tries after the first.
     """
-    g = float(growth(a, q, retransmissions=retransmissions))
+    g = float(mean_square_growth(a, q, retransmissions=retransmissions))
     found = np.empty(steps + 1)
     found[0] = start
     for k in range(steps):
@@ -73,7 +73,7 @@ def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransm
 
 def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
     """The limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite where there is none [1, eq. 5.3]."""
-    g = growth(a, q, retransmissions=retransmissions)
+    g = mean_square_growth(a, q, retransmissions=retransmissions)
     return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
 
 
@@ -104,7 +104,7 @@ class DelayMargin(NamedTuple):
     crossovers: tuple[Crossover, ...]
 
 
-def delay_margin(loop: Loop) -> DelayMargin:
+def delay_margin(loop: FeedbackLoop) -> DelayMargin:
     """The delay margin of a continuous loop, the same delay in all of its signals.
 
     det(I + exp(-j w tau) L(j w)) = 0 only where an eigenvalue of L(j w) has size 1; then tau = phase margin / w.
@@ -119,41 +119,41 @@ def delay_margin(loop: Loop) -> DelayMargin:
         return DelayMargin(0.0, ())  # of size 1 and more at every high frequency: no delay is short enough
     found = []
     for w, k in _crossings(loop):
-        (value,) = _loci(loop, [w])[:, k]
+        (value,) = _eigenvalue_loci(loop, [w])[:, k]
         phase = (np.angle(value) + math.pi) % (2 * math.pi)
         found.append(Crossover(float(w), float(phase), float(phase / w)))
     found.sort(key=lambda c: c.delay)
     return DelayMargin(found[0].delay if found else math.inf, tuple(found))
 
 
-def _loci(loop: Loop, w: Any) -> Any:
+def _eigenvalue_loci(loop: FeedbackLoop, w: Any) -> Any:
     """Eigenvalues of L (len(w), m), by rising size: their sizes are continuous in w."""
-    values = np.linalg.eigvals(loop.response(w))
+    values = np.linalg.eigvals(loop.frequency_response(w))
     return np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
 
 
-def _crossings(loop: Loop) -> list[tuple[float, int]]:
+def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
     """(frequency, which) where a locus passes size 1; the grid is refined where one comes near it and turns."""
     from scipy.optimize import brentq
 
     solve: Any = brentq
 
     def size(w: float, k: int) -> float:
-        return float(np.log(np.abs(_loci(loop, [w])[0, k])))
+        return float(np.log(np.abs(_eigenvalue_loci(loop, [w])[0, k])))
 
     w = loop.grid()
     with np.errstate(divide="ignore"):
-        sizes = np.log(np.abs(_loci(loop, w)))
+        sizes = np.log(np.abs(_eigenvalue_loci(loop, w)))
     found = []
     for k in range(sizes.shape[1]):
-        at, own = _with_turns(w, sizes[:, k], lambda v, k=k: size(v, k))
+        at, own = _insert_turning_points(w, sizes[:, k], lambda v, k=k: size(v, k))
         passes = np.flatnonzero(np.sign(own[:-1]) * np.sign(own[1:]) < 0)
         found += [(float(solve(size, at[i], at[i + 1], args=(k,), xtol=1e-14, rtol=1e-13)), k) for i in passes]
         found += [(float(v), k) for v in at[own == 0]]
     return found
 
 
-def _with_turns(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
+def _insert_turning_points(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
     """Grid and values, and between them the point next to 0 wherever the values come towards 0 and turn back."""
     from scipy.optimize import minimize_scalar
 
@@ -177,7 +177,7 @@ PEAKS, CLOSE = 12, 0.7
 """How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
 
 
-def jitter_margin(loop: Loop, *, delay: float = 0.0) -> float:
+def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
     """tau (s): stable for every delay in [delay, delay + tau] that varies with time.
 
         |T(j w)| < 1/(tau w) for all w                                                              [1, theorem 1]
@@ -201,25 +201,25 @@ def jitter_margin(loop: Loop, *, delay: float = 0.0) -> float:
         return 0.0
 
     def gain(w: Any) -> Any:
-        return w * _size(loop.response(w) * np.exp(-1j * w * delay)[:, None, None])
+        return w * _largest_singular_value(loop.frequency_response(w) * np.exp(-1j * w * delay)[:, None, None])
 
     near = np.array([c.frequency for c in limit.crossovers])
     w = np.unique(np.concatenate([loop.grid(), near, *(near * (1 + s * d) for s in (-1, 1) for d in NEARER)]))
     far = float(np.linalg.norm(loop.C @ loop.B, 2))  # w T as w grows
-    return 1 / max(_highest(gain, w), far, np.finfo(float).tiny)
+    return 1 / max(_refine_peak(gain, w), far, np.finfo(float).tiny)
 
 
 NEARER = np.geomspace(1e-6, 0.3, 60)
 """Frequencies beside a crossover, in parts of it: there T peaks when the constant delay is near its margin."""
 
 
-def jitter_margin_samples(loop: Loop) -> float:
+def jitter_margin_samples(loop: FeedbackLoop) -> float:
     """N: stable for every whole number of periods in [0, N], varying from sample to sample.
 
         |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [1, theorem 2]
 
     Args:
-        loop: sampled, see `Loop.sampled`.
+        loop: sampled, see `FeedbackLoop.sampled`.
 
     Returns:
         The bound as a real number: all whole N below it are safe.
@@ -232,17 +232,17 @@ def jitter_margin_samples(loop: Loop) -> float:
     loop.require_stable("jitter_margin_samples")
 
     def gain(w: Any) -> Any:
-        return np.abs(np.exp(1j * w * loop.period) - 1) * _size(loop.response(w))
+        return np.abs(np.exp(1j * w * loop.period) - 1) * _largest_singular_value(loop.frequency_response(w))
 
-    return 1 / max(_highest(gain, loop.grid()), np.finfo(float).tiny)
+    return 1 / max(_refine_peak(gain, loop.grid()), np.finfo(float).tiny)
 
 
-def _size(L: Any) -> Any:
+def _largest_singular_value(L: Any) -> Any:
     """Largest singular value of (I + L)^-1 L at each frequency, (k, m, m) -> (k,)."""
     return np.linalg.norm(np.linalg.solve(np.eye(L.shape[-1]) + L, L), 2, axis=(1, 2))
 
 
-def _highest(gain: Callable[[Any], Any], w: Any) -> float:
+def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
     from scipy.optimize import minimize_scalar
 
     values = gain(w)

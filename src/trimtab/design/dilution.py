@@ -29,7 +29,7 @@ class DilutionMap:
     beacons: Any = quantity("m", "The beacons (n, 3).", frame="W")
     down: Scalar = quantity("m", "Down coordinate of the unit.", frame="W")
 
-    def covered(self, limit: float = 2.0) -> float:
+    def coverage(self, limit: float = 2.0) -> float:
         """Part of the map, 0 to 1, where the dilution is `limit` or less."""
         return float(np.mean(np.asarray(self.dilution) <= limit))
 

@@ -21,7 +21,7 @@ EXACT, BOUNDED = "exact, leading minors", "Cholesky, rounding bounded"
 UNIT = 2.0**-53
 
 
-class Positive(NamedTuple):
+class DefinitenessProof(NamedTuple):
     """Whether a symmetric matrix is positive definite.
 
     holds: proved.  how: by what.  pivot: 0-based place of the first pivot that is not positive, or None.  value: that
@@ -34,7 +34,7 @@ class Positive(NamedTuple):
     value: float
 
 
-def fractions(M: Any) -> Any:
+def as_fractions(M: Any) -> Any:
     """A matrix of floats as the same matrix of Fractions (dtype object), which `@`, `+`, `-`, `*` then keep exact."""
     values: Any = np.asarray(M)
     made = np.empty(values.shape, object)
@@ -43,10 +43,10 @@ def fractions(M: Any) -> Any:
     return made
 
 
-def inverse(M: Any) -> Any:
+def exact_inverse(M: Any) -> Any:
     """The inverse of a positive definite matrix of Fractions, exactly."""
     n = len(M)
-    work = np.hstack([M, fractions(np.eye(n))])
+    work = np.hstack([M, as_fractions(np.eye(n))])
     for k in range(n):
         row = next(i for i in range(k, n) if work[i, k] != 0)
         work[[k, row]] = work[[row, k]]
@@ -57,23 +57,23 @@ def inverse(M: Any) -> Any:
     return work[:, n:]
 
 
-def positive(M: Any) -> Positive:
+def prove_definite(M: Any) -> DefinitenessProof:
     """Whether a symmetric matrix, of floats or of Fractions, is positive definite.
 
     Source: [1], Sylvester's criterion; above LARGEST rows [2].
     """
-    exact = fractions(M)
+    exact = as_fractions(M)
     if any(exact[i, j] != exact[j, i] for i in range(len(exact)) for j in range(i)):
         raise ValueError("not symmetric")
     bad = next((i for i in range(len(exact)) if exact[i, i] <= 0), None)
     if bad is not None:
-        return Positive(False, EXACT, bad, float(exact[bad, bad]))
-    return _by_minors(exact) if len(exact) <= LARGEST else _by_cholesky(exact)
+        return DefinitenessProof(False, EXACT, bad, float(exact[bad, bad]))
+    return _prove_by_minors(exact) if len(exact) <= LARGEST else _prove_by_cholesky(exact)
 
 
-def rank(M: Any) -> int:
+def exact_rank(M: Any) -> int:
     """Rank of a matrix of floats or Fractions, exactly. Source: [1]."""
-    work = _integers(fractions(M))
+    work = _integers(as_fractions(M))
     found, before = 0, 1
     for column in range(work.shape[1]):
         row = next((i for i in range(found, len(work)) if work[i, column]), None)
@@ -87,21 +87,21 @@ def rank(M: Any) -> int:
     return found
 
 
-def _by_minors(M: Any) -> Positive:
+def _prove_by_minors(M: Any) -> DefinitenessProof:
     """Leading minors of the matrix times the common denominator: the pivots of Bareiss' elimination."""
     work = _integers(M)
     scale, before = _denominator(M), 1
     for k in range(len(work)):
         minor = work[k, k]
         if minor <= 0:
-            return Positive(False, EXACT, k, float(Fraction(minor, before * scale)))
+            return DefinitenessProof(False, EXACT, k, float(Fraction(minor, before * scale)))
         for i in range(k + 1, len(work)):
             work[i, k + 1 :] = (work[i, k + 1 :] * minor - work[k, k + 1 :] * work[i, k]) // before
         before = minor
-    return Positive(True, EXACT, None, float("nan"))
+    return DefinitenessProof(True, EXACT, None, float("nan"))
 
 
-def _by_cholesky(M: Any) -> Positive:
+def _prove_by_cholesky(M: Any) -> DefinitenessProof:
     """[2]: if the floating-point factorisation of M - c I runs through, c above its largest error, M is positive.
 
     The matrix is first scaled by powers of two to a diagonal in [1/4, 1), without error, and then rounded: c holds
@@ -117,8 +117,8 @@ def _by_cholesky(M: Any) -> Positive:
         np.linalg.cholesky(rounded - 2 * error * np.eye(n))
     except np.linalg.LinAlgError:
         lowest = float(np.linalg.eigvalsh(rounded)[0])
-        return Positive(False, BOUNDED, n - 1, lowest)
-    return Positive(True, BOUNDED, None, float("nan"))
+        return DefinitenessProof(False, BOUNDED, n - 1, lowest)
+    return DefinitenessProof(True, BOUNDED, None, float("nan"))
 
 
 def _denominator(M: Any) -> int:

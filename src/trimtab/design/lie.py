@@ -15,8 +15,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
-from trimtab.design.model import Function, Model, combination, indices
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.design.model import Function, StateSpaceModel, find_indices, format_combination
 
 ROUNDING = 1e-10
 """A sum this small a part of the sum of its terms' magnitudes counts as zero."""
@@ -44,7 +44,7 @@ class RelativeDegree(NamedTuple):
     determinant: float
     margin: dict[str, float]
     total: int
-    defined: bool
+    is_defined: bool
     why: tuple[str, ...]
 
 
@@ -52,15 +52,15 @@ def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
     """L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
     made = h
     for _ in range(order):
-        made = _along(made, field)
+        made = _derivative_along(made, field)
     return made
 
 
-def _along(h: Field, field: Field) -> Field:
+def _derivative_along(h: Field, field: Field) -> Field:
     return lambda x: jax.jvp(h, (x,), (field(x),))[1]
 
 
-def affine_fields(model: Model, u: Any = None) -> tuple[Field, tuple[Field, ...]]:
+def affine_fields(model: StateSpaceModel, u: Any = None) -> tuple[Field, tuple[Field, ...]]:
     """f(x) and the columns g_j(x) of x' = f(x) + sum g_j(x) u_j, expanded about an input u (zero where not given)."""
     base = jnp.zeros(len(model.inputs)) if u is None else jnp.asarray(model.point(u=u)[1])
 
@@ -73,10 +73,10 @@ def affine_fields(model: Model, u: Any = None) -> tuple[Field, tuple[Field, ...]
 
 
 def curved_inputs(
-    model: Model, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
+    model: StateSpaceModel, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
 ) -> dict[str, tuple[str, ...]]:
     """Inputs in which the model is not affine around a point -> states whose derivatives curve with them."""
-    points = neighbourhood(model, x, u, radius, samples)
+    points = sample_neighbourhood(model, x, u, radius, samples)
     slope = jax.jacfwd(model.f, argnums=1)
     first, second = (
         np.abs(np.asarray(d))
@@ -90,7 +90,7 @@ def curved_inputs(
     }
 
 
-def extend(model: Model, names: Sequence[str], order: int = 1) -> Model:
+def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) -> StateSpaceModel:
     """Dynamic extension: the named inputs become states, and their derivatives of the given order the new inputs.
 
     The result is affine in the new inputs, whatever the model is in the old ones. Names: "FX", "FX'", …
@@ -99,7 +99,7 @@ def extend(model: Model, names: Sequence[str], order: int = 1) -> Model:
     """
     if order < 1:
         raise InputError("extend.order", f"{order}", fix="give 1 or more")
-    picked = np.array(indices("extend.inputs", names, model.inputs), int)
+    picked = np.array(find_indices("extend.inputs", names, model.inputs), int)
     n, k = len(model.states), len(picked)
 
     def apart(z: Any, w: Any) -> tuple[Any, Any]:
@@ -113,10 +113,12 @@ def extend(model: Model, names: Sequence[str], order: int = 1) -> Model:
     x0 = np.concatenate([model.x0, np.asarray(model.u0)[picked], np.zeros(k * (order - 1))])
     u0 = np.array(model.u0, float)
     u0[picked] = 0.0
-    return Model(f, lambda z, w: model.h(*apart(z, w)), (*model.states, *chain), inputs, model.outputs, x0, u0)
+    return StateSpaceModel(
+        f, lambda z, w: model.h(*apart(z, w)), (*model.states, *chain), inputs, model.outputs, x0, u0
+    )
 
 
-def output_derivatives(model: Model, output: Any, order: int) -> Function:
+def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Function:
     """The order-th time derivative of an output (or of several: indices) along f, input held: a function of (x, u)."""
 
     def made(x: Any, u: Any) -> Any:
@@ -125,14 +127,14 @@ def output_derivatives(model: Model, output: Any, order: int) -> Function:
     return made
 
 
-def neighbourhood(model: Model, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:
+def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:
     """The point and samples around it: states (samples + 1, n) and inputs (samples + 1, m)."""
     x0, u0 = model.point(x, u)
     size = np.concatenate([x0, u0])
     size = 0.1 * np.maximum(1.0, np.abs(size))
     if isinstance(radius, Mapping):
         given: Mapping[str, float] = radius
-        size[indices("radius", given, (*model.states, *model.inputs))] = list(given.values())
+        size[find_indices("radius", given, (*model.states, *model.inputs))] = list(given.values())
     elif radius is not None:
         size = size * 10 * float(radius)
     if not (np.isfinite(size) & (size > 0)).all():
@@ -144,7 +146,7 @@ def neighbourhood(model: Model, x: Any, u: Any, radius: Any, samples: int) -> tu
 
 
 def relative_degree(
-    model: Model, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
+    model: StateSpaceModel, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
 ) -> RelativeDegree:
     """Vector relative degree at a point, and whether it is well defined there.
 
@@ -161,43 +163,43 @@ def relative_degree(
 
     Source: [1] section 5.1 (5.2); [2] definition 13.1 where the system is not affine.
     """
-    points = neighbourhood(model, x, u, radius, samples)
+    points = sample_neighbourhood(model, x, u, radius, samples)
     degrees: dict[str, int | None] = dict.fromkeys(model.outputs)
     rows = np.zeros((len(points[0]), len(model.outputs), len(model.inputs)))
     left = list(range(len(model.outputs)))
     for order in range(len(model.states) + 1):
-        for i, row in zip(left, np.moveaxis(_rows(model, left, order, points), 1, 0), strict=True):
+        for i, row in zip(left, np.moveaxis(_derivative_rows(model, left, order, points), 1, 0), strict=True):
             if row.any():
                 degrees[model.outputs[i]], rows[:, i] = order, row
         left = [i for i in left if degrees[model.outputs[i]] is None]
         if not left:
             break
-    return _verdict(model, degrees, rows)
+    return _build_verdict(model, degrees, rows)
 
 
-def _rows(model: Model, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
+def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
     """Derivatives by u of the outputs' derivatives of one order, at all points (s, p, m); what only rounds is zero."""
     picked = np.array(outputs)
     if order == 0:
         slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)
-        return _finite(np.asarray(jax.jit(jax.vmap(slope), compiler_options=QUICKLY)(*points)))
+        return _require_finite(np.asarray(jax.jit(jax.vmap(slope), compiler_options=FAST_COMPILE_OPTIONS)(*points)))
     lower = output_derivatives(model, picked, order - 1)
     both = jax.vmap(lambda a, b: (jax.jacrev(lower)(a, b), jax.jacfwd(model.f, 1)(a, b)))
-    gradient, field = (np.asarray(d) for d in jax.jit(both, compiler_options=QUICKLY)(*points))
+    gradient, field = (np.asarray(d) for d in jax.jit(both, compiler_options=FAST_COMPILE_OPTIONS)(*points))
     change = np.nan_to_num(np.abs(gradient)) * np.ptp(np.asarray(points[0]), axis=0)
     gradient = np.where(change > WEAK * change.sum(axis=2, keepdims=True), gradient, 0.0)
-    value = _finite(np.einsum("spn,snm->spm", gradient, field))
+    value = _require_finite(np.einsum("spn,snm->spm", gradient, field))
     size = np.einsum("spn,snm->spm", np.abs(gradient), np.abs(field))
     return np.where(np.abs(value) > ROUNDING * np.nan_to_num(size, nan=np.inf), value, 0.0)
 
 
-def _finite(rows: Any) -> Any:
+def _require_finite(rows: Any) -> Any:
     if not np.isfinite(rows[0]).all():
         raise InputError("relative_degree", "not finite at the point", fix="choose one where the model is smooth")
     return np.nan_to_num(rows, posinf=0.0, neginf=0.0)
 
 
-def equilibrated(matrix: Any) -> Any:
+def equilibrate(matrix: Any) -> Any:
     """The matrix with rows and columns scaled to size 1, alternately; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
     made = np.array(matrix, float)
     for _ in range(20):
@@ -207,7 +209,7 @@ def equilibrated(matrix: Any) -> Any:
     return made
 
 
-def _verdict(model: Model, degrees: dict[str, int | None], rows: Any) -> RelativeDegree:
+def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows: Any) -> RelativeDegree:
     names, m, p = model.outputs, len(model.inputs), len(model.outputs)
     size = np.linalg.norm(rows, axis=2)
     largest = size.max(axis=0)
@@ -217,12 +219,12 @@ def _verdict(model: Model, degrees: dict[str, int | None], rows: Any) -> Relativ
         if degrees[n] is not None and share <= VANISHES:
             why.append(f"the inputs enter derivative {degrees[n]} of {n} around the point, but not at it")
     matrix = rows[0]
-    singular = np.linalg.svd(equilibrated(matrix), compute_uv=False)
+    singular = np.linalg.svd(equilibrate(matrix), compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
     if p > m:
         why.append(f"{p} outputs and only {m} inputs")
     elif None not in degrees.values():
-        why += _singular(model, rows, bool(why))
+        why += _explain_singularity(model, rows, bool(why))
     total = sum(r for r in degrees.values() if r is not None)
     determinant = float(np.linalg.det(matrix)) if p == m else float("nan")
     return RelativeDegree(
@@ -237,13 +239,13 @@ def _verdict(model: Model, degrees: dict[str, int | None], rows: Any) -> Relativ
     )
 
 
-def _singular(model: Model, rows: Any, explained: bool) -> list[str]:
+def _explain_singularity(model: StateSpaceModel, rows: Any, explained: bool) -> list[str]:
     """In words: where the decoupling matrix is singular, and which combination of outputs it can't move."""
-    values = np.array([np.linalg.svd(equilibrated(r), compute_uv=False) for r in rows])
+    values = np.array([np.linalg.svd(equilibrate(r), compute_uv=False) for r in rows])
     singular = values[:, -1] <= VANISHES * values[:, 0]
     if not singular[0] or (explained and not singular.all()):
         return []
-    blocked = combination(np.linalg.svd(equilibrated(rows[0]))[0][:, -1], model.outputs)
+    blocked = format_combination(np.linalg.svd(equilibrate(rows[0]))[0][:, -1], model.outputs)
     where = "all around" if singular.all() else "at the point only"
     text = f"the decoupling matrix is singular {where}: here it can't move {blocked} (scaled)"
     enter = [n for n, c in zip(model.inputs, np.abs(rows).max(axis=(0, 1)), strict=True) if c > 0]

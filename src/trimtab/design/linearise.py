@@ -15,8 +15,8 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
-from trimtab.design.model import Model, indices
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.design.model import StateSpaceModel, find_indices
 
 ROUNDING = 1e-10
 """Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""
@@ -24,7 +24,7 @@ TOGETHER = 1e-6
 """Poles closer than this part of the largest entry of the scaled A have their states in common."""
 
 
-class Mode(NamedTuple):
+class Eigenmode(NamedTuple):
     """One real pole, or a conjugate pair.
 
     pole: with positive imaginary part where it is a pair.  frequency: |pole| (rad/s).  damping: -Re/|pole|; nan at 0.
@@ -39,7 +39,7 @@ class Mode(NamedTuple):
     states: tuple[tuple[str, float], ...]
 
 
-class Linear(NamedTuple):
+class LinearModel(NamedTuple):
     """dx' = A dx + B du, dy = C dx + D du, deviations from (x0, u0, y0).
 
     A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the point.  drift: f(x0, u0) (n,), zero at a trim.
@@ -60,16 +60,16 @@ class Linear(NamedTuple):
 
     def poles(self) -> Any:
         """Eigenvalues of A (n,), by falling real part."""
-        return _by_real_part(np.linalg.eigvals(balanced(self.A)))
+        return _sort_by_real_part(np.linalg.eigvals(balance_matrix(self.A)))
 
-    def modes(self, *, least: float = 0.02) -> tuple[Mode, ...]:
+    def modes(self, *, least: float = 0.02) -> tuple[Eigenmode, ...]:
         """Poles with their states, by falling real part; states with a participation below `least` are left out."""
-        scaled = balanced(self.A)
+        scaled = balance_matrix(self.A)
         size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
-        poles = _by_real_part(np.linalg.eigvals(scaled))
-        made: list[Mode] = []
+        poles = _sort_by_real_part(np.linalg.eigvals(scaled))
+        made: list[Eigenmode] = []
         for found in poles:
-            pole = complex(_cut(found.real, size), _cut(found.imag, size))
+            pole = complex(_drop_rounding(found.real, size), _drop_rounding(found.imag, size))
             if pole.imag < 0:
                 continue
             share = participation(scaled, found, TOGETHER * size)
@@ -78,7 +78,7 @@ class Linear(NamedTuple):
             frequency = abs(pole)
             damping = -pole.real / frequency if frequency else float("nan")
             slow = 1 / abs(pole.real) if pole.real else float("inf")
-            made.append(Mode(pole, frequency, damping, slow, states))
+            made.append(Eigenmode(pole, frequency, damping, slow, states))
         return tuple(made)
 
     def table(self) -> str:
@@ -95,12 +95,12 @@ class Linear(NamedTuple):
         states: Iterable[str] | None = None,
         inputs: Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
-    ) -> "Linear":
+    ) -> "LinearModel":
         """The rows and columns of the named states, inputs and outputs, in that order; the others are held at zero."""
         picked = (
-            indices("linear.states", self.states if states is None else states, self.states),
-            indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs),
-            indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs),
+            find_indices("linear.states", self.states if states is None else states, self.states),
+            find_indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs),
+            find_indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs),
         )
         i, j, k = picked
         labels = (
@@ -108,9 +108,9 @@ class Linear(NamedTuple):
             for known, p in zip((self.states, self.inputs, self.outputs), picked, strict=True)
         )
         A, B, C, D = self.A[np.ix_(i, i)], self.B[np.ix_(i, j)], self.C[np.ix_(k, i)], self.D[np.ix_(k, j)]
-        return Linear(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
+        return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
 
-    def scaled(self, states: Any, inputs: Any = None, outputs: Any = None) -> "Linear":
+    def rescale(self, states: Any, inputs: Any = None, outputs: Any = None) -> "LinearModel":
         """The same in units of the given sizes of states (n,), inputs (m,) and outputs (p,); ones where not given."""
         sizes = []
         for what, value, known in (
@@ -126,10 +126,10 @@ class Linear(NamedTuple):
         A, B = self.A * a / a[:, None], self.B * b / a[:, None]
         C, D = self.C * a / c[:, None], self.D * b / c[:, None]
         names = (self.states, self.inputs, self.outputs)
-        return Linear(A, B, C, D, self.x0 / a, self.u0 / b, self.y0 / c, self.drift / a, *names)
+        return LinearModel(A, B, C, D, self.x0 / a, self.u0 / b, self.y0 / c, self.drift / a, *names)
 
 
-def linearise(model: Model, x: Any = None, u: Any = None) -> Linear:
+def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearModel:
     """A, B, C, D at a point, by automatic differentiation.
 
     Where the point is no trim (`drift` not zero) the deviations obey dx' = A dx + B du + drift.
@@ -143,8 +143,12 @@ def linearise(model: Model, x: Any = None, u: Any = None) -> Linear:
     """
     x0, u0 = model.point(x, u)
     a, b = jnp.asarray(x0), jnp.asarray(u0)
-    A, B = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
-    C, D = (np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)), compiler_options=QUICKLY)(a, b))
+    A, B = (
+        np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)(a, b)
+    )
+    C, D = (
+        np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)(a, b)
+    )
     drift, y0 = np.asarray(model.f(a, b)), np.asarray(model.h(a, b))
     for what, value, rows in (
         ("x'", np.column_stack([drift, A, B]), model.states),
@@ -154,20 +158,20 @@ def linearise(model: Model, x: Any = None, u: Any = None) -> Linear:
         if bad:
             problem = f"{what} or its derivative is not finite for {', '.join(bad)}"
             raise InputError("linearise", problem, fix="choose a point where the model is smooth")
-    return Linear(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
+    return LinearModel(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
 
 
-def _cut(value: float, size: float) -> float:
+def _drop_rounding(value: float, size: float) -> float:
     return 0.0 if abs(value) <= ROUNDING * size else float(value)
 
 
-def balanced(A: Any) -> Any:
+def balance_matrix(A: Any) -> Any:
     """A similar to A by a diagonal of powers of two, rows and columns of like size."""
     made: Any = matrix_balance(A, permute=False)
     return made[0]
 
 
-def _by_real_part(poles: Any) -> Any:
+def _sort_by_real_part(poles: Any) -> Any:
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 

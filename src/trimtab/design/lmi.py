@@ -32,13 +32,13 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.sparse import csc_matrix
 
 from trimtab.core.errors import InputError
-from trimtab.design.lqr import checked, in_words, poles_of, sizes, unmoved
+from trimtab.design.lqr import check_matrices, format_pole, sorted_poles, state_sizes, uncontrollable_poles
 
-Block = Callable[[Any], Any]
+MatrixBlock = Callable[[Any], Any]
 """Variables (k,) -> symmetric matrix that must be positive semidefinite, affine."""
 
 
-class Solved(NamedTuple):
+class SemidefiniteSolution(NamedTuple):
     """What the solver found.
 
     x: variables (k,).  status: the solver's word, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
@@ -52,12 +52,12 @@ class Solved(NamedTuple):
     iterations: int
 
     @property
-    def good(self) -> bool:
+    def is_solved(self) -> bool:
         """Whether the solver says it is solved, to its full or to its reduced tolerance."""
         return self.status in ("Solved", "AlmostSolved")
 
 
-def minimise(objective: Callable[[Any], Any], blocks: Sequence[Block], k: int) -> Solved:
+def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: int) -> SemidefiniteSolution:
     """The variables (k,) that make an affine objective least while every block is positive semidefinite.
 
     Args:
@@ -67,14 +67,14 @@ def minimise(objective: Callable[[Any], Any], blocks: Sequence[Block], k: int) -
 
     Source: [1].
     """
-    clarabel = _solver()
+    clarabel = _import_solver()
     zero, units = np.zeros(k), np.eye(k)
     constant = float(objective(zero))
     q = np.array([float(objective(e)) - constant for e in units])
     rows, right, cones = [], [], []
     for block in blocks:
-        base = _triangle(block(zero))
-        rows.append(np.column_stack([base - _triangle(block(e)) for e in units]))
+        base = _pack_triangle(block(zero))
+        rows.append(np.column_stack([base - _pack_triangle(block(e)) for e in units]))
         right.append(base)
         cones.append(clarabel.PSDTriangleConeT(len(block(zero))))
     settings = clarabel.DefaultSettings()
@@ -84,32 +84,32 @@ def minimise(objective: Callable[[Any], Any], blocks: Sequence[Block], k: int) -
     x = np.array(found.x)
     finite = bool(np.isfinite(x).all())
     margins = tuple(float(np.linalg.eigvalsh(block(x))[0]) if finite else float("nan") for block in blocks)
-    return Solved(x, str(found.status), float(q @ x + constant), margins, int(found.iterations))
+    return SemidefiniteSolution(x, str(found.status), float(q @ x + constant), margins, int(found.iterations))
 
 
-def violation(blocks: Sequence[Block], k: int) -> float:
+def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
     """The least t for which every block plus t I can be positive semidefinite; above 0: the blocks contradict.
 
     It is bounded below by -1.
     """
-    lifted: list[Block] = [lambda z, f=f: f(z[:-1]) + z[-1] * np.eye(len(f(z[:-1]))) for f in blocks]
+    lifted: list[MatrixBlock] = [lambda z, f=f: f(z[:-1]) + z[-1] * np.eye(len(f(z[:-1]))) for f in blocks]
     return minimise(lambda z: z[-1], [*lifted, lambda z: np.array([[z[-1] + 1.0]])], k + 1).objective
 
 
-def symmetric(values: Any, n: int) -> Any:
+def symmetric_matrix(values: Any, n: int) -> Any:
     """The symmetric matrix (n, n) whose upper triangle, row by row, is values (n (n + 1)/2,)."""
     made = np.zeros((n, n))
     made[np.triu_indices(n)] = values
     return made + np.triu(made, 1).T
 
 
-def _triangle(M: Any) -> Any:
+def _pack_triangle(M: Any) -> Any:
     """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
     rows, columns = np.tril_indices(len(M))
     return np.asarray(M)[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
-def _solver() -> Any:
+def _import_solver() -> Any:
     try:
         import clarabel
     except ImportError as error:
@@ -154,8 +154,8 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
 
     Source: [1] eq. 14, as scaled semidefinite program.
     """
-    A, B, Qe, Re = checked("lmi_gain", A, B, Qe, Re)
-    d = sizes("lmi_gain.scale", scale, Qe)
+    A, B, Qe, Re = check_matrices("lmi_gain", A, B, Qe, Re)
+    d = state_sizes("lmi_gain.scale", scale, Qe)
     if not (np.isfinite(decay) and decay >= 0):
         raise InputError("lmi_gain.decay", f"{decay}", fix="give 0 or more (1/s)")
     Qs = Qe * np.outer(d, d)
@@ -166,22 +166,22 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     root = cholesky(Re, lower=True)
     As, Bs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T
     n, m = Bs.shape
-    inequality, positive, cost = program(As, Bs, Qs, decay)
+    inequality, positive, cost = inequality_blocks(As, Bs, Qs, decay)
     k = n * (n + 1) // 2 + m * n + m * (m + 1) // 2
-    strict: list[Block] = [lambda z, f=f: f(z) - STRICT * np.eye(len(f(z))) for f in (inequality, positive)]
+    strict: list[MatrixBlock] = [lambda z, f=f: f(z) - STRICT * np.eye(len(f(z))) for f in (inequality, positive)]
     found = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
-    X, Y, _ = unpack(found.x, n, m)
-    if not found.good or not min(found.margins[:2]) > -STRICT:
-        raise InputError("lmi_gain", _why(found, strict, As, Bs, decay), fix=_fix(decay))
+    X, Y, _ = unpack_variables(found.x, n, m)
+    if not found.is_solved or not min(found.margins[:2]) > -STRICT:
+        raise InputError("lmi_gain", _explain_infeasibility(found, strict, As, Bs, decay), fix=_suggest_fix(decay))
     inner = np.linalg.inv(X)
     inner = (inner + inner.T) / 2
     K = solve_triangular(root.T, Y @ inner) / d
     margin, least = (float(np.linalg.eigvalsh(f(found.x))[0]) for f in (inequality, positive))
-    poles = poles_of(As + (B / d[:, None]) @ (K * d))
+    poles = sorted_poles(As + (B / d[:, None]) @ (K * d))
     return LmiGain(K, inner / np.outer(d, d), poles, margin, least, found.objective, found.status, X, Y)
 
 
-def program(A: Any, B: Any, Q: Any, decay: float) -> tuple[Block, Block, Block]:
+def inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
     """The three matrices that must be positive: minus the inequality, X, and the one that bounds R Y X^-1 Y'.
 
     Args:
@@ -194,39 +194,39 @@ def program(A: Any, B: Any, Q: Any, decay: float) -> tuple[Block, Block, Block]:
     inner = np.linalg.inv(Q)
 
     def inequality(z: Any) -> Any:
-        X, Y, _ = unpack(z, n, m)
+        X, Y, _ = unpack_variables(z, n, m)
         moved = A @ X + B @ Y + decay * X
         return -np.block([[moved + moved.T + B @ B.T, X], [X, -(inner + inner.T) / 2]])
 
     def cost(z: Any) -> Any:
-        X, Y, Z = unpack(z, n, m)
+        X, Y, Z = unpack_variables(z, n, m)
         return np.block([[Z, Y], [Y.T, X]])
 
-    return inequality, lambda z: unpack(z, n, m)[0], cost
+    return inequality, lambda z: unpack_variables(z, n, m)[0], cost
 
 
-def unpack(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
+def unpack_variables(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
     """X (n, n), Y (m, n) and Z (m, m) of the variables."""
     a, b = n * (n + 1) // 2, m * n
-    return symmetric(z[:a], n), z[a : a + b].reshape(m, n), symmetric(z[a + b :], m)
+    return symmetric_matrix(z[:a], n), z[a : a + b].reshape(m, n), symmetric_matrix(z[a + b :], m)
 
 
 def _objective(z: Any, Q: Any, m: int) -> float:
-    X, _, Z = unpack(z, len(Q), m)
+    X, _, Z = unpack_variables(z, len(Q), m)
     return float(np.sum(Q * X) + np.trace(Z))
 
 
-def _why(found: Solved, blocks: list[Block], A: Any, B: Any, decay: float) -> str:
+def _explain_infeasibility(found: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float) -> str:
     """What stands against a solution: poles that nothing moves, else by how much the inequalities contradict."""
     reasons = [f"the solver ends with {found.status}"]
-    stuck = [p for p in unmoved(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
+    stuck = [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
     if stuck:
-        reasons.append("the inputs don't move " + ", ".join(in_words(p) for p in stuck if p.imag >= 0))
-    missing = violation(blocks, len(found.x))
+        reasons.append("the inputs don't move " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
+    missing = least_violation(blocks, len(found.x))
     if missing > 0:
         reasons.append(f"(14) with X > 0, both strict by {STRICT:g}, is violated by {missing:.3g} at least, scaled")
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 
-def _fix(decay: float) -> str:
+def _suggest_fix(decay: float) -> str:
     return "ask for a smaller decay, or add an input" if decay else "add an input, or choose the scale of the states"

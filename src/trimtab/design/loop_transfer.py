@@ -12,13 +12,13 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.manifold import names
-from trimtab.core.once import QUICKLY
+from trimtab.core.manifold import error_names
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
-from trimtab.design.linearise import balanced, linearise
-from trimtab.design.lqr import in_words, poles_of, unmoved
-from trimtab.design.model import of_vehicle, unpacked, vector
+from trimtab.design.linearise import balance_matrix, linearise
+from trimtab.design.lqr import format_pole, sorted_poles, uncontrollable_poles
+from trimtab.design.model import model_of_vehicle, record_vector, unpack_record
 
 PER_DECADE = 120
 """Frequencies of `grid` in each decade."""
@@ -28,7 +28,7 @@ UNSTABLE = 1e-9
 """A closed loop's pole is stable where its real part is below minus this part of the largest entry of A."""
 
 
-class Loop(NamedTuple):
+class FeedbackLoop(NamedTuple):
     """x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
 
     A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; else the sampling period (s), and
@@ -41,44 +41,44 @@ class Loop(NamedTuple):
     D: Any
     period: float = 0.0
 
-    def response(self, w: Any) -> Any:
+    def frequency_response(self, w: Any) -> Any:
         """L at frequencies w (k,) in rad/s, above 0: complex (k, m, m)."""
         w = np.atleast_1d(np.asarray(w, float))
         s = np.exp(1j * w * self.period) if self.period else 1j * w
         shifted = s[:, None, None] * np.eye(len(self.A)) - self.A
         return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D
 
-    def closed(self) -> "Loop":
+    def complementary_sensitivity(self) -> "FeedbackLoop":
         """T = (I + L)^-1 L, from a disturbance of the demand to minus what it brings back, as A, B, C, D."""
         try:
             F = np.linalg.inv(np.eye(len(self.D)) + self.D)
         except np.linalg.LinAlgError as error:
             fix = "give a loop whose direct part is not -1"
             raise InputError("loop", "I + D has no inverse, so that nothing closes it", fix=fix) from error
-        return Loop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
+        return FeedbackLoop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
 
-    def unstable(self) -> tuple[complex, ...]:
+    def unstable_poles(self) -> tuple[complex, ...]:
         """Closed poles that don't die out; hidden ones, which the loop neither moves nor sees, are left out."""
-        T = self.closed()
-        A = balanced(T.A)
-        hidden = np.array([*unmoved(T.A, T.B), *unmoved(T.A.T, T.C.T), np.inf])
+        T = self.complementary_sensitivity()
+        A = balance_matrix(T.A)
+        hidden = np.array([*uncontrollable_poles(T.A, T.B), *uncontrollable_poles(T.A.T, T.C.T), np.inf])
         size = max(np.abs(A).max(initial=0.0), np.finfo(float).tiny)
         found = []
-        for pole in poles_of(A):
+        for pole in sorted_poles(A):
             grows = abs(pole) >= 1 - UNSTABLE if self.period else pole.real >= -UNSTABLE * size
             if grows and np.abs(hidden - pole).min() > math.sqrt(UNSTABLE) * size:
                 found.append(complex(pole))
         return tuple(found)
 
-    def require_stable(self, part: str) -> "Loop":
+    def require_stable(self, part: str) -> "FeedbackLoop":
         """Itself; InputError where it is not stable without any delay."""
-        bad = self.unstable()
+        bad = self.unstable_poles()
         if bad:
-            problem = f"the closed loop is not stable without a delay: pole {in_words(bad[0])}"
+            problem = f"the closed loop is not stable without a delay: pole {format_pole(bad[0])}"
             raise InputError(part, problem, fix="change the gains, or the sign: the loop is closed by e = -y")
         return self
 
-    def sampled(self, period: float) -> "Loop":
+    def sampled(self, period: float) -> "FeedbackLoop":
         """The loop as a computer sees it that samples y and holds e, each `period` (s)."""
         from scipy.signal import cont2discrete
 
@@ -87,11 +87,11 @@ class Loop(NamedTuple):
             raise InputError("loop.sampled", f"period {period} s of a loop of period {self.period} s", fix=fix)
         made: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
         A, B, C, D = made[:4]
-        return Loop(A, B, C, D, float(period))
+        return FeedbackLoop(A, B, C, D, float(period))
 
     def grid(self) -> Any:
         """Frequencies (rad/s) at which nothing of L and T is missed: evenly in decades, and dense beside poles."""
-        poles: Any = np.concatenate([np.linalg.eigvals(self.A), np.linalg.eigvals(self.closed().A)])
+        poles: Any = np.concatenate([np.linalg.eigvals(self.A), np.linalg.eigvals(self.complementary_sensitivity().A)])
         if self.period:
             moved = np.where(np.abs(poles) > 1e-12, poles, 1e-12)
             poles = np.log(moved.astype(complex)) / self.period
@@ -107,7 +107,7 @@ class Loop(NamedTuple):
         return w[(w > 0) & (w <= last)]
 
 
-def of_polynomials(numerator: Any, denominator: Any) -> Loop:
+def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
     """The loop L(s) = numerator/denominator, coefficients by falling powers of s."""
     from scipy.signal import tf2ss
 
@@ -118,20 +118,20 @@ def of_polynomials(numerator: Any, denominator: Any) -> Loop:
         problem = f"{num.tolist()} / {den.tolist()} is no proper transfer function"
         raise InputError("loop", problem, fix="give finite coefficients by falling powers, the denominator's longer")
     if len(np.trim_zeros(den, "f")) == 1:
-        return Loop(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[num[-1] / den[-1]]]))
-    return Loop(*tf2ss(np.trim_zeros(num, "f") if num.any() else [0.0], np.trim_zeros(den, "f")))
+        return FeedbackLoop(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[num[-1] / den[-1]]]))
+    return FeedbackLoop(*tf2ss(np.trim_zeros(num, "f") if num.any() else [0.0], np.trim_zeros(den, "f")))
 
 
-def of_gain(A: Any, B: Any, K: Any) -> Loop:
+def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
     """The loop of u = +K x around x' = A x + B u, the sign in K as `lqr` gives it."""
     A, B, K = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, K))
     n, m = len(A), B.shape[1]
     if (A.shape, B.shape, K.shape) != ((n, n), (n, m), (m, n)):
         raise InputError("loop", f"A {A.shape}, B {B.shape}, K {K.shape} don't fit", fix="give (n, n), (n, m), (m, n)")
-    return Loop(A, B, -K, np.zeros((m, m)))
+    return FeedbackLoop(A, B, -K, np.zeros((m, m)))
 
 
-def of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> Loop:
+def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLoop:
     """The loop of a law around a vehicle, linear about a state at which the demand rests.
 
     The law is taken as a function of the estimated state alone: what it remembers stays as it is, so that of a law
@@ -149,16 +149,19 @@ def of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> Loop:
     memory = law.init(Key(np.uint32(0), np.uint32(0))) if state is None else state
 
     def demand(xs: Any) -> Any:
-        estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=unpacked(x, xs))
+        estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=unpack_record(x, xs))
         return law.step(0, memory, estimate)[1].demand
 
-    start = jnp.asarray(vector(x), jnp.float64)
-    once = jax.jit(lambda xs: (demand(xs), jax.jacfwd(lambda v: vector(demand(v)))(xs)), compiler_options=QUICKLY)
+    start = jnp.asarray(record_vector(x), jnp.float64)
+    once = jax.jit(
+        lambda xs: (demand(xs), jax.jacfwd(lambda v: record_vector(demand(v)))(xs)),
+        compiler_options=FAST_COMPILE_OPTIONS,
+    )
     u, gain = once(start)
-    linear = linearise(of_vehicle(vehicle, x, u))
-    K = np.asarray(gain).reshape(len(names(u)), len(start))
-    loop = of_gain(linear.A, linear.B, K)
-    closed, moved, seen = loop.closed().A, linear.drift, []
+    linear = linearise(model_of_vehicle(vehicle, x, u))
+    K = np.asarray(gain).reshape(len(error_names(u)), len(start))
+    loop = loop_of_gain(linear.A, linear.B, K)
+    closed, moved, seen = loop.complementary_sensitivity().A, linear.drift, []
     for _ in range(len(start)):
         seen.append(np.abs(K @ moved).max())
         moved = closed @ moved

@@ -14,7 +14,7 @@ from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
 
 from trimtab.core.errors import InputError
 
-UNMOVED = 1e-9
+UNCONTROLLABLE = 1e-9
 """[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
 AXIS = 1e-9
 """A real part this small a part of the scaled A counts as zero."""
@@ -58,12 +58,12 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
 
     Source: [1] chapters 2, 3.
     """
-    A, B, Q, R = checked("lqr", A, B, Q, R)
-    d = sizes("lqr.scale", scale, Q)
+    A, B, Q, R = check_matrices("lqr", A, B, Q, R)
+    d = state_sizes("lqr.scale", scale, Q)
     root = cholesky(R, lower=True)
     As, Bs, Qs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T, Q * np.outer(d, d)
-    _refuse("lqr", "the inputs don't move", As, Bs, "add an input, or leave the state out that has this pole")
-    _refuse("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
+    _refuse_pair("lqr", "the inputs don't move", As, Bs, "add an input, or leave the state out that has this pole")
+    _refuse_pair("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
     try:
         X = solve_continuous_are(As, Bs, Qs, np.eye(len(R)))
     except np.linalg.LinAlgError as error:
@@ -73,7 +73,7 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
     K = -np.linalg.solve(R, B.T @ P)
     terms = (As.T @ X, X @ As, -(X @ Bs) @ (Bs.T @ X), Qs)
     residual = np.abs(sum(terms)).max() / max(np.abs(t).max() for t in terms)
-    return Lqr(K, P, poles_of(As + (B / d[:, None]) @ (K * d)), float(residual))
+    return Lqr(K, P, sorted_poles(As + (B / d[:, None]) @ (K * d)), float(residual))
 
 
 def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanBucy:
@@ -93,7 +93,7 @@ def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanB
     return KalmanBucy(-found.K.T, found.P, found.poles, found.residual)
 
 
-def with_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
+def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
     """A (n + k, n + k) and B (n + k, m) of the states and, after them, the integrals of the k states at `rows`."""
     A, B, rows = np.asarray(A, float), np.asarray(B, float), np.asarray(rows, int)
     n, k = len(A), len(rows)
@@ -103,13 +103,13 @@ def with_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
     return longer, wider
 
 
-def poles_of(A: Any) -> Any:
+def sorted_poles(A: Any) -> Any:
     """Eigenvalues of A (n, n), by falling real part."""
     poles = np.linalg.eigvals(A)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 
-def unmoved(A: Any, B: Any) -> tuple[complex, ...]:
+def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
     """Eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
     n = len(A)
     found = []
@@ -118,17 +118,17 @@ def unmoved(A: Any, B: Any) -> tuple[complex, ...]:
         rows = np.hstack([s * np.eye(n) - A, B])
         length = np.linalg.norm(rows, axis=1)
         singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0)[:, None], compute_uv=False)
-        if singular[-1] <= UNMOVED * max(singular[0], np.finfo(float).tiny):
+        if singular[-1] <= UNCONTROLLABLE * max(singular[0], np.finfo(float).tiny):
             found.append(complex(s))
     return tuple(found)
 
 
-def in_words(pole: complex) -> str:
+def format_pole(pole: complex) -> str:
     """A pole as text (1/s)."""
     return f"{pole.real:+.6g}{f' ± {abs(pole.imag):.6g}i' if pole.imag else ''} 1/s"
 
 
-def checked(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
+def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
     """The four as finite float matrices that fit each other, Q and R symmetric, R positive definite."""
     made = [np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R)]
     n, m = len(made[0]), made[1].shape[1]
@@ -148,7 +148,7 @@ def checked(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, A
     return made[0], made[1], made[2], made[3]
 
 
-def sizes(part: str, scale: Any, Q: Any) -> Any:
+def state_sizes(part: str, scale: Any, Q: Any) -> Any:
     """Sizes of the states (n,) as given, or as Q's diagonal makes them."""
     if scale is None:
         weight = np.diag(Q)
@@ -159,8 +159,8 @@ def sizes(part: str, scale: Any, Q: Any) -> Any:
     return d
 
 
-def _refuse(part: str, what: str, A: Any, B: Any, fix: str) -> None:
+def _refuse_pair(part: str, what: str, A: Any, B: Any, fix: str) -> None:
     edge = -AXIS * max(np.abs(A).max(initial=0.0), np.finfo(float).tiny)
-    for pole in unmoved(A, B):
+    for pole in uncontrollable_poles(A, B):
         if pole.real >= edge:
-            raise InputError(part, f"{what} the pole {in_words(pole)}", fix=fix)
+            raise InputError(part, f"{what} the pole {format_pole(pole)}", fix=fix)

@@ -12,14 +12,14 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.manifold import names
+from trimtab.core.manifold import error_names
 from trimtab.core.record import Quantity, is_record, leaves, with_leaf
 
 Function = Callable[[Any, Any], Any]
 """(x (n,), u (m,)) -> vector, traceable by jax."""
 
 
-class Model(NamedTuple):
+class StateSpaceModel(NamedTuple):
     """x' = f(x, u), y = h(x, u), with the names of all entries.
 
     f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the point it was made with.
@@ -38,30 +38,30 @@ class Model(NamedTuple):
 
     def state(self, x: Any) -> Any:
         """The state vector (n,) as the vehicle's record, or as it is where there is none."""
-        return x if self.state_record is None else unpacked(self.state_record, x)
+        return x if self.state_record is None else unpack_record(self.state_record, x)
 
     def input(self, u: Any) -> Any:
         """The input vector (m,) as the vehicle's record, or as it is where there is none."""
-        return u if self.input_record is None else unpacked(self.input_record, u)
+        return u if self.input_record is None else unpack_record(self.input_record, u)
 
     def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
         """State and input as finite float vectors; each a vector, a record, a mapping of changes to x0, or None."""
         pairs = ((x, self.x0, self.states, "state"), (u, self.u0, self.inputs, "input"))
-        given = [_vector(value, start, labels, what) for value, start, labels, what in pairs]
+        given = [_as_vector(value, start, labels, what) for value, start, labels, what in pairs]
         return given[0], given[1]
 
 
-def vector(value: Any) -> Any:
+def record_vector(value: Any) -> Any:
     """The reals and angles of a record as one vector, in declared order."""
-    if not names(value):
+    if not error_names(value):
         raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
-    return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in _real(value)])
+    return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in _real_leaves(value)])
 
 
-def unpacked(like: Any, values: Any) -> Any:
+def unpack_record(like: Any, values: Any) -> Any:
     """The record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
     start, made = 0, like
-    for path, old, _ in _real(like):
+    for path, old, _ in _real_leaves(like):
         size = int(np.size(old))
         new = values[start : start + size].reshape(np.shape(old))
         start += size
@@ -69,7 +69,7 @@ def unpacked(like: Any, values: Any) -> Any:
     return made
 
 
-def system(
+def model_of_functions(
     f: Function,
     states: Sequence[str],
     inputs: Sequence[str],
@@ -78,7 +78,7 @@ def system(
     outputs: Sequence[str] | None = None,
     x0: Any = None,
     u0: Any = None,
-) -> Model:
+) -> StateSpaceModel:
     """A model from functions of vectors.
 
     Args:
@@ -103,17 +103,17 @@ def system(
     shape = jax.eval_shape(measured, jnp.asarray(x), jnp.asarray(u)).shape
     labels = tuple(outputs) if outputs is not None else tuple(f"y{i}" for i in range(int(np.prod(shape))))
     _check_length("outputs", labels, "h(x, u)", shape)
-    return Model(f, measured, tuple(states), tuple(inputs), labels, x, u)
+    return StateSpaceModel(f, measured, tuple(states), tuple(inputs), labels, x, u)
 
 
-def of_vehicle(
+def model_of_vehicle(
     vehicle: Any,
     x: Any,
     u: Any,
     *,
     outputs: Iterable[str] | Mapping[str, Callable[[Any, Any], Any]] | None = None,
     t: float = 0.0,
-) -> Model:
+) -> StateSpaceModel:
     """A model of anything with `dynamics(t, x, u)` whose state and input are records.
 
     Args:
@@ -126,31 +126,33 @@ def of_vehicle(
     for value, what in ((x, "state"), (u, "input")):
         if not is_record(value):
             problem = f"the {what} is a {type(value).__name__}, not a record"
-            raise InputError("of_vehicle", problem, fix="give the vehicle's records, or use `system` for vectors")
-    states, inputs = names(x), names(u)
+            raise InputError(
+                "of_vehicle", problem, fix="give the vehicle's records, or use `model_of_functions` for vectors"
+            )
+    states, inputs = error_names(x), error_names(u)
 
     def f(xs: Any, us: Any) -> Any:
-        return vector(vehicle.dynamics(t, unpacked(x, xs), unpacked(u, us)))
+        return record_vector(vehicle.dynamics(t, unpack_record(x, xs), unpack_record(u, us)))
 
     if isinstance(outputs, Mapping):
         functions: Mapping[str, Callable[[Any, Any], Any]] = outputs
         labels = tuple(functions)
 
         def h(xs: Any, us: Any) -> Any:
-            a, b = unpacked(x, xs), unpacked(u, us)
+            a, b = unpack_record(x, xs), unpack_record(u, us)
             return jnp.stack([jnp.asarray(functions[name](a, b), jnp.float64) for name in labels])
     else:
         labels = states if outputs is None else tuple(outputs)
-        rows = jnp.array(indices("of_vehicle.outputs", labels, states))
+        rows = jnp.array(find_indices("of_vehicle.outputs", labels, states))
 
         def h(xs: Any, us: Any) -> Any:
             return xs[rows]
 
-    made = system(f, states, inputs, h=h, outputs=labels, x0=vector(x), u0=vector(u))
+    made = model_of_functions(f, states, inputs, h=h, outputs=labels, x0=record_vector(x), u0=record_vector(u))
     return made._replace(state_record=x, input_record=u)
 
 
-def indices(part: str, wanted: Iterable[str], known: Sequence[str]) -> list[int]:
+def find_indices(part: str, wanted: Iterable[str], known: Sequence[str]) -> list[int]:
     """The places of wanted names among the known ones; InputError names what is unknown or named twice."""
     found: list[int] = []
     for name in wanted:
@@ -164,7 +166,7 @@ def indices(part: str, wanted: Iterable[str], known: Sequence[str]) -> list[int]
     return found
 
 
-def combination(v: Any, names: Iterable[str]) -> str:
+def format_combination(v: Any, names: Iterable[str]) -> str:
     """A vector in words, largest entries first: "0.8 FX - 0.6 FY"; entries below 1 % of the largest are left out."""
     pairs = sorted(zip(np.asarray(v), names, strict=True), key=lambda pair: -abs(pair[0]))
     sign = np.sign(pairs[0][0]) or 1.0
@@ -177,7 +179,7 @@ def combination(v: Any, names: Iterable[str]) -> str:
     return text
 
 
-def _real(value: Any) -> list[tuple[str, Any, Quantity]]:
+def _real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
 
@@ -189,15 +191,15 @@ def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[in
         raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")
 
 
-def _vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> Any:
+def _as_vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> Any:
     if value is None:
         made = np.array(start, float)
     elif isinstance(value, Mapping):
         changes: Mapping[str, float] = value
         made = np.array(start, float)
-        made[indices(f"model.{what}", changes, labels)] = list(changes.values())
+        made[find_indices(f"model.{what}", changes, labels)] = list(changes.values())
     else:
-        made = np.array(vector(value) if is_record(value) else value, float)
+        made = np.array(record_vector(value) if is_record(value) else value, float)
     if made.shape != np.shape(start):
         raise InputError(f"model.{what}", f"shape {made.shape}", fix=f"give ({len(labels)},): {', '.join(labels)}")
     bad = [f"{n} = {v}" for n, v in zip(labels, made, strict=True) if not np.isfinite(v)]

@@ -27,10 +27,10 @@ from scipy.linalg import qr
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
-from trimtab.design.lie import RelativeDegree, equilibrated, output_derivatives, relative_degree
-from trimtab.design.linearise import Linear
-from trimtab.design.model import Model, indices, system
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.design.lie import RelativeDegree, equilibrate, output_derivatives, relative_degree
+from trimtab.design.linearise import LinearModel
+from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions
 
 AT_REST = 1e-8
 """A derivative this small a part of what the states' own sizes make of A counts as zero."""
@@ -39,8 +39,8 @@ EARLY = 1e-10
 
 
 def linear_normal_form(
-    model: Model, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
-) -> Linear:
+    model: StateSpaceModel, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
+) -> LinearModel:
     """dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
 
     Args:
@@ -52,7 +52,7 @@ def linear_normal_form(
     """
     x0, u0 = model.point(x, u)
     labels = tuple(internal)
-    orders, rows = _orders(model, degrees, labels)
+    orders, rows = _output_orders(model, degrees, labels)
     chain = [(i, k) for i, r in enumerate(orders) for k in range(r)]
 
     def both(a: Any, b: Any) -> tuple[Any, Any, Any]:
@@ -61,11 +61,13 @@ def linear_normal_form(
         return jnp.stack(xi), jnp.stack(w), model.f(a, b)
 
     at = (jnp.asarray(x0), jnp.asarray(u0))
-    made = jax.jit(lambda a, b: (both(a, b), jax.jacfwd(both, (0, 1))(a, b)), compiler_options=QUICKLY)(*at)
+    made = jax.jit(lambda a, b: (both(a, b), jax.jacfwd(both, (0, 1))(a, b)), compiler_options=FAST_COMPILE_OPTIONS)(
+        *at
+    )
     (xi0, w0, drift), ((xi_x, xi_u), (w_x, w_u), (f_x, f_u)) = jax.tree.map(np.asarray, made)
-    _check(model, x0, drift, f_x, xi_x, xi_u, w_u)
+    _check_normal_form(model, x0, drift, f_x, xi_x, xi_u, w_u)
     Phi = np.vstack([xi_x, np.eye(len(x0))[rows]])
-    singular = np.linalg.svd(equilibrated(Phi), compute_uv=False)
+    singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
     if not singular[-1] > 1e-10 * singular[0]:
         problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
         raise InputError("linear_normal_form.internal", problem, fix="name other states")
@@ -73,28 +75,30 @@ def linear_normal_form(
     A, B = Phi @ (f_x - through @ w_x) @ back, Phi @ through
     states = (*(model.outputs[i] + "'" * k for i, k in chain), *labels)
     virtual = tuple(n + "'" * r for n, r in zip(model.outputs, orders, strict=True))
-    A, B = _exact(A, B, chain, orders)
+    A, B = _exact_chain_rows(A, B, chain, orders)
     first = np.array([chain.index((i, 0)) for i in range(len(orders))])
     C, D = np.eye(len(A))[first], np.zeros((len(first), B.shape[1]))
     z0 = np.concatenate([xi0, x0[rows]])
-    return Linear(A, B, C, D, z0, w0, z0[first], np.zeros(len(A)), states, virtual, model.outputs)
+    return LinearModel(A, B, C, D, z0, w0, z0[first], np.zeros(len(A)), states, virtual, model.outputs)
 
 
-def _orders(model: Model, degrees: Mapping[str, int], labels: tuple[str, ...]) -> tuple[list[int], list[int]]:
+def _output_orders(
+    model: StateSpaceModel, degrees: Mapping[str, int], labels: tuple[str, ...]
+) -> tuple[list[int], list[int]]:
     """Degree of each output, and the places of the internal states."""
-    indices("linear_normal_form.degrees", degrees, model.outputs)
+    find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
         problem = f"{len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
         raise InputError("linear_normal_form.degrees", problem, fix="give every output its degree, 1 or more")
-    rows = indices("linear_normal_form.internal", labels, model.states)
+    rows = find_indices("linear_normal_form.internal", labels, model.states)
     if sum(orders) + len(rows) != len(model.states):
         problem = f"{len(labels)} coordinates beside {sum(orders)} of the outputs, of {len(model.states)}"
         raise InputError("linear_normal_form.internal", problem, fix=f"name {len(model.states) - sum(orders)}")
     return orders, rows
 
 
-def _exact(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
+def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
     """The rows of the outputs' chains as they are by definition, without rounding."""
     for row, (i, k) in enumerate(chain):
         A[row], B[row] = 0.0, 0.0
@@ -105,14 +109,14 @@ def _exact(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> t
     return A, B
 
 
-def _check(model: Model, x0: Any, drift: Any, f_x: Any, xi_x: Any, xi_u: Any, w_u: Any) -> None:
+def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi_x: Any, xi_u: Any, w_u: Any) -> None:
     around = np.linalg.norm(f_x * np.maximum(1.0, np.abs(x0)), axis=1)
     moving = [n for n, v, s in zip(model.states, drift, around, strict=True) if not abs(v) <= AT_REST * max(s, 1e-9)]
     if moving:
         text = ", ".join(f"{n}' = {drift[model.states.index(n)]:.6g}" for n in moving)
         raise InputError("linear_normal_form", f"no trim: {text}", fix="trim first")
     early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
-    singular = np.linalg.svd(equilibrated(w_u), compute_uv=False)
+    singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
     if early.any() or not singular[-1] > 1e-10 * singular[0]:
         problem = "the inputs enter earlier" if early.any() else f"dv/du is singular, {singular[-1]:.3g}"
         raise InputError("linear_normal_form.degrees", problem, fix="take the degrees of `relative_degree`")
@@ -152,7 +156,7 @@ class NormalForm(NamedTuple):
     condition: float
     inputs_enter: tuple[str, ...]
 
-    def model(self) -> Model:
+    def model(self) -> StateSpaceModel:
         """The system in these coordinates: states (xi, zeta), inputs v, outputs y."""
         orders = [r for r in self.degree.degrees.values() if r is not None]
         total, ends = sum(orders), np.cumsum(orders, dtype=int)
@@ -169,11 +173,11 @@ class NormalForm(NamedTuple):
 
         labels, start = (*self.external, *self.internals), np.concatenate([self.xi0, self.zeta0])
         outputs = tuple(self.degree.degrees)
-        return system(f, labels, self.virtual, h=h, outputs=outputs, x0=start, u0=self.v0)
+        return model_of_functions(f, labels, self.virtual, h=h, outputs=outputs, x0=start, u0=self.v0)
 
 
 def normal_form(
-    model: Model,
+    model: StateSpaceModel,
     x: Any = None,
     u: Any = None,
     *,
@@ -201,7 +205,7 @@ def normal_form(
         fix = "choose other outputs or another point, or extend the model"
         raise InputError("normal_form", "no relative degree here: " + "; ".join(reasons), fix=fix)
     orders = {n: r for n, r in degree.degrees.items() if r is not None}
-    external, virtual = _names(orders), tuple(n + "'" * r for n, r in orders.items())
+    external, virtual = _coordinate_names(orders), tuple(n + "'" * r for n, r in orders.items())
 
     def xi(a: Any) -> Any:
         b = jnp.asarray(u0)
@@ -214,24 +218,26 @@ def normal_form(
     def at_point(a: Any, b: Any) -> Any:
         return xi(a), highest(a, b), jax.jacfwd(xi)(a), jax.jacfwd(highest, (0, 1))(a, b)
 
-    values = jax.jit(at_point, compiler_options=QUICKLY)(jnp.asarray(x0), jnp.asarray(u0))
+    values = jax.jit(at_point, compiler_options=FAST_COMPILE_OPTIONS)(jnp.asarray(x0), jnp.asarray(u0))
     xi0, v0, slope, slopes = jax.tree.map(np.asarray, values)
-    labels, zeta = _internal(model, slope, internal)
-    jacobian, condition, enter = _first_order(model, zeta, labels, slope, slopes, (x0, u0))
-    functions = _functions(model, xi, zeta, highest, jnp.asarray(x0), jnp.asarray(u0))
+    labels, zeta = _choose_internal(model, slope, internal)
+    jacobian, condition, enter = _linearise_internal(model, zeta, labels, slope, slopes, (x0, u0))
+    functions = _coordinate_functions(model, xi, zeta, highest, jnp.asarray(x0), jnp.asarray(u0))
     point = (xi0, np.asarray(zeta(jnp.asarray(x0))), v0, x0, u0)
     return NormalForm(*functions, external, labels, virtual, *point, degree, jacobian, condition, enter)
 
 
-def _functions(model: Model, xi: Any, zeta: Any, highest: Any, a0: Any, b0: Any) -> tuple[Any, Any, Any, Any]:
+def _coordinate_functions(
+    model: StateSpaceModel, xi: Any, zeta: Any, highest: Any, a0: Any, b0: Any
+) -> tuple[Any, Any, Any, Any]:
     def forward(a: Any) -> tuple[Any, Any]:
         return xi(a), zeta(a)
 
     def backward(e: Any, z: Any) -> Any:
-        return solve(lambda a: jnp.concatenate([xi(a) - e, zeta(a) - z]), a0)
+        return solve_root(lambda a: jnp.concatenate([xi(a) - e, zeta(a) - z]), a0)
 
     def invert(a: Any, v: Any) -> Any:
-        return solve(lambda b: highest(a, b) - v, b0)
+        return solve_root(lambda b: highest(a, b) - v, b0)
 
     def internal(e: Any, z: Any, v: Any) -> Any:
         a = backward(e, z)
@@ -240,7 +246,9 @@ def _functions(model: Model, xi: Any, zeta: Any, highest: Any, a0: Any, b0: Any)
     return forward, backward, invert, internal
 
 
-def _first_order(model: Model, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any) -> tuple[Any, float, Any]:
+def _linearise_internal(
+    model: StateSpaceModel, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any
+) -> tuple[Any, float, Any]:
     """dPsi/dzeta at the point, condition of the coordinates, and the internal ones into whose rates the inputs go.
 
     slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
@@ -252,7 +260,7 @@ def _first_order(model: Model, zeta: Any, labels: Any, slope: Any, slopes: Any, 
     made = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
     inner, by_state, by_input = (np.asarray(d) for d in made)
     whole = np.vstack([slope, inner])
-    singular = np.linalg.svd(equilibrated(whole), compute_uv=False)
+    singular = np.linalg.svd(equilibrate(whole), compute_uv=False)
     if not singular[-1] > 1e-10 * singular[0]:
         problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
         raise InputError("normal_form.internal", problem, fix="name other states, or leave the choice open")
@@ -262,15 +270,15 @@ def _first_order(model: Model, zeta: Any, labels: Any, slope: Any, slopes: Any, 
     return jacobian, float(singular[0] / singular[-1]), enter
 
 
-def _names(orders: dict[str, int]) -> tuple[str, ...]:
+def _coordinate_names(orders: dict[str, int]) -> tuple[str, ...]:
     return tuple(n + "'" * k for n, r in orders.items() for k in range(r))
 
 
-def _internal(model: Model, slope: Any, given: Any) -> tuple[tuple[str, ...], Any]:
+def _choose_internal(model: StateSpaceModel, slope: Any, given: Any) -> tuple[tuple[str, ...], Any]:
     """Names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
     total, wanted = len(slope), len(model.states) - len(slope)
     if given is None:
-        free = np.linalg.svd(equilibrated(slope))[2][total:]  # directions in which no output moves
+        free = np.linalg.svd(equilibrate(slope))[2][total:]  # directions in which no output moves
         pivoted: Any = qr(free, pivoting=True) if wanted else (None, None, [])
         given = tuple(model.states[i] for i in sorted(pivoted[2][:wanted]))
     if isinstance(given, Mapping):
@@ -281,7 +289,7 @@ def _internal(model: Model, slope: Any, given: Any) -> tuple[tuple[str, ...], An
             return jnp.stack([jnp.asarray(functions[n](a), jnp.float64) for n in labels])
     else:
         labels = tuple(given)
-        rows = np.array(indices("normal_form.internal", labels, model.states), int)
+        rows = np.array(find_indices("normal_form.internal", labels, model.states), int)
 
         def zeta(a: Any) -> Any:
             return a[rows]
@@ -294,7 +302,7 @@ def _internal(model: Model, slope: Any, given: Any) -> tuple[tuple[str, ...], An
     return labels, zeta
 
 
-def solve(equation: Callable[[Any], Any], start: Any) -> Any:
+def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
     """The root of a function of a vector near `start`, by Newton; nan where it doesn't settle.
 
     Differentiable, by the implicit function theorem, with regard to all that `equation` closes over.

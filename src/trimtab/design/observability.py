@@ -28,8 +28,8 @@ class Observability(NamedTuple):
     singular: Any
     directions: Any
     rank: int
-    hidden: Any
-    remaining: Any
+    hidden_directions: Any
+    remaining_sigmas: Any
 
 
 class ConstantRank(NamedTuple):
@@ -43,7 +43,7 @@ class ConstantRank(NamedTuple):
     rank: int
     singular: Any
     ratio: float
-    hidden: Any
+    hidden_directions: Any
     time: float
 
 
@@ -85,7 +85,7 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
     return ConstantRank(rank, singular, ratio, right[rank:], float(time))
 
 
-def gramian(transitions: Any, rows: Any, noises: Any) -> Any:
+def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
     """Sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n), Phi_k from the first instant to instant k.
 
     Args:
@@ -117,16 +117,16 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     direction. Process noise is left out, so over long flights this says what could be seen, not what will be.
 
     Args:
-        transitions: as in `gramian`.
-        rows: as in `gramian`.
-        noises: as in `gramian`.
+        transitions: as in `observability_gramian`.
+        rows: as in `observability_gramian`.
+        noises: as in `observability_gramian`.
         sigmas: standard deviation of each state before the first measurement (n,).
         tolerance: singular values below this part of the largest count as zero.
     """
     scale = np.asarray(sigmas, float)
     if (scale <= 0).any() or not np.isfinite(scale).all():
         raise InputError("observability", f"prior sigmas {scale}", fix="give finite ones above 0")
-    G = gramian(transitions, rows, noises) * scale[:, None] * scale[None, :]
+    G = observability_gramian(transitions, rows, noises) * scale[:, None] * scale[None, :]
     values, vectors = np.linalg.eigh(G)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1].T
     rank = int((values > tolerance * max(values[0], np.finfo(float).tiny)).sum())

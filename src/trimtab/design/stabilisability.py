@@ -33,7 +33,7 @@ class ByrnesIsidori(NamedTuple):
     rank_f2: int
     rank_inputs: int
     n1: int
-    excluded: bool
+    is_excluded: bool
 
 
 class Brockett(NamedTuple):
@@ -46,14 +46,14 @@ class Brockett(NamedTuple):
     excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
-    unstable: tuple[complex, ...]
+    uncontrollable_unstable: tuple[complex, ...]
     controllability_rank: int
-    onto: bool
-    missed: Any
-    excluded: bool
+    is_onto: bool
+    missed_targets: Any
+    is_excluded: bool
 
 
-def rank(A: Any) -> int:
+def numerical_rank(A: Any) -> int:
     """Rank of a matrix (n, m), with RANK_TOLERANCE."""
     s = np.linalg.svd(np.asarray(A), compute_uv=False)
     return int((s > RANK_TOLERANCE * max(s.max(initial=0.0), np.finfo(float).tiny)).sum())
@@ -89,17 +89,17 @@ def byrnes_isidori(
     """
     x1, x2, u = jnp.zeros(n1), jnp.zeros(n2), jnp.zeros(m)
     slope = jax.jit(jax.jacfwd(f2))
-    rank_f2 = rank(slope(x1, x2))
-    rank_inputs = rank(jax.jacfwd(f1, argnums=1)(x1, u))
+    rank_f2 = numerical_rank(slope(x1, x2))
+    rank_inputs = numerical_rank(jax.jacfwd(f1, argnums=1)(x1, u))
     points = np.random.default_rng(0).uniform(-radius, radius, (samples, n2))
     rests = not np.any(np.abs(f1(x1, u)) > RANK_TOLERANCE)
-    h1 = all(np.abs(f2(x1, p)).max() <= RANK_TOLERANCE and rank(slope(x1, p)) == n1 for p in points)
+    h1 = all(np.abs(f2(x1, p)).max() <= RANK_TOLERANCE and numerical_rank(slope(x1, p)) == n1 for p in points)
     h2 = rank_f2 == n1
     return ByrnesIsidori(h1, h2, rank_f2, rank_inputs, n1, bool(rests and h1 and h2 and rank_inputs < n1))
 
 
 @lru_cache(maxsize=8)
-def _compiled(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+def _compile_function(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """f of the stacked (x, u), and its derivative."""
 
     def stacked(z: Any) -> Any:
@@ -108,7 +108,7 @@ def _compiled(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any
     return jax.jit(stacked), jax.jit(jax.jacfwd(stacked))
 
 
-def reaches(
+def is_reachable(
     f: Callable[[Any, Any], Any], b: Any, m: int, *, radius: float = 1.0, starts: int = 8, tolerance: float = 1e-9
 ) -> bool:
     """Whether f(x, u) = b has a solution with every |x_i|, |u_i| < radius.
@@ -125,7 +125,7 @@ def reaches(
     """
     b = np.asarray(b, float)
     n = b.size
-    value, slope = _compiled(f, n)
+    value, slope = _compile_function(f, n)
     draws = np.random.default_rng(1)
     for i in range(starts):
         z = draws.uniform(-0.9, 0.9, n + m) * radius * (0.01 if i == 0 else 1.0)
@@ -149,14 +149,14 @@ def controllability_rank(A: Any, B: Any) -> int:
     blocks = [block]
     for _ in range(len(A) - 1):
         blocks.append(A @ blocks[-1])
-    return rank(np.hstack(blocks))
+    return numerical_rank(np.hstack(blocks))
 
 
-def uncontrollable(A: Any, B: Any) -> tuple[complex, ...]:
+def uncontrollable_eigenvalues(A: Any, B: Any) -> tuple[complex, ...]:
     """Eigenvalues of A (n, n) that B (n, m) does not move. Source: Popov, Belevitch, Hautus: rank [s I - A, B] < n."""
     A, B = np.asarray(A), np.asarray(B)
     n = len(A)
-    return tuple(complex(s) for s in np.linalg.eigvals(A) if rank(np.hstack([s * np.eye(n) - A, B])) < n)
+    return tuple(complex(s) for s in np.linalg.eigvals(A) if numerical_rank(np.hstack([s * np.eye(n) - A, B])) < n)
 
 
 def brockett(
@@ -180,13 +180,13 @@ def brockett(
     Source: [3] theorem 1.
     """
     A, B = (np.asarray(d) for d in jax.jacfwd(f, argnums=(0, 1))(jnp.zeros(n), jnp.zeros(m)))
-    unstable = tuple(s for s in uncontrollable(A, B) if s.real > RANK_TOLERANCE)
+    unstable = tuple(s for s in uncontrollable_eigenvalues(A, B) if s.real > RANK_TOLERANCE)
     slope = np.hstack([A, B])
-    left = np.linalg.svd(slope)[0][:, rank(slope) :]
+    left = np.linalg.svd(slope)[0][:, numerical_rank(slope) :]
     missed = np.zeros((0, n))
     if left.size:
         random = np.random.default_rng(2).standard_normal((samples, n))
         tried = np.vstack([left.T, -left.T, random / np.linalg.norm(random, axis=1, keepdims=True)]) * size
-        missed = np.array([b for b in tried if not reaches(f, b, m, radius=radius)]).reshape(-1, n)
+        missed = np.array([b for b in tried if not is_reachable(f, b, m, radius=radius)]).reshape(-1, n)
     onto = not len(missed)
     return Brockett(unstable, controllability_rank(A, B), onto, missed, bool(unstable) or not onto)

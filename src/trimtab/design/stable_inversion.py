@@ -34,7 +34,7 @@ APART = 1e-9
 """Poles of A and S nearer than this part of the largest magnitude are the same."""
 
 
-def following(A: Any, S: Any, G: Any) -> Any:
+def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
     """X (k, m) with X S = A X + G.
 
     Args:
@@ -59,14 +59,14 @@ def following(A: Any, S: Any, G: Any) -> Any:
     return solve_sylvester(A, -S, -G)
 
 
-def filter_matrix(w: float, order: int) -> Any:
+def exosystem_matrix(w: float, order: int) -> Any:
     """S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
     S = np.eye(order, k=1)
-    S[-1] = [-float(c) * w ** (order - i) for i, c in enumerate(_binomial(order))]
+    S[-1] = [-float(c) * w ** (order - i) for i, c in enumerate(_binomial_coefficients(order))]
     return S
 
 
-def _binomial(order: int) -> list[int]:
+def _binomial_coefficients(order: int) -> list[int]:
     """Coefficients of (s + 1)^order from s^0 to s^(order-1)."""
     row = [1]
     for i in range(order):
@@ -134,14 +134,14 @@ def bounded_solution(
     Source: [1] section III; the exponential integration is exact for w piecewise linear.
     """
     A, guess, scales = np.asarray(A, float), np.asarray(start, float), np.asarray(scales, float)
-    _check(A, guess, dt, scales, left, right)
+    _check_arguments(A, guess, dt, scales, left, right)
     scaled = A * scales / scales[:, None]
-    split = _split(scaled)
+    split = _split_subspaces(scaled)
     ends = [np.linalg.solve(split.basis, np.asarray(end, float) / scales) for end in (left, right)]
     zeta, changes = guess / scales, []
     for _ in range(most):
         w = np.asarray(psi(zeta * scales)) / scales - zeta @ scaled.T
-        new = _linear(split, w, dt, *ends)
+        new = _solve_linear(split, w, dt, *ends)
         changes.append(float(np.abs(new - zeta).max()))
         zeta = new
         if not np.isfinite(changes[-1]) or changes[-1] > GROWN * max(changes[0], 1.0):
@@ -156,12 +156,12 @@ def bounded_solution(
     raise InputError("bounded_solution", problem, fix=fix)
 
 
-def residual(found: BoundedSolution, dt: float) -> Any:
+def bounded_residual(found: BoundedSolution, dt: float) -> Any:
     """What central differences of zeta and Psi differ by, (n - 2, k): an independent look at a solution."""
     return (found.zeta[2:] - found.zeta[:-2]) / (2 * dt) - found.rates[1:-1]
 
 
-def _check(A: Any, guess: Any, dt: float, scales: Any, left: Any, right: Any) -> None:
+def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, right: Any) -> None:
     k = len(scales)
     shapes = {"A": (A, (k, k)), "left": (left, (k,)), "right": (right, (k,)), "start": (guess, (*guess.shape[:1], k))}
     for name, (value, wanted) in shapes.items():
@@ -178,7 +178,7 @@ def _check(A: Any, guess: Any, dt: float, scales: Any, left: Any, right: Any) ->
         raise InputError("bounded_solution.scales", f"{scales}", fix="give sizes above zero")
 
 
-def _split(A: Any) -> _Split:
+def _split_subspaces(A: Any) -> _Split:
     """A by its stable and its unstable subspace; InputError where it has poles on the imaginary axis."""
     poles = np.linalg.eigvals(A)
     on = poles[np.abs(poles.real) <= ON_AXIS * np.abs(poles).max(initial=0.0)]
@@ -193,16 +193,16 @@ def _split(A: Any) -> _Split:
     return _Split(Z @ shear, T[:k, :k], T[k:, k:])
 
 
-def _linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
+def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
     """The bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear; left, right in the basis."""
     k = len(split.stable)
     driven = np.linalg.solve(split.basis, w.T)
-    stable = _driven(split.stable, driven[:k], dt, left[:k])
-    unstable = _driven(-split.unstable, -driven[k:, ::-1], dt, right[k:])[:, ::-1]
+    stable = _propagate_linear(split.stable, driven[:k], dt, left[:k])
+    unstable = _propagate_linear(-split.unstable, -driven[k:, ::-1], dt, right[k:])[:, ::-1]
     return (split.basis @ np.concatenate([stable, unstable])).T
 
 
-def _driven(A: Any, w: Any, dt: float, z0: Any) -> Any:
+def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
     """z' = A z + w (k, n) from z0, A stable: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1), exact."""
     k = len(A)
     if not k:

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.design.model import Model, combination, indices
+from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this part of the largest count as zero."""
@@ -33,22 +33,22 @@ class Trim(NamedTuple):
     no unknown moves.  rank: of the scaled Jacobian.  singular: its singular values.  why: the reasons, in words.
     """
 
-    found: bool
+    is_found: bool
     x: Any
     u: Any
     residual: dict[str, float]
     relative: dict[str, float]
     active: dict[str, str]
-    powerless: tuple[str, ...]
-    undetermined: tuple[str, ...]
-    unmoved: tuple[str, ...]
+    powerless_unknowns: tuple[str, ...]
+    undetermined_unknowns: tuple[str, ...]
+    unmoved_equations: tuple[str, ...]
     rank: int
     singular: Any
     why: tuple[str, ...]
 
-    def require(self, part: str = "trim") -> "Trim":
+    def require_trim(self, part: str = "trim") -> "Trim":
         """Itself where the trim was found; InputError with the reasons where not."""
-        if not self.found:
+        if not self.is_found:
             fix = "free another unknown, widen a bound, or drop a condition"
             raise InputError(part, "there is no trim here: " + "; ".join(self.why), fix=fix)
         return self
@@ -73,7 +73,7 @@ class _Problem(NamedTuple):
 
 
 def trim(
-    model: Model,
+    model: StateSpaceModel,
     *,
     free: Iterable[str],
     x: Any = None,
@@ -105,19 +105,27 @@ def trim(
     Returns: a Trim, found or not; `require()` turns a miss into an InputError.
     Source: [1] section 3.6.
     """
-    problem, z0 = _problem(model, list(free), x, u, derivatives, list(loose), outputs, bounds, scales)
+    problem, z0 = _build_problem(model, list(free), x, u, derivatives, list(loose), outputs, bounds, scales)
     draws, best, best_cost = np.random.default_rng(0), z0, np.inf
     for i in range(max(starts, 1)):
-        z, cost = _search(problem, z0 if i == 0 else _restart(problem, z0, draws))
+        z, cost = _search_root(problem, z0 if i == 0 else _draw_restart(problem, z0, draws))
         if cost < best_cost:
             best, best_cost = z, cost
         if best_cost <= tolerance:
             break
-    return _report(problem, best, tolerance)
+    return _build_report(problem, best, tolerance)
 
 
-def _problem(
-    model: Model, free: Any, x: Any, u: Any, derivatives: Any, loose: Any, outputs: Any, bounds: Any, scales: Any
+def _build_problem(
+    model: StateSpaceModel,
+    free: Any,
+    x: Any,
+    u: Any,
+    derivatives: Any,
+    loose: Any,
+    outputs: Any,
+    bounds: Any,
+    scales: Any,
 ) -> tuple[_Problem, Any]:
     x0, u0 = model.point(x, u)
     both = (*model.states, *model.inputs)
@@ -126,12 +134,12 @@ def _problem(
         raise InputError("trim", f"{twice} are states and inputs", fix="give the entries of the model different names")
     if not free:
         raise InputError("trim.free", "nothing may move", choices=both, fix="name states or inputs to be found")
-    columns = np.array(indices("trim.free", free, both))
+    columns = np.array(find_indices("trim.free", free, both))
     derivatives, outputs = dict(derivatives or {}), dict(outputs or {})
-    indices("trim.derivatives", derivatives, model.states)
-    away = indices("trim.loose", loose, model.states)
+    find_indices("trim.derivatives", derivatives, model.states)
+    away = find_indices("trim.loose", loose, model.states)
     rows = np.array([i for i in range(len(x0)) if i not in away], int)
-    more = np.array(indices("trim.outputs", outputs, model.outputs), int)
+    more = np.array(find_indices("trim.outputs", outputs, model.outputs), int)
     conflict = set(loose) & set(derivatives)
     if conflict:
         raise InputError("trim.loose", f"{sorted(conflict)} have a wanted derivative too", fix="name each in one place")
@@ -148,7 +156,7 @@ def _problem(
     slopes = jax.jacfwd(residual)
     value, slope = (jax.jit(lambda z, g=g: g(fixed.at[columns].set(z))) for g in (residual, slopes))
     z0 = np.asarray(fixed)[columns]
-    low, high, scale = _ranges(list(free), z0, bounds or {}, scales or {})
+    low, high, scale = _unknown_ranges(list(free), z0, bounds or {}, scales or {})
     start = np.clip(z0, low, high)
     bad = [n for n, v in zip(equations, np.asarray(value(start)), strict=True) if not np.isfinite(v)]
     if bad:
@@ -156,9 +164,9 @@ def _problem(
     return _Problem(value, slope, low, high, scale, tuple(free), equations, x0, u0, columns), start
 
 
-def _ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple[Any, Any, Any]:
-    indices("trim.bounds", bounds, free)
-    indices("trim.scales", scales, free)
+def _unknown_ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple[Any, Any, Any]:
+    find_indices("trim.bounds", bounds, free)
+    find_indices("trim.scales", scales, free)
     pairs = np.array([bounds.get(n, (-np.inf, np.inf)) for n in free], float)
     low, high = pairs[:, 0], pairs[:, 1]
     for name, a, b in zip(free, low, high, strict=True):
@@ -175,7 +183,7 @@ def _ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple[Any, An
     return low, high, scale
 
 
-def _restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
+def _draw_restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
     z = z0 + p.scale * draws.uniform(-1, 1, len(z0))
     inside = draws.uniform(0.02, 0.98, len(z0))
     bounded = np.isfinite(p.low) & np.isfinite(p.high)
@@ -183,7 +191,7 @@ def _restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
     return np.clip(np.where(bounded, within, z), p.low, p.high)
 
 
-def _scaled(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
+def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
     """Residual and Jacobian in parts of the equations' scales, per scale of the unknowns; and those scales."""
     r, slopes = np.asarray(p.residual(z)), np.asarray(p.jacobian(z))
     J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
@@ -193,11 +201,11 @@ def _scaled(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
     return r / size, J / size[:, None], size
 
 
-def _search(p: _Problem, z: Any) -> tuple[Any, float]:
+def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
     """Least squares and Newton from z: where it ends, and the largest relative residual there."""
     if not (np.isfinite(p.residual(z)).all() and np.isfinite(p.jacobian(z)).all()):
         return z, np.inf
-    size = _scaled(p, z)[2]
+    size = _scale_equations(p, z)[2]
     inner = np.clip(z, np.nextafter(p.low, np.inf), np.nextafter(p.high, -np.inf))
     try:
         found = least_squares(
@@ -213,23 +221,23 @@ def _search(p: _Problem, z: Any) -> tuple[Any, float]:
         )
     except (ValueError, np.linalg.LinAlgError):  # it ran to where the model is not finite
         return z, np.inf
-    return _newton(p, np.clip(found.x * p.scale, p.low, p.high))
+    return _refine_newton(p, np.clip(found.x * p.scale, p.low, p.high))
 
 
-def _newton(p: _Problem, z: Any) -> tuple[Any, float]:
-    r, J, _ = _scaled(p, z)
+def _refine_newton(p: _Problem, z: Any) -> tuple[Any, float]:
+    r, J, _ = _scale_equations(p, z)
     for _ in range(20):
         step = np.linalg.lstsq(J, -r, rcond=RANK_TOLERANCE)[0] * p.scale
         moved = np.clip(z + step, p.low, p.high)
-        r_moved, J_moved, _ = _scaled(p, moved)
+        r_moved, J_moved, _ = _scale_equations(p, moved)
         if not np.abs(r_moved).max() < np.abs(r).max() or not np.isfinite(J_moved).all():
             break
         z, r, J = moved, r_moved, J_moved
     return z, float(np.abs(r).max())
 
 
-def _report(p: _Problem, z: Any, tolerance: float) -> Trim:
-    r, J, size = _scaled(p, z)
+def _build_report(p: _Problem, z: Any, tolerance: float) -> Trim:
+    r, J, size = _scale_equations(p, z)
     left, singular, right = np.linalg.svd(J)
     rank = int((singular > RANK_TOLERANCE * max(singular.max(initial=0.0), np.finfo(float).tiny)).sum())
     active = {
@@ -239,20 +247,20 @@ def _report(p: _Problem, z: Any, tolerance: float) -> Trim:
         if abs(v - edge) <= AT_BOUND * s
     }
     powerless = tuple(n for n, c in zip(p.names, np.abs(J).max(axis=0), strict=True) if c <= RANK_TOLERANCE)
-    undetermined = tuple(combination(v, p.names) for v in right[rank:])
+    undetermined = tuple(format_combination(v, p.names) for v in right[rank:])
     missing = left[:, rank:].T
-    unmoved = tuple(combination(v, p.equations) for v in missing)
+    unmoved = tuple(format_combination(v, p.equations) for v in missing)
     found = bool(np.abs(r).max() <= tolerance)
     point = np.concatenate([p.x, p.u])
     point[p.columns] = z
     x, u = np.split(point, [len(p.x)])
     residual = dict(zip(p.equations, (r * size).tolist(), strict=True))
     relative = dict(zip(p.equations, r.tolist(), strict=True))
-    why = () if found else _why(p, residual, relative, active, powerless, missing, r, tolerance)
+    why = () if found else _explain_failure(p, residual, relative, active, powerless, missing, r, tolerance)
     return Trim(found, x, u, residual, relative, active, powerless, undetermined, unmoved, rank, singular, why)
 
 
-def _why(
+def _explain_failure(
     p: _Problem, residual: Any, relative: Any, active: Any, powerless: Any, missing: Any, r: Any, tolerance: float
 ) -> tuple[str, ...]:
     """The reasons, the most telling first."""
@@ -261,7 +269,7 @@ def _why(
     edges = {"low": dict(zip(p.names, p.low, strict=True)), "high": dict(zip(p.names, p.high, strict=True))}
     if active:
         reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in active.items()))
-    stuck = [combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
+    stuck = [format_combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
     reasons += [f"nothing that is free moves {c} to first order" for c in stuck]
     if powerless:
         reasons.append(f"no authority here: {', '.join(powerless)}")

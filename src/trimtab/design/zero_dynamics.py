@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import eig, svd
 
 from trimtab.core.errors import InputError
-from trimtab.design.linearise import Linear, balanced, linearise, participation
-from trimtab.design.model import Model, indices
+from trimtab.design.linearise import LinearModel, balance_matrix, linearise, participation
+from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.normal_form import normal_form
 
 RANK_TOLERANCE = 1e-10
@@ -51,7 +51,7 @@ class ZeroDynamics(NamedTuple):
     """
 
     verdict: str
-    offending: Any
+    offending_zeros: Any
     zeros: Zeros
     jacobian: Any
     poles: Any
@@ -60,7 +60,7 @@ class ZeroDynamics(NamedTuple):
     why: tuple[str, ...]
 
 
-def transmission_zeros(linear: Linear) -> Zeros:
+def transmission_zeros(linear: LinearModel) -> Zeros:
     """Invariant zeros of (A, B, C, D): where the rank of [[A - s I, B], [C, D]] falls below its normal rank.
 
     For a minimal realisation these are the transmission zeros; uncontrollable and unobservable modes are among them.
@@ -69,9 +69,9 @@ def transmission_zeros(linear: Linear) -> Zeros:
 
     Source: [1].
     """
-    A, B, C, D, (a, b) = _scaled(linear)
-    Ar, Br, Cr, Dr = _reduced(A, B, C, D)
-    At, Ct, Bt, Dt = (M.T for M in _reduced(Ar.T, Cr.T, Br.T, Dr.T))
+    A, B, C, D, (a, b) = _scale_system(linear)
+    Ar, Br, Cr, Dr = _reduce_system(A, B, C, D)
+    At, Ct, Bt, Dt = (M.T for M in _reduce_system(Ar.T, Cr.T, Br.T, Dr.T))
     k = len(At)
     if not k:
         zeros, size = np.zeros(0, complex), 0.0
@@ -83,16 +83,16 @@ def transmission_zeros(linear: Linear) -> Zeros:
         M, N = np.hstack([At, Bt]) @ W, W[:k]
         zeros: Any = eig(M, N, right=False)
         size = np.linalg.norm(np.linalg.lstsq(N, M, rcond=None)[0])
-    zeros = _by_real_part(zeros)
-    directions = [_direction(A, B, C, D, s) for s in zeros]
+    zeros = _sort_by_real_part(zeros)
+    directions = [_zero_direction(A, B, C, D, s) for s in zeros]
     states = np.array([d[: len(A)] * a for d in directions]).reshape(len(zeros), len(A))
     inputs = np.array([d[len(A) :] * b for d in directions]).reshape(len(zeros), len(b))
-    dominant = tuple(_largest(d[: len(A)], linear.states) for d in directions)
+    dominant = tuple(_dominant_states(d[: len(A)], linear.states) for d in directions)
     return Zeros(zeros, states, inputs, dominant, float(size))
 
 
 def zero_dynamics(
-    model: Model,
+    model: StateSpaceModel,
     x: Any = None,
     u: Any = None,
     *,
@@ -125,17 +125,17 @@ def zero_dynamics(
         why = (f"zeros of the linearisation only: {refused.problem}",)
     else:
         internals, jacobian = form.internals, form.jacobian
-        poles = _by_real_part(np.linalg.eigvals(jacobian))
+        poles = _sort_by_real_part(np.linalg.eigvals(jacobian))
         if len(poles) != len(found.zeros) or np.abs(poles - found.zeros).max(initial=0.0) > AGREE * found.size:
             why = (f"zeros {found.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
-    names = found.dominant if jacobian is None or why else _sharing(jacobian, internals, found)
-    verdict, offending, words = _verdict(found, limit, names)
+    names = found.dominant if jacobian is None or why else _dominant_coordinates(jacobian, internals, found)
+    verdict, offending, words = _build_verdict(found, limit, names)
     if jacobian is None and verdict == "minimum phase":
         verdict = "undecided"
     return ZeroDynamics(verdict, offending, found, jacobian, poles, internals, limit, (*words, *why))
 
 
-def _verdict(found: Zeros, limit: float, living: tuple[str, ...]) -> tuple[str, Any, tuple[str, ...]]:
+def _build_verdict(found: Zeros, limit: float, living: tuple[str, ...]) -> tuple[str, Any, tuple[str, ...]]:
     right, on = found.zeros.real > limit, np.abs(found.zeros.real) <= limit
     if right.any():
         verdict, which = "non-minimum phase", right
@@ -151,8 +151,8 @@ def _verdict(found: Zeros, limit: float, living: tuple[str, ...]) -> tuple[str, 
     return verdict, found.zeros[which], words
 
 
-def _check_rest(model: Model, linear: Linear, loose: list[str]) -> None:
-    away = indices("zero_dynamics.loose", loose, model.states)
+def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -> None:
+    away = find_indices("zero_dynamics.loose", loose, model.states)
     around = np.linalg.norm(linear.A * np.maximum(1.0, np.abs(linear.x0)), axis=1)
     around = around + np.linalg.norm(linear.B * np.maximum(1.0, np.abs(linear.u0)), axis=1)
     moving = np.abs(linear.drift) > 1e-6 * np.where(around > 0, around, 1.0)
@@ -166,7 +166,7 @@ def _check_rest(model: Model, linear: Linear, loose: list[str]) -> None:
         raise InputError("zero_dynamics.loose", f"others depend on {', '.join(depends)}", fix="trim it instead")
 
 
-def _scaled(linear: Linear) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
+def _scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
     """The system in units that make rows and columns of [[A, B], [C, D]] alike; sizes of states and inputs."""
     n, m = linear.B.shape
     whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])
@@ -181,11 +181,11 @@ def _scaled(linear: Linear) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
         a = a * np.where(both, np.sqrt(rows[:n] / columns[:n]), 1.0)
         b, c = b / np.sqrt(columns[n:]), c * np.sqrt(rows[n:])
     a, b, c = (np.exp2(np.round(np.log2(v))) for v in (a, b, c))  # powers of two: nothing is rounded
-    made = linear.scaled(a, b, c)
+    made = linear.rescale(a, b, c)
     return made.A, made.B, made.C, made.D, (a, b)
 
 
-def _reduced(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
+def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
     """A system with the same finite zeros and D of full row rank. Source: [1] section 3, procedure REDUCE."""
     size = max(np.linalg.norm(np.block([[A, B], [C, D]]), 2), np.finfo(float).tiny)
     while len(C):
@@ -207,26 +207,26 @@ def _reduced(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
     return A, B, C, D
 
 
-def _direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
+def _zero_direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
     """State and input that keep the output at zero as exp(s t): the smallest singular vector, real where s is."""
     whole: Any = np.block([[A - s * np.eye(len(A)), B], [C, D]])
     v = np.linalg.svd(whole if s.imag else whole.real)[2][-1].conj()
     return v / v[np.abs(v).argmax()]
 
 
-def _sharing(jacobian: Any, internals: tuple[str, ...], found: Zeros) -> tuple[str, ...]:
+def _dominant_coordinates(jacobian: Any, internals: tuple[str, ...], found: Zeros) -> tuple[str, ...]:
     """The internal coordinates that each zero lives in, by participation, which no unit changes."""
-    made = balanced(jacobian)
-    return tuple(_largest(participation(made, s, 1e-6 * found.size), internals) for s in found.zeros)
+    made = balance_matrix(jacobian)
+    return tuple(_dominant_states(participation(made, s, 1e-6 * found.size), internals) for s in found.zeros)
 
 
-def _largest(direction: Any, names: tuple[str, ...]) -> str:
+def _dominant_states(direction: Any, names: tuple[str, ...]) -> str:
     """The states with the largest entries: those above a tenth of the largest."""
     size = np.abs(direction)
     return ", ".join(names[i] for i in np.argsort(-size, kind="stable") if size[i] > 0.1 * size.max(initial=0.0))
 
 
-def _by_real_part(values: Any) -> Any:
+def _sort_by_real_part(values: Any) -> Any:
     """By falling real part; parts that only rounding tells apart are taken as one."""
     made: Any = np.asarray(values, complex)
     parts: Any = made / (np.abs(made).max(initial=0.0) or 1.0)

@@ -29,13 +29,13 @@ def range_ratio(beta: Any) -> Any:
     return QUADRATIC * beta * beta + LINEAR * beta + 1.0
 
 
-def off_axis(height: Any, distance: Any) -> Any:
+def off_axis_angle(height: Any, distance: Any) -> Any:
     """Angle (rad) from the vertical of a line of length `distance` (m) that climbs `height` (m); 0 without a line."""
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 
 
-def fit(beta: Any, ratio: Any) -> tuple[float, float]:
+def fit_range_ratio(beta: Any, ratio: Any) -> tuple[float, float]:
     """Quadratic and linear coefficient through a calibration: least squares with ratio 1 on the axis.
 
     Args:

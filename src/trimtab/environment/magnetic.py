@@ -20,7 +20,7 @@ from trimtab.core.float64 import jnp
 from trimtab.core.rotation import from_euler
 
 
-def levelled(field_B: Any, roll: Any, pitch: Any) -> Any:
+def level_field(field_B: Any, roll: Any, pitch: Any) -> Any:
     """A field (3,) in the body, turned by roll and pitch (rad) into the level frame that has the body's heading."""
     return from_euler(roll, pitch, jnp.zeros_like(pitch)) @ field_B
 
@@ -35,7 +35,7 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
     which is exact at every angle, where an arc cosine of b · w loses half its digits near 0 and pi. Where a projection
     vanishes (a magnetic pole, a dead sensor) it is 0: look at `strength_ratio`.
     """
-    b, w = levelled(field_B, jnp.asarray(roll), jnp.asarray(pitch)), field_W
+    b, w = level_field(field_B, jnp.asarray(roll), jnp.asarray(pitch)), field_W
     return jnp.arctan2(b[0] * w[1] - b[1] * w[0], b[0] * w[0] + b[1] * w[1])
 
 

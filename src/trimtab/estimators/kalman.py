@@ -26,7 +26,7 @@ SQUARINGS, TERMS = 6, 12
 """A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
 
 
-class Discrete(NamedTuple):
+class DiscreteModel(NamedTuple):
     """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
 
     Ad: Any
@@ -34,7 +34,7 @@ class Discrete(NamedTuple):
     Qd: Any
 
 
-def exponential(A: Any) -> Any:
+def matrix_exponential(A: Any) -> Any:
     """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
     n = A.shape[0]
     X, one = A / 2.0**SQUARINGS, jnp.eye(n)
@@ -46,19 +46,19 @@ def exponential(A: Any) -> Any:
     return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
 
 
-def discretise(A: Any, Q: Any, dt: Any) -> Discrete:
+def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
     """x' = A x + b + w over a step.
 
     Args:
         A: (n, n).
         Q: power spectral density of w (n, n), symmetric.
-        dt: length of the step (s); A dt as `exponential` takes it.
+        dt: length of the step (s); A dt as `matrix_exponential` takes it.
     """
     n = A.shape[0]
     zero, one = jnp.zeros((n, n)), jnp.eye(n)
-    moved = exponential(jnp.block([[A, one], [zero, zero]]) * dt)
-    V = exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
-    return Discrete(Ad=moved[:n, :n], Bd=moved[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))
+    moved = matrix_exponential(jnp.block([[A, one], [zero, zero]]) * dt)
+    V = matrix_exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
+    return DiscreteModel(Ad=moved[:n, :n], Bd=moved[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))
 
 
 NO_GATE = float("inf")
@@ -134,7 +134,7 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
     return Update(new_x, new_P, y, S, nis, accepted, finite)
 
 
-def inflated(P: Any, y: Any, H: Any, R: Any) -> Any:
+def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
     """P (n, n) times NIS/m where that is above 1: as uncertain as it must have been for this innovation to be usual.
 
     For a filter that has to give in: its measurements agree with each other and not with it.
@@ -144,7 +144,7 @@ def inflated(P: Any, y: Any, H: Any, R: Any) -> Any:
     return P * jnp.maximum(jnp.where(jnp.isfinite(nis), nis, 1.0) / y.shape[0], 1.0)
 
 
-def update_in_turn(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
+def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
     """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
 
     The gate holds for each scalar by itself, so one outlier of several measurements does not cost the others. nis is
@@ -170,7 +170,7 @@ def nees(error: Any, P: Any) -> Any:
     return half @ half
 
 
-def health(P: Any) -> CovarianceHealth:
+def covariance_health(P: Any) -> CovarianceHealth:
     """Signals of a covariance (n, n).
 
     The pivots d_j of P = L diag(d) L' over their variances P_jj multiply to the determinant of the correlation matrix,

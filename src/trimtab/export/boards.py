@@ -32,7 +32,7 @@ EXACT = ("-std=c99", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
 
 
-class Target(NamedTuple):
+class BoardTarget(NamedTuple):
     """A processor, and the board on which QEMU emulates it."""
 
     machine: str
@@ -52,18 +52,18 @@ class Target(NamedTuple):
 
 
 TARGETS = {
-    "cortex-m4": Target("mps2-an386", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single"),
-    "cortex-m7": Target("mps2-an500", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "double"),
+    "cortex-m4": BoardTarget("mps2-an386", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"), "single"),
+    "cortex-m7": BoardTarget("mps2-an500", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"), "double"),
 }
 
 
-class Emulated(NamedTuple):
+class EmulationResult(NamedTuple):
     """What came back from the board."""
 
     target: str
     outputs: NDArray[np.float64]
     """Steps x VECTORS_OUT, as the board computed them."""
-    expected: NDArray[np.float64]
+    expected_outputs: NDArray[np.float64]
     """The same from vectors.csv."""
     names: tuple[str, ...]
     """The outputs' names, from the header of vectors.csv."""
@@ -86,7 +86,7 @@ class Emulated(NamedTuple):
         return int(self.instructions.min()), int(np.median(self.instructions)), int(self.instructions.max())
 
 
-class Vectors(NamedTuple):
+class BoardVectors(NamedTuple):
     """The first steps of vectors.csv: inputs, expected outputs and the outputs' names."""
 
     inputs: NDArray[np.float64]
@@ -94,7 +94,7 @@ class Vectors(NamedTuple):
     names: tuple[str, ...]
 
 
-class Said(NamedTuple):
+class HarnessOutput(NamedTuple):
     """What the firmware said: see harness.c."""
 
     sizes: list[int]
@@ -126,7 +126,7 @@ def require_tools(target: str) -> None:
         raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
 
 
-def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> Emulated:
+def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.0) -> EmulationResult:
     """Build the autopilot of an exported folder for a target, fly its vectors there under QEMU, and read back.
 
     Args:
@@ -142,15 +142,15 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
     vectors = read_vectors(folder, steps)
     with tempfile.TemporaryDirectory(prefix="trimtab-") as scratch:
         build = Path(scratch)
-        flash, library, static, image = _build(folder, board, vectors, build)
-        said = _understood(_run(board, build, limit_s), folder)
+        flash, library, static, image = _build_image(folder, board, vectors, build)
+        said = _parse_output(_run_emulator(board, build, limit_s), folder)
     bits = np.array([row for _, row in said.steps], dtype=np.uint64).reshape(len(said.steps), -1)
-    return Emulated(
+    return EmulationResult(
         target=target,
         outputs=bits.view(np.float64),
-        expected=vectors.outputs,
+        expected_outputs=vectors.outputs,
         names=vectors.names,
-        instructions=_instructions(said, board),
+        instructions=_instruction_counts(said, board),
         flash_bytes=flash,
         library_bytes=library,
         ram_bytes=sum(said.sizes) + static,
@@ -159,7 +159,7 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
     )
 
 
-def read_vectors(folder: Path, steps: int = STEPS) -> Vectors:
+def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
     """The first steps of a folder's vectors.csv, divided as its vectors.h says."""
     try:
         header = (folder / "vectors.h").read_text()
@@ -179,10 +179,10 @@ def read_vectors(folder: Path, steps: int = STEPS) -> Vectors:
         problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
         raise InputError(str(folder), problem, fix="write the folder anew with `trimtab export`")
     table = np.array(rows)
-    return Vectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
+    return BoardVectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
 
 
-def _build(folder: Path, board: Target, vectors: Vectors, build: Path) -> tuple[int, int, int, int]:
+def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build: Path) -> tuple[int, int, int, int]:
     """Build image.elf; give the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
     (build / "inputs.bin").write_bytes(np.ascontiguousarray(vectors.inputs, dtype="<f8").tobytes())
     steps, n_in = vectors.inputs.shape
@@ -195,22 +195,24 @@ def _build(folder: Path, board: Target, vectors: Vectors, build: Path) -> tuple[
         folder / "vectors.c",
         *(FIRMWARE / f for f in ("start.c", "harness.c", "calls.S")),
     ]
-    _gcc([*code, *sources], board, build, folder)
-    (flash, data, bss), *_ = _sizes(["autopilot.o"], build)
+    _run_gcc([*code, *sources], board, build, folder)
+    (flash, data, bss), *_ = _read_sizes(["autopilot.o"], build)
     if data or bss:
         problem = f"has {data} bytes of static data and {bss} of static zeros: two autopilots would share them"
         raise InputError(str(folder / "autopilot.c"), problem, fix="keep everything in autopilot_state")
     link = ["-nostartfiles", "-specs=nano.specs", "-Wl,--gc-sections"]
     script = [*(f"-Wl,--defsym={name}={value:#x}" for name, value in places.items()), f"-T{FIRMWARE / 'link.ld'}"]
     objects = ["autopilot.o", "vectors.o", "start.o", "harness.o", "calls.o", "-lm"]
-    _gcc([*link, *script, *objects, "-o", "image.elf"], board, build, folder)
+    _run_gcc([*link, *script, *objects, "-o", "image.elf"], board, build, folder)
     roots = [f"-Wl,--undefined=autopilot_{name}" for name in ("defaults", "init", "step")]
-    _gcc([*link, "-Wl,--entry=autopilot_step", *roots, "autopilot.o", "-lm", "-o", "alone.elf"], board, build, folder)
-    (alone, data, bss), (image, *_) = _sizes(["alone.elf", "image.elf"], build)
+    _run_gcc(
+        [*link, "-Wl,--entry=autopilot_step", *roots, "autopilot.o", "-lm", "-o", "alone.elf"], board, build, folder
+    )
+    (alone, data, bss), (image, *_) = _read_sizes(["alone.elf", "image.elf"], build)
     return flash, alone - flash, data + bss, image
 
 
-def _gcc(arguments: list[str | Path], board: Target, build: Path, folder: Path) -> None:
+def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folder: Path) -> None:
     command = [PREFIX + "gcc", *board.processor, *FLAGS, *arguments]
     done = subprocess.run(command, cwd=build, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode:
@@ -218,13 +220,13 @@ def _gcc(arguments: list[str | Path], board: Target, build: Path, folder: Path) 
         raise InputError(str(folder), f"does not build for the board:\n{first}")
 
 
-def _sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
+def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
     """Of each file: code and constants, static data, static zeros; in bytes."""
     done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
     return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
 
 
-def _run(board: Target, build: Path, limit_s: float) -> str:
+def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
     """What the firmware said until it left. The emulator has no network, monitor, display or disk."""
     command = [EMULATOR, "-M", board.machine, "-kernel", "image.elf", "-nodefaults", "-no-reboot", "-display", "none"]
     command += ["-monitor", "none", "-serial", "none", "-chardev", "file,id=said,path=said.txt"]
@@ -249,7 +251,7 @@ def _run(board: Target, build: Path, limit_s: float) -> str:
     return (said.read_text() if said.exists() else "") + "\n" + re.sub(r"(?m)^.*: warning: .*\n", "", errors)
 
 
-def _understood(said: str, folder: Path) -> Said:
+def _parse_output(said: str, folder: Path) -> HarnessOutput:
     """The firmware's lines as numbers; an error that gives its last lines if it did not get to its end."""
     lines = said.split("\n")
     if "done" not in lines:
@@ -261,10 +263,10 @@ def _understood(said: str, folder: Path) -> Said:
         words.setdefault(word, []).append([int(number, 16) for number in numbers])
     loops = [(n, ticks) for n, ticks in words["loop"]]
     steps = [(ticks, row) for ticks, *row in words["step"]]
-    return Said(words["sizes"][0], words["empty"][0][0], loops, steps, words["stack"][0][0])
+    return HarnessOutput(words["sizes"][0], words["empty"][0][0], loops, steps, words["stack"][0][0])
 
 
-def _instructions(said: Said, board: Target) -> NDArray[np.int64]:
+def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.int64]:
     """Ticks of each step as instructions: the empty measurement off, its 1 instruction on; checked on known loops."""
     ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
 

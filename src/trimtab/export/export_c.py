@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab import __version__
-from trimtab.compiler.block import Exported, export_step
+from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric, part, quantity, record
+from trimtab.core.record import part, quantity, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
 from trimtab.core.time import Clock, timetable, to_seconds
-from trimtab.export.folder import Vectors, write_folder
+from trimtab.export.folder import SampleVectors, write_folder
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import instant, start
@@ -25,7 +25,7 @@ STEPS = 2000
 
 
 @record
-class Outputs:
+class AutopilotOutput:
     """What an exported autopilot gives at each step. Source: docs page, Export."""
 
     command: Any = part("For the actuators.")
@@ -35,7 +35,7 @@ class Outputs:
 
 
 @record
-class Instant:
+class LoopInput:
     """What an exported closed loop is given at each step. Source: docs page, Export."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
@@ -43,7 +43,7 @@ class Instant:
 
 
 @record
-class Everything:
+class LoopParameters:
     """Parameters of an exported closed loop. Source: docs page, Export."""
 
     world: Any = part("Vehicle, sensors, links and actuators.")
@@ -52,10 +52,10 @@ class Everything:
     key: Any = part("Seed and run of the random numbers.")
 
 
-class Written(NamedTuple):
+class ExportedFolder(NamedTuple):
     """What was exported, and the files."""
 
-    exported: Exported
+    exported: ExportedBlock
     files: list[Path]
 
 
@@ -68,7 +68,7 @@ def export_c(
     steps: int = STEPS,
     seed: int = 0,
     name: str | None = None,
-) -> Written:
+) -> ExportedFolder:
     """Write a scenario's autopilot, or its whole closed loop, as C99 into a folder.
 
     Args:
@@ -90,7 +90,7 @@ def export_c(
     if steps < 1:
         raise InputError("export", f"{steps} steps are too few", fix=f"--steps {STEPS}")
     scenario.check()
-    make = _autopilot if part == "autopilot" else _loop
+    make = _export_autopilot if part == "autopilot" else _export_loop
     made, vectors, period = make(scenario, name or part, REALS[real], steps, seed)
     about = {
         "scenario": scenario.name,
@@ -105,20 +105,20 @@ def export_c(
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out autopilot") from None
-    return Written(made, files)
+    return ExportedFolder(made, files)
 
 
-class Block(NamedTuple):
+class AutopilotBlock(NamedTuple):
     """An exported autopilot: its text, and the paths of its inputs and outputs as the log names them."""
 
-    exported: Exported
+    exported: ExportedBlock
     inputs: list[str]
     outputs: list[str]
 
 
-def autopilot_step(scenario: Scenario, name: str, real: str, seed: int, run: int = 0) -> Block:
+def autopilot_step(scenario: Scenario, name: str, real: str, seed: int, run: int = 0) -> AutopilotBlock:
     """The text of a checked scenario's autopilot. real: "f64" or "f32"; seed, run: of its first state."""
-    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
     key = Key(np.uint32(seed), np.uint32(run))
     state = jax.eval_shape(lambda: start(world, autopilot, x, key)[0])
     frame = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=state.received)
@@ -126,18 +126,22 @@ def autopilot_step(scenario: Scenario, name: str, real: str, seed: int, run: int
     always = frozenset([autopilot.period])
 
     def init(p: Any) -> Any:
-        return p.lean(p.init(key.at("autopilot"), zero), always)
+        return p.drop_derived_outputs(p.init(key.at("autopilot"), zero), always)
 
     def step(p: Any, s: Any, given: Frame) -> Any:
         after, command = p.step(given.t, s, given)
-        return p.lean(after, always), Outputs(command, after.estimate, after.output, after.supervised)
+        return p.drop_derived_outputs(after, always), AutopilotOutput(
+            command, after.estimate, after.output, after.supervised
+        )
 
     doc = f"Autopilot of {scenario.name}: one step every {to_seconds(autopilot.period) * 1e3:g} ms."
     made = export_step(name, doc, autopilot, init, step, frame, real)
-    return Block(made, paths_of(frame), paths_of(_outputs(init, step, autopilot, frame)))
+    return AutopilotBlock(made, leaf_paths(frame), leaf_paths(_output_structure(init, step, autopilot, frame)))
 
 
-def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
+def _export_autopilot(
+    scenario: Scenario, name: str, real: str, steps: int, seed: int
+) -> tuple[ExportedBlock, SampleVectors, int]:
     made, inputs, outputs = autopilot_step(scenario, name, real, seed)
     period = scenario.autopilot.period
     log = simulate(
@@ -148,11 +152,13 @@ def _autopilot(scenario: Scenario, name: str, real: str, steps: int, seed: int) 
         signals=("downlink", "command", "estimate", "law", *(["supervisor"] if scenario.autopilot.supervisor else [])),
         backend="jax",
     )
-    vectors = Vectors(_table([_frame_column(p, log) for p in inputs]), _table([log[p] for p in outputs]))
+    vectors = SampleVectors(
+        _stack_columns([_frame_column(p, log) for p in inputs]), _stack_columns([log[p] for p in outputs])
+    )
     return made, vectors, period
 
 
-def _outputs(init: Any, step: Any, params: Any, given: Any) -> Any:
+def _output_structure(init: Any, step: Any, params: Any, given: Any) -> Any:
     return jax.eval_shape(lambda p, g: step(p, init(p), g)[1], params, given)
 
 
@@ -160,36 +166,42 @@ def _frame_column(path: str, log: Log) -> Any:
     return log.ticks if path == "t" else log["downlink" + path.removeprefix("samples")]
 
 
-def _loop(scenario: Scenario, name: str, real: str, steps: int, seed: int) -> tuple[Exported, Vectors, int]:
-    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
-    whole = Everything(world=world, autopilot=autopilot, initial=x, key=Key(np.uint32(seed), np.uint32(0)))
+def _export_loop(
+    scenario: Scenario, name: str, real: str, steps: int, seed: int
+) -> tuple[ExportedBlock, SampleVectors, int]:
+    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
+    whole = LoopParameters(world=world, autopilot=autopilot, initial=x, key=Key(np.uint32(seed), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], scenario.duration, world.max_step)
     always = table.always
 
     def lean(p: Any, s: Any, a: Any) -> Any:
-        return p.world.lean(s, always), p.autopilot.lean(a, always)
+        return p.world.drop_derived_outputs(s, always), p.autopilot.drop_derived_outputs(a, always)
 
     def init(p: Any) -> Any:
         return lean(p, *start(p.world, p.autopilot, p.initial, p.key))
 
-    def step(p: Any, state: Any, given: Instant) -> Any:
+    def step(p: Any, state: Any, given: LoopInput) -> Any:
         s, a, seen = instant(p.world, p.autopilot, Clock(given.t, always), given.h, *state)
         after = jax.tree.map(lambda new, old: jax.numpy.asarray(new, old.dtype), lean(p, s, a), state)
         return after, seen
 
     doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
-    given = Instant(t=np.int64(0), h=np.int64(0))
+    given = LoopInput(t=np.int64(0), h=np.int64(0))
     made = export_step(name, doc, whole, init, step, given, real)
     count = min(steps, len(table.t))
     duration = int(table.t[count - 1] + table.h[count - 1])
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
         raise InputError("export", "its instants differ when it is cut short", fix=f"--steps {len(table.t)}")
-    columns = [log[path] for path in paths_of(_outputs(init, step, whole, given))]
-    return made, Vectors(_table([table.t[:count], table.h[:count]]), _table(columns)), int(table.h[0])
+    columns = [log[path] for path in leaf_paths(_output_structure(init, step, whole, given))]
+    return (
+        made,
+        SampleVectors(_stack_columns([table.t[:count], table.h[:count]]), _stack_columns(columns)),
+        int(table.h[0]),
+    )
 
 
-def paths_of(tree: Any) -> list[str]:
+def leaf_paths(tree: Any) -> list[str]:
     """Dotted paths of the leaves, in the order of JAX, as the log names them."""
     found = []
     for keys, _ in jax.tree_util.tree_flatten_with_path(tree)[0]:
@@ -197,6 +209,6 @@ def paths_of(tree: Any) -> list[str]:
     return found
 
 
-def _table(columns: list[Any]) -> Any:
+def _stack_columns(columns: list[Any]) -> Any:
     """Arrays (n, …) side by side as float64 (n, numbers)."""
     return np.concatenate([np.asarray(c, np.float64).reshape(len(c), -1) for c in columns], axis=1)

@@ -16,40 +16,40 @@ from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
-from trimtab.compiler.block import Exported, export_step
-from trimtab.compiler.elementary import FREE
+from trimtab.compiler.block import ExportedBlock, export_step
+from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, part, quantity, record, replace
+from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.signals import Command
 from trimtab.core.time import to_seconds
 from trimtab.export.boards import FIRMWARE as START
 from trimtab.export.boards import TARGETS
 from trimtab.live.failsafe_step import failsafe_step
-from trimtab.live.vehicle import on_real_link
-from trimtab.live.world_step import Built, world_step
+from trimtab.live.vehicle import replace_links
+from trimtab.live.world_step import WorldBlock, world_step
 from trimtab.loop.scenario import Scenario
-from trimtab.wire.dialect import Dialect, dialect_of
-from trimtab.wire.generated import c_headers
-from trimtab.wire.keys import Key
+from trimtab.wire.dialect import Dialect, derive_dialect
+from trimtab.wire.generated import write_c_headers
+from trimtab.wire.keys import SigningKey
 from trimtab.wire.stamps import EPOCH, PER_SECOND
 
-HERE = Path(__file__).resolve().parents[1] / "firmware"
-BESIDE = Path(__file__).resolve().parents[3] / "firmware"
+PACKAGED_FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
+CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
 """Where the portable C lies: in an installed package, or beside `src`."""
-STARTING = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
+START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
 
 
 @record
-class Now:
+class BlockInput:
     """What a block of the firmware is given. Source: docs page, Firmware."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
     given: Any = part("Its input.")
 
 
-class Written(NamedTuple):
+class FirmwareFolder(NamedTuple):
     """What was written: the folder, all files, and the dialect in which the firmware speaks."""
 
     folder: Path
@@ -57,7 +57,9 @@ class Written(NamedTuple):
     dialect: Dialect
 
 
-def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "cortex-m7", seed: int = 0) -> Written:
+def write_firmware(
+    scenario: Scenario, folder: Path, key: SigningKey, *, board: str = "cortex-m7", seed: int = 0
+) -> FirmwareFolder:
     """Write the firmware of a scenario's vehicle into a folder; `make` there builds firmware.elf.
 
     Args:
@@ -73,28 +75,28 @@ def write_firmware(scenario: Scenario, folder: Path, key: Key, *, board: str = "
     if board not in TARGETS:
         raise InputError("firmware", f"board {board!r} is not one", choices=TARGETS, fix="--board cortex-m7")
     real = REALS[TARGETS[board].real]
-    scenario = emulated(scenario)
+    scenario = replace_hardware(scenario)
     built = world_step(scenario, real=real, seed=seed)
-    dialect = dialect_of(built.frame, built.command)
+    dialect = derive_dialect(built.frame, built.command)
     texts = {
         f"exported/{name}": text
-        for made in (built.text, *duties(scenario, built.command, real))
-        for name, text in _files(made)
+        for made in (built.text, *firmware_blocks(scenario, built.command, real))
+        for name, text in _block_files(made)
     }
     texts["emulated/samples.h"] = SAMPLES_HEADER
     texts["emulated/samples.c"] = samples_source(built, dialect)
-    texts["emulated/instants.h"] = _instants(scenario)
+    texts["emulated/instants.h"] = _instants_header(scenario)
     try:
-        files = _copy(folder, board) + _write(folder, texts)
+        files = _copy_sources(folder, board) + _write_texts(folder, texts)
         files.append(_write_key(folder / "key.h", key))
-        c_headers(dialect, folder / "mavlink")
+        write_c_headers(dialect, folder / "mavlink")
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out firmware") from None
-    return Written(folder, files, dialect)
+    return FirmwareFolder(folder, files, dialect)
 
 
-def emulated(scenario: Scenario) -> Scenario:
+def replace_hardware(scenario: Scenario) -> Scenario:
     """The scenario whose world stands in for the hardware: wires for links, servo frames left to the firmware."""
     actuators = scenario.world.actuators
     if not isinstance(actuators, FanDrive):
@@ -104,11 +106,11 @@ def emulated(scenario: Scenario) -> Scenario:
         raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
     scenario.check()
     drive = replace(actuators, frame=actuators.period)
-    scenario = on_real_link(scenario)
+    scenario = replace_links(scenario)
     return replace(scenario, world=replace(scenario.world, actuators=drive))
 
 
-def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
+def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[ExportedBlock]:
     """The blocks of the firmware, and the motor, as C."""
     failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else Failsafe()
     zero = np.float64(0.0)
@@ -121,23 +123,23 @@ def duties(scenario: Scenario, command: Command, real: str) -> list[Exported]:
     def init(p: Any) -> Any:
         return p.init()
 
-    def step(p: Any, s: Any, now: Now) -> Any:
+    def step(p: Any, s: Any, now: BlockInput) -> Any:
         return p.step(now.t, s, now.given)
 
     return [
         failsafe_step(failsafe, command, real=real),
         *(
-            export_step(name, doc, numeric(block), init, step, Now(t=np.int64(0), given=given), real)
+            export_step(name, doc, to_arrays(block), init, step, BlockInput(t=np.int64(0), given=given), real)
             for name, (block, given, doc) in blocks.items()
         ),
     ]
 
 
-def _files(made: Exported) -> list[tuple[str, str]]:
+def _block_files(made: ExportedBlock) -> list[tuple[str, str]]:
     return [(f"{made.name}.h", made.header), (f"{made.name}.c", made.source)]
 
 
-SAMPLES_HEADER = f"""{FREE}
+SAMPLES_HEADER = f"""{LICENCE_NOTE}
 #ifndef SAMPLES_H
 #define SAMPLES_H
 #include "link.h"
@@ -149,10 +151,10 @@ void samples_send(link *l, const world_out *out);
 """
 
 
-def samples_source(built: Built, dialect: Dialect) -> str:
+def samples_source(built: WorldBlock, dialect: Dialect) -> str:
     """C that sends each fresh sample of the world as the messages of the dialect."""
     lines = [
-        FREE,
+        LICENCE_NOTE,
         '#include "samples.h"\n',
         "#include <string.h>\n",
         "void samples_send(link *l, const world_out *out)",
@@ -162,12 +164,12 @@ def samples_source(built: Built, dialect: Dialect) -> str:
         here = f"out->sensors.{identifier(sensor)}"
         lines.append(f"    if ({here}.fresh) {{")
         for name in dialect.groups[f"samples.{sensor}"]:
-            lines += _sending(name, dialect)
+            lines += _sending_lines(name, dialect)
         lines.append("    }")
     return "\n".join([*lines, "    (void)l; (void)out; (void)message;", "}\n"])
 
 
-def _sending(name: str, dialect: Dialect) -> list[str]:
+def _sending_lines(name: str, dialect: Dialect) -> list[str]:
     """Lines that fill in one message and send it."""
     low, pad = name.lower(), " " * 8
     lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
@@ -183,10 +185,10 @@ def _sending(name: str, dialect: Dialect) -> list[str]:
     return [*lines, f"{pad}link_send(l, &message);"]
 
 
-def _instants(scenario: Scenario) -> str:
+def _instants_header(scenario: Scenario) -> str:
     periods = ", ".join(map(str, sorted(set(scenario.world.periods()))))
     longest = scenario.world.max_step
-    return f"""{FREE}
+    return f"""{LICENCE_NOTE}
 /* When something is due in the world, in units of 100 ns; its longest step is {to_seconds(longest) * 1e3:g} ms. */
 #ifndef INSTANTS_H
 #define INSTANTS_H
@@ -198,27 +200,27 @@ enum {{ MAX_STEP = {longest}, MOTOR_PERIOD = {Motor().period} }};
 """
 
 
-def _copy(folder: Path, board: str) -> list[Path]:
+def _copy_sources(folder: Path, board: str) -> list[Path]:
     """The portable C and the start-up code, with the board as the Makefile's default."""
-    source = HERE if HERE.is_dir() else BESIDE
+    source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
     shutil.copytree(source, folder, dirs_exist_ok=True)
-    for name, to in STARTING.items():
+    for name, to in START_UP_FILES.items():
         shutil.copyfile(START / name, folder / to)
     make = folder / "Makefile"
     make.write_text(make.read_text("utf-8").replace("BOARD ?= cortex-m7", f"BOARD ?= {board}"), "utf-8")
     return [folder / p.relative_to(source) for p in sorted(source.rglob("*")) if p.is_file()] + [
-        folder / to for to in STARTING.values()
+        folder / to for to in START_UP_FILES.values()
     ]
 
 
-def _write(folder: Path, texts: dict[str, str]) -> list[Path]:
+def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:
     for name, text in texts.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, "utf-8")
     return [folder / name for name in texts]
 
 
-def _write_key(path: Path, key: Key) -> Path:
+def _write_key(path: Path, key: SigningKey) -> Path:
     """The key, and when it was written: nothing signed earlier is believed, for this board knows no calendar."""
     stamp = int((time.time() - EPOCH) * PER_SECOND)
     numbers = ", ".join(map(str, key.secret))

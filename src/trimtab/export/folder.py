@@ -6,53 +6,55 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.compiler.block import Exported
+from trimtab.compiler.block import ExportedBlock
 from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.elementary import FREE
+from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import Member
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
 """Of each output, as a part of its largest size in the vectors; the least that is told apart is TOLERANCE too."""
 
 
-class Vectors(NamedTuple):
+class SampleVectors(NamedTuple):
     """Steps of a simulated run: inputs (n, VECTORS_IN) and outputs (n, VECTORS_OUT), every number as float64."""
 
     inputs: Any
     outputs: Any
 
 
-def write_folder(folder: Path, made: Exported, vectors: Vectors, about: dict[str, Any], real: str) -> list[Path]:
+def write_folder(
+    folder: Path, made: ExportedBlock, vectors: SampleVectors, about: dict[str, Any], real: str
+) -> list[Path]:
     """Write all files; gives their paths. The folder is there and can be written."""
-    names = [f"in.{n}" for n in columns(made.inputs)] + [f"out.{n}" for n in columns(made.outputs)]
+    names = [f"in.{n}" for n in column_names(made.inputs)] + [f"out.{n}" for n in column_names(made.outputs)]
     rows = np.concatenate([vectors.inputs, vectors.outputs], axis=1)
-    lines = [",".join(names), *(",".join(_number(x) for x in row) for row in rows)]
+    lines = [",".join(names), *(",".join(_format_number(x) for x in row) for row in rows)]
     tolerance = tolerances(made.outputs, vectors.outputs, real)
     manifest = about | {
         "name": made.name,
         "real": "single" if real == "f32" else "double",
         "steps": len(rows),
-        "inputs": columns(made.inputs),
-        "outputs": columns(made.outputs),
-        "tolerance": dict(zip(columns(made.outputs), tolerance, strict=True)),
+        "inputs": column_names(made.inputs),
+        "outputs": column_names(made.outputs),
+        "tolerance": dict(zip(column_names(made.outputs), tolerance, strict=True)),
     }
     texts = {
         f"{made.name}.h": made.header,
         f"{made.name}.c": made.source,
         "vectors.h": _vectors_header(made),
-        "vectors.c": "\n".join([FREE, '#include "vectors.h"\n', *_bodies(made)]),
+        "vectors.c": "\n".join([LICENCE_NOTE, '#include "vectors.h"\n', *_function_bodies(made)]),
         "vectors.csv": "\n".join(lines) + "\n",
-        "replay.c": _replay(made),
+        "replay.c": _replay_source(made),
         "CMakeLists.txt": CMAKE.replace("NAME", made.name),
         "export.json": json.dumps(manifest, indent=1) + "\n",
-        "README.md": _readme(made, manifest),
+        "README.md": _readme_text(made, manifest),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
 
 
-def columns(held: list[Member]) -> list[str]:
+def column_names(held: list[Member]) -> list[str]:
     """One name for each number: a path, with the index of an element of an array."""
     return [m.path if not m.shape else f"{m.path}[{k}]" for m in held for k in range(m.size)]
 
@@ -68,38 +70,39 @@ def tolerances(held: list[Member], outputs: Any, real: str) -> list[float]:
     return found
 
 
-def _number(x: float) -> str:
+def _format_number(x: float) -> str:
     return f"{x:.17g}"
 
 
-def _vectors_header(made: Exported) -> str:
+def _vectors_header(made: ExportedBlock) -> str:
     return "\n".join(
         [
-            FREE,
+            LICENCE_NOTE,
             "/* Rows of vectors.csv as structs: the inputs, then the outputs; every number as double. */",
             "#ifndef VECTORS_H\n#define VECTORS_H\n",
             f'#include "{made.name}.h"\n',
-            _declarations(made),
+            _vector_declarations(made),
             "#endif\n",
         ]
     )
 
 
-def _declarations(made: Exported) -> str:
+def _vector_declarations(made: ExportedBlock) -> str:
     n = made.name
-    return f"""enum {{ VECTORS_IN = {len(columns(made.inputs))}, VECTORS_OUT = {len(columns(made.outputs))} }};
+    n_in, n_out = len(column_names(made.inputs)), len(column_names(made.outputs))
+    return f"""enum {{ VECTORS_IN = {n_in}, VECTORS_OUT = {n_out} }};
 
 void vectors_set_in(const double *row, {n}_in *in);
 void vectors_get_out(const {n}_out *out, double *row);
 """
 
 
-def vectors_source(made: Exported) -> str:
+def vectors_source(made: ExportedBlock) -> str:
     """Declarations and bodies of the functions between rows of numbers and structs."""
-    return "\n".join([_declarations(made), *_bodies(made)])
+    return "\n".join([_vector_declarations(made), *_function_bodies(made)])
 
 
-def _bodies(made: Exported) -> list[str]:
+def _function_bodies(made: ExportedBlock) -> list[str]:
     n, k = made.name, 0
     sets, gets = [], []
     for m in made.inputs:
@@ -116,9 +119,9 @@ def _bodies(made: Exported) -> list[str]:
     return [*body, f"void vectors_get_out(const {n}_out *out, double *row)", "{", *gets, "}", ""]
 
 
-def _replay(made: Exported) -> str:
+def _replay_source(made: ExportedBlock) -> str:
     n = made.name
-    return f"""{FREE}
+    return f"""{LICENCE_NOTE}
 /* Flies the inputs of vectors.csv, as a program of yours would fly what its sensors say, and prints the outputs.
  *
  *     ./replay vectors.csv > outputs.csv
@@ -130,7 +133,7 @@ def _replay(made: Exported) -> str:
 #include "{n}.h"
 #include "vectors.h"
 
-static char line[{32 * (len(columns(made.inputs)) + len(columns(made.outputs))) + 4096}];
+static char line[{32 * (len(column_names(made.inputs)) + len(column_names(made.outputs))) + 4096}];
 
 int main(int count, char **arguments)
 {{
@@ -177,7 +180,7 @@ add_test(NAME replay COMMAND replay ${CMAKE_CURRENT_SOURCE_DIR}/vectors.csv)
 """
 
 
-def _readme(made: Exported, about: dict[str, Any]) -> str:
+def _readme_text(made: ExportedBlock, about: dict[str, Any]) -> str:
     n, real = made.name, about["real"]
     return f"""# {about["scenario"]}: {about["part"]} as C
 

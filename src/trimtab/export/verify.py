@@ -18,7 +18,7 @@ EXACT = ("-O2", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 
 
-class Verdict(NamedTuple):
+class VerificationReport(NamedTuple):
     """What a check found.
 
     good: whether every sample is within its tolerance, and the sanitizers found nothing.
@@ -34,27 +34,27 @@ class Verdict(NamedTuple):
     sanitized: bool
 
 
-def verify(folder: Path) -> Verdict:
+def verify_folder(folder: Path) -> VerificationReport:
     """Compile and replay a folder that `trimtab export` wrote, and compare sample by sample.
 
     Raises InputError where the folder is not one, there is no compiler, or the text does not compile cleanly.
     """
-    about = _manifest(folder)
+    about = _read_manifest(folder)
     compiler = find_compiler("c")
     if compiler is None:
         raise InputError("export --verify", "there is no C compiler", fix="install gcc or clang, or name one in CC")
     cc = [compiler.path, *compiler.options]
     wanted = np.loadtxt(folder / "vectors.csv", delimiter=",", skiprows=1, ndmin=2)[:, len(about["inputs"]) :]
     with tempfile.TemporaryDirectory() as scratch:
-        got = _replayed(cc, folder, about["name"], Path(scratch), ())
-        stack = _stack(Path(scratch))
-        sanitized = _sanitized(cc, folder, about["name"], Path(scratch), got)
+        got = _run_replay(cc, folder, about["name"], Path(scratch), ())
+        stack = _deepest_stack(Path(scratch))
+        sanitized = _run_sanitizers(cc, folder, about["name"], Path(scratch), got)
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
-    worst, first = compare(got, wanted, about["outputs"], tolerance)
-    return Verdict(first is None, len(wanted), worst, first, stack, sanitized)
+    worst, first = compare_samples(got, wanted, about["outputs"], tolerance)
+    return VerificationReport(first is None, len(wanted), worst, first, stack, sanitized)
 
 
-def compare(
+def compare_samples(
     got: Any, wanted: Any, names: list[str], tolerance: Any
 ) -> tuple[dict[str, tuple[float, float]], tuple[int, str, float, float] | None]:
     """Largest difference of each output, and the first sample that is too far off; NaN equals NaN."""
@@ -72,7 +72,7 @@ def compare(
     return worst, (int(step), names[k], float(got[step, k]), float(wanted[step, k]))
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
+def _read_manifest(folder: Path) -> dict[str, Any]:
     try:
         about = json.loads((folder / "export.json").read_text())
         if not re.fullmatch(r"[a-z_]\w*", about["name"]):
@@ -85,7 +85,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
         raise InputError("export --verify", problem, fix="trimtab export SCENARIO --out DIR") from None
 
 
-def _replayed(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
+def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
     program = scratch / f"replay{len(extra)}"
     sources = [os.path.abspath(folder / f) for f in (f"{name}.c", "vectors.c", "replay.c")]
     flags = ["-fstack-usage"] if not extra else []
@@ -102,21 +102,21 @@ def _replayed(cc: list[str], folder: Path, name: str, scratch: Path, extra: tupl
     return np.array([[float(x) for x in line.split(",")] for line in ran.stdout.splitlines()], ndmin=2)
 
 
-def _sanitized(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
+def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
     """Run it under the address and undefined-behaviour sanitizers; False where the compiler has none."""
     probe = scratch / "probe.c"
     probe.write_text("int main(void) { return 0; }\n")
     command = [*cc, *SANITIZERS, str(probe), "-o", str(scratch / "probe")]
     if subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False).returncode:
         return False
-    again = _replayed(cc, folder, name, scratch, SANITIZERS)
+    again = _run_replay(cc, folder, name, scratch, SANITIZERS)
     same = (again == got) | (np.isnan(again) & np.isnan(got))
     if not same.all():
         raise InputError("export --verify", "it computes otherwise under the sanitizers", fix="report it")
     return True
 
 
-def _stack(scratch: Path) -> int:
+def _deepest_stack(scratch: Path) -> int:
     """The deepest function, as -fstack-usage counts it; all calls are inlined or leaves of the mathematics library."""
     found = [0]
     for file in scratch.glob("*.su"):

@@ -85,12 +85,12 @@ def overlapping_variance(y: Any, averages: Any) -> Any:
     return np.array([np.mean(z * z) / (2.0 * m * m) for z, m in zip(second, averages, strict=True)])
 
 
-def octaves(samples: int) -> tuple[int, ...]:
+def octave_averages(samples: int) -> tuple[int, ...]:
     """Averages 1, 2, 4, … samples up to an eighth of the log: longer ones say little."""
     return tuple(2**k for k in range(max(int(math.log2(samples / 8)), 0) + 1))
 
 
-def allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = None) -> AllanFit:
+def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = None) -> AllanFit:
     """Allan deviation of a still log, and noise coefficients fitted to it by generalised least squares.
 
     Args:
@@ -102,7 +102,7 @@ def allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = Non
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
         problem = f"the log has shape {y.shape}, and {int((~np.isfinite(y)).sum())} values that are not finite"
         raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
-    chosen = tuple(averages or octaves(len(y)))
+    chosen = tuple(averages or octave_averages(len(y)))
     if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
         problem = f"averages over {chosen} samples of a log of {len(y)}"
         raise InputError("allan", problem, fix=f"give at least 4 whole numbers from 1 to {len(y) // 3}")
@@ -110,7 +110,7 @@ def allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = Non
         raise InputError("allan", "every sample is the same", fix="log at the sensor's full resolution")
     m = np.array(chosen, np.float64)
     variance = overlapping_variance(y, chosen)
-    basis, moments = _basis(m), _moments(len(y), chosen)
+    basis, moments = _variance_basis(m), _moments(len(y), chosen)
     theta = nnls(basis / variance[:, None], np.ones(len(m)))[0]
     covariance = _covariance(theta, moments)
     for _ in range(ROUNDS):
@@ -137,7 +137,7 @@ def allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = Non
     )
 
 
-def interval(fit: AllanFit, confidence: float = 0.95) -> tuple[Any, Any]:
+def confidence_interval(fit: AllanFit, confidence: float = 0.95) -> tuple[Any, Any]:
     """Lower and upper end (n,) of the confidence interval of each Allan deviation: the bars of the plot."""
     tail = (1 - confidence) / 2
     low, high = chi2.ppf(1 - tail, fit.freedom), chi2.ppf(tail, fit.freedom)
@@ -177,7 +177,7 @@ def _kernels(lag: Any) -> Any:
     return np.stack([-size / 2, flicker, (size**3 - size) / 12])
 
 
-def _basis(m: Any) -> Any:
+def _variance_basis(m: Any) -> Any:
     """Allan variance (n, 3) of each kind of noise at averages of m samples (n,)."""
     return ((2 * _kernels(2 * m) - 8 * _kernels(m)) / (2 * m * m)).T
 
@@ -189,12 +189,12 @@ def _moments(samples: int, averages: tuple[int, ...]) -> Any:
     T = np.zeros((n, n, 3, 3))
     for i in range(n):
         for j in range(i + 1):
-            T[i, j] = _pair(samples + 1, averages[i], averages[j])
+            T[i, j] = _pair_moments(samples + 1, averages[i], averages[j])
             T[j, i] = T[i, j]
     return T
 
 
-def _pair(points: int, m1: int, m2: int) -> Any:
+def _pair_moments(points: int, m1: int, m2: int) -> Any:
     """(3, 3): 2/(4 m1² m2² M1 M2) times the sum over all pairs of second differences of products of covariances."""
     M1, M2 = points - 2 * m1, points - 2 * m2
     stride = max(1, min(m1, m2) // FINEST)
@@ -229,7 +229,7 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
     Args:
         name: of the axis, for the message.
         y: samples (n,).
-        fit: what `allan` found in them.
+        fit: what `fit_allan` found in them.
     """
     change = np.diff(np.asarray(y, np.float64))
     usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN

@@ -30,7 +30,7 @@ class BeaconSurvey:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
-def survey(
+def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 30
 ) -> BeaconSurvey:
     """Beacons and path by least squares over all pings, from ranges and the steps between them.
@@ -45,17 +45,17 @@ def survey(
 
     The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings, not on one line.
     """
-    ranges, odometry = _checked(ranges, odometry, range_noise, odometry_noise)
+    ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
-    beacons = np.stack([_first_guess(path, ranges[:, j], j) for j in range(n)])
+    beacons = np.stack([_guess_beacon(path, ranges[:, j], j) for j in range(n)])
     x = np.concatenate([beacons.ravel(), path[1:].ravel()])
     done, step = 0, np.full(1, np.inf)
     while done < iterations and np.abs(step).max() >= 1e-10:
-        r, J = _residuals(x, ranges, odometry, range_noise, odometry_noise)
+        r, J = _weighted_residuals(x, ranges, odometry, range_noise, odometry_noise)
         step = np.linalg.solve(J.T @ J, -J.T @ r)
         x, done = x + step, done + 1
-    r, J = _residuals(x, ranges, odometry, range_noise, odometry_noise)
+    r, J = _weighted_residuals(x, ranges, odometry, range_noise, odometry_noise)
     covariance = np.linalg.inv(J.T @ J)
     blocks = np.stack([covariance[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(n)])
     rest = float(np.sqrt(r @ r / max(len(r) - len(x), 1)))
@@ -63,7 +63,7 @@ def survey(
     return BeaconSurvey(x[: 3 * n].reshape(n, 3), blocks, path, rest, done)
 
 
-def _checked(ranges: Any, odometry: Any, range_noise: float, odometry_noise: float) -> tuple[Any, Any]:
+def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise: float) -> tuple[Any, Any]:
     ranges, odometry = np.asarray(ranges, np.float64), np.asarray(odometry, np.float64)
     if ranges.ndim != 2 or odometry.shape != (len(ranges) - 1, 2):
         problem = f"ranges have shape {ranges.shape}, odometry {odometry.shape}"
@@ -74,7 +74,7 @@ def _checked(ranges: Any, odometry: Any, range_noise: float, odometry_noise: flo
     return ranges, odometry
 
 
-def _first_guess(path: Any, ranges: Any, number: int) -> Any:
+def _guess_beacon(path: Any, ranges: Any, number: int) -> Any:
     """A beacon (3,) from rho^2 = |p|^2 - 2 p.b + c, linear in b and c = |b|^2 + h^2, the path taken as it is."""
     there = np.isfinite(ranges)
     A = np.concatenate([-2 * path[there], np.ones((there.sum(), 1))], axis=1)
@@ -88,7 +88,9 @@ def _first_guess(path: Any, ranges: Any, number: int) -> Any:
     return np.array([b[0], b[1], -np.sqrt(max(b[2] - b[0] ** 2 - b[1] ** 2, 0.01))])
 
 
-def _residuals(x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float) -> tuple[Any, Any]:
+def _weighted_residuals(
+    x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float
+) -> tuple[Any, Any]:
     """Weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 places (2 each)."""
     k, n = ranges.shape
     beacons = x[: 3 * n].reshape(n, 3)

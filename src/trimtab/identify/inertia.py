@@ -40,7 +40,7 @@ def lateral_force(force: Any, force_angle: Any) -> Any:
     return -force * np.sin(force_angle)
 
 
-def inertia(arm: Any, FY: Any, slope: Any) -> Any:
+def moment_of_inertia(arm: Any, FY: Any, slope: Any) -> Any:
     """J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force (N) and slope (rad/s^2). Source: [1] eq. 2.10."""
     return -arm * FY / slope
 
@@ -58,7 +58,7 @@ def trial_inertia(
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
-    return FY, inertia(arm, FY, trial.slope)
+    return FY, moment_of_inertia(arm, FY, trial.slope)
 
 
 def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:

@@ -21,7 +21,7 @@ from trimtab.laws.spin import (
     check_same_model,
     limit_point_value,
     lyapunov,
-    provision,
+    safe_reference_bound,
     switching_energy,
 )
 from trimtab.laws.velocity import ZeroVelocity
@@ -35,7 +35,7 @@ WRAPPING = (
 
 
 @record
-class HeadingState:
+class HeadingLawState:
     """Where a heading law is. Source: [1] section 2.3."""
 
     mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("damp", "turn"))
@@ -63,12 +63,12 @@ def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
     return (wrap_positive(heading) if wrapping == "modulo" else heading) - target
 
 
-def _first_state() -> HeadingState:
+def _first_state() -> HeadingLawState:
     zero = np.asarray(0, np.int32)
-    return HeadingState(mode=zero, switches=zero, spin_reference=np.asarray(0.0))
+    return HeadingLawState(mode=zero, switches=zero, spin_reference=np.asarray(0.0))
 
 
-def _decide(law: Any, state: HeadingState, estimate: Estimate, e: Any, fresh: Any, kept: Any) -> HeadingState:
+def _decide(law: Any, state: HeadingLawState, estimate: Estimate, e: Any, fresh: Any, kept: Any) -> HeadingLawState:
     """The mode and reference from now on; nothing moves while the estimate is not valid.
 
     Args:
@@ -86,14 +86,16 @@ def _decide(law: Any, state: HeadingState, estimate: Estimate, e: Any, fresh: An
     stop = ~damping & (~off | (e * state.spin_reference > 0)) & estimate.valid
     turning = start | (~damping & ~stop)
     aim = jnp.where(damping & off, fresh, jnp.where(turning & ~start, kept, state.spin_reference))
-    return HeadingState(
+    return HeadingLawState(
         mode=jnp.where(turning, TURN, DAMP).astype(np.int32),
         switches=state.switches + jnp.where(start | stop, 1, 0).astype(np.int32),
         spin_reference=jnp.where(estimate.valid, aim, state.spin_reference),
     )
 
 
-def _output(law: Any, t: Any, before: HeadingState, now: HeadingState, estimate: Estimate, e: Any) -> HeadingOutput:
+def _output(
+    law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
+) -> HeadingOutput:
     """What follows from the mode and reference of now."""
     model, held = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
@@ -108,11 +110,11 @@ def _output(law: Any, t: Any, before: HeadingState, now: HeadingState, estimate:
         spin_reference=now.spin_reference,
         heading_error=e,
         lyapunov=jnp.where(turning, turn.lyapunov, damp.lyapunov),
-        provision=provision(model, lyapunov(model, estimate.state, held), held),
+        provision=safe_reference_bound(model, lyapunov(model, estimate.state, held), held),
     )
 
 
-def _check(name: str, law: Any) -> None:
+def _check_law(name: str, law: Any) -> None:
     check_same_model(name, {"damping": law.damping, "turning": law.turning})
     target = np.asarray(law.target)
     if law.wrapping == "modulo" and not np.all((target >= 0) & (target < 2 * np.pi)):
@@ -146,13 +148,13 @@ class HeadingBangBang:
 
     def check(self) -> None:
         """Refuse two laws that believe in different vehicles, and a target that cannot be reached."""
-        _check("HeadingBangBang", self)
+        _check_law("HeadingBangBang", self)
 
-    def init(self, key: Any) -> HeadingState:
+    def init(self, key: Any) -> HeadingLawState:
         """Damping."""
         return _first_state()
 
-    def step(self, t: Any, state: HeadingState, estimate: Estimate) -> tuple[HeadingState, HeadingOutput]:
+    def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
         """The demand at integer time t; mode and reference change before it is computed."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         now = _decide(self, state, estimate, e, fresh=-jnp.sign(e) * self.turn_rate, kept=state.spin_reference)
@@ -192,13 +194,13 @@ class HeadingProportional:
 
     def check(self) -> None:
         """Refuse two laws that believe in different vehicles, and a target that cannot be reached."""
-        _check("HeadingProportional", self)
+        _check_law("HeadingProportional", self)
 
-    def init(self, key: Any) -> HeadingState:
+    def init(self, key: Any) -> HeadingLawState:
         """Damping."""
         return _first_state()
 
-    def step(self, t: Any, state: HeadingState, estimate: Estimate) -> tuple[HeadingState, HeadingOutput]:
+    def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
         """The demand at integer time t; mode and reference change before it is computed."""
         model, held = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
@@ -206,7 +208,7 @@ class HeadingProportional:
         size = self.k * jnp.abs(e)
         if self.form == "floored":
             size = jnp.maximum(size, self.floor)
-        kept = jnp.maximum(provision(model, W, held), size)
+        kept = jnp.maximum(safe_reference_bound(model, W, held), size)
         if self.form == "floored":
             moves = (self.margin * limit_point_value(model, held) > W) | (kept > jnp.abs(held))
             kept = jnp.where(moves, kept, jnp.abs(held))

@@ -5,7 +5,7 @@ from typing import Any
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record
-from trimtab.laws.internal_quasi_static import quasi_static
+from trimtab.laws.internal_quasi_static import solve_quasi_static
 from trimtab.laws.path_inversion import internal_rates
 from trimtab.vehicles.hypersonic import Hypersonic
 
@@ -27,13 +27,13 @@ class FadingModes:
     left: Any = quantity("1", "Real and imaginary part of L (2, p, k), each entry in its own unit.")
     right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
 
-    def seen(self, w: Any) -> Complex:
+    def modal_input(self, w: Any) -> Complex:
         """L w for w (k, n): (p, n)."""
-        return _sum(self.left[0], w), _sum(self.left[1], w)
+        return _matrix_product(self.left[0], w), _matrix_product(self.left[1], w)
 
-    def made(self, q: Complex) -> Any:
+    def reconstruct(self, q: Complex) -> Any:
         """Re(R q) for q (p, 1): (k, 1)."""
-        return _sum(self.right[0], q[0]) - _sum(self.right[1], q[1])
+        return _matrix_product(self.right[0], q[0]) - _matrix_product(self.right[1], q[1])
 
     def powers(self, t: Any) -> Complex:
         """exp(l t) for times t (s) of shape (1, n): (p, n)."""
@@ -46,8 +46,8 @@ class FadingModes:
         step = jnp.where(still, 1.0, dt)
         pole = (self.decay[:, None], self.turning[:, None])
         E = self.powers(step * jnp.ones((1, 1)))
-        p0 = _over((E[0] - 1, E[1]), pole)
-        p1 = _over((p0[0] - step, p0[1]), (pole[0] * step, pole[1] * step))
+        p0 = _divide((E[0] - 1, E[1]), pole)
+        p1 = _divide((p0[0] - step, p0[1]), (pole[0] * step, pole[1] * step))
         keep = jnp.where(still, 0.0, 1.0)
         return (keep * (p0[0] - p1[0]), keep * (p0[1] - p1[1])), (keep * p1[0], keep * p1[1])
 
@@ -108,48 +108,50 @@ class PreviewInternal:
         """zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint for t an array."""
         d = self.horizon / self.intervals
         p = command.at(t + d * jnp.arange(self.intervals + 1.0))
-        still, found = quasi_static(self.craft, p, state.alpha, self.steps)
+        still, found = solve_quasi_static(self.craft, p, state.alpha, self.steps)
         rates = internal_rates(self.craft, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, still)
         zeta = jnp.stack(still)
-        w = jnp.stack(rates) - _sum(self.A22, zeta)
-        q = self._carried(t, state, w[:, :1], zeta[:, :1])
-        made = self.past.made(q) + self.future.made(self._expected(w, zeta[:, -1:], d))
+        w = jnp.stack(rates) - _matrix_product(self.A22, zeta)
+        q = self._propagate_past(t, state, w[:, :1], zeta[:, :1])
+        made = self.past.reconstruct(q) + self.future.reconstruct(self._sum_future(w, zeta[:, -1:], d))
         kept = PreviewState(1.0 * t, jnp.stack(q), w[:, :1], still[0], jnp.asarray(True), found.all())
         return kept, made[:, 0]
 
-    def _carried(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
+    def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
         """The modes that fade, from the last step to t; at the first step as zeta says."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))
-        drive = _plus(_times(begin, self.past.seen(state.w)), _times(end, self.past.seen(w)))
-        q = _plus(_times(E, (state.q[0], state.q[1])), drive)
-        first = self.past.seen(zeta)
+        drive = _add(_multiply(begin, self.past.modal_input(state.w)), _multiply(end, self.past.modal_input(w)))
+        q = _add(_multiply(E, (state.q[0], state.q[1])), drive)
+        first = self.past.modal_input(zeta)
         return jnp.where(state.started, q[0], first[0]), jnp.where(state.started, q[1], first[1])
 
-    def _expected(self, w: Any, zeta: Any, d: Any) -> Complex:
+    def _sum_future(self, w: Any, zeta: Any, d: Any) -> Complex:
         """The modes that grow, summed from the end of the horizon; in reversed time w has the other sign."""
         far, near = self.future.weights(d)
-        seen = self.future.seen(-w)
-        each = _plus(_times(near, (seen[0][:, :-1], seen[1][:, :-1])), _times(far, (seen[0][:, 1:], seen[1][:, 1:])))
-        fading = _times(self.future.powers(d * jnp.arange(1.0 * self.intervals)[None]), each)
-        last = _times(self.future.powers(d * self.intervals * jnp.ones((1, 1))), self.future.seen(zeta))
+        seen = self.future.modal_input(-w)
+        each = _add(
+            _multiply(near, (seen[0][:, :-1], seen[1][:, :-1])), _multiply(far, (seen[0][:, 1:], seen[1][:, 1:]))
+        )
+        fading = _multiply(self.future.powers(d * jnp.arange(1.0 * self.intervals)[None]), each)
+        last = _multiply(self.future.powers(d * self.intervals * jnp.ones((1, 1))), self.future.modal_input(zeta))
         return fading[0].sum(axis=1, keepdims=True) + last[0], fading[1].sum(axis=1, keepdims=True) + last[1]
 
 
-def _sum(M: Any, x: Any) -> Any:
+def _matrix_product(M: Any, x: Any) -> Any:
     """M x for M (a, b), x (b, n), summed in a fixed order."""
     return (jnp.asarray(M)[:, :, None] * x[None]).sum(axis=1)
 
 
-def _plus(a: Complex, b: Complex) -> Complex:
+def _add(a: Complex, b: Complex) -> Complex:
     return a[0] + b[0], a[1] + b[1]
 
 
-def _times(a: Complex, b: Complex) -> Complex:
+def _multiply(a: Complex, b: Complex) -> Complex:
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _over(a: Complex, b: Complex) -> Complex:
+def _divide(a: Complex, b: Complex) -> Complex:
     size = b[0] * b[0] + b[1] * b[1]
     return (a[0] * b[0] + a[1] * b[1]) / size, (a[1] * b[0] - a[0] * b[1]) / size

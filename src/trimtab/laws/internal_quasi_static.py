@@ -14,7 +14,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.laws.path_inversion import STEEPEST, invert
+from trimtab.laws.path_inversion import STEEPEST, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic
 
 INTERNALS = 6
@@ -130,10 +130,10 @@ SETTLED = 1e-7
 """A last Newton step below this (rad) has found the root: the next one is its square."""
 
 
-def quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
+def solve_quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
     """zeta at which nothing inside turns or bends while the path is as wanted, and whether it was found.
 
-        M(alpha) = 0 with the input of `invert`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
+        M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
 
     by a fixed number of Newton steps; where they fail, the last angle that was finite stays.
 
@@ -146,7 +146,7 @@ def quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -> tupl
     p = wanted
 
     def moment(alpha: Any) -> tuple[Any, Any]:
-        found = invert(craft, p.h, p.h_rate, p.V, alpha, p.h_acceleration, p.V_rate)
+        found = invert_path(craft, p.h, p.h_rate, p.V, alpha, p.h_acceleration, p.V_rate)
         return craft.forces.at(p.h, p.V, alpha, found.u.Phi, found.u.delta_e).M, found
 
     def nearer(_: Any, before: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -157,7 +157,7 @@ def quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -> tupl
 
     alpha, last = lax.fori_loop(0, steps, nearer, (alpha, FARTHEST + jnp.zeros_like(alpha)))
     found = moment(alpha)[1]
-    eta1, eta2 = craft.modes.static(alpha, found.u.delta_e)
+    eta1, eta2 = craft.modes.static_displacements(alpha, found.u.delta_e)
     sine = jnp.clip(p.h_rate / p.V, -STEEPEST, STEEPEST)
     turn = (p.h_acceleration - p.V_rate * sine) / (p.V * jnp.sqrt(1 - sine * sine))
     still = jnp.zeros_like(alpha)
@@ -196,5 +196,5 @@ class QuasiStaticInternal:
 
     def step(self, t: Any, state: QuasiStaticState, command: Any) -> tuple[QuasiStaticState, Any]:
         """zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint."""
-        zeta, found = quasi_static(self.craft, command.at(t), state.alpha, self.steps)
+        zeta, found = solve_quasi_static(self.craft, command.at(t), state.alpha, self.steps)
         return QuasiStaticState(alpha=zeta[0], found=found), jnp.stack(zeta)

@@ -32,7 +32,7 @@ class InputLimits:
     delta_low: Scalar = quantity("rad", "Least elevator: -20 deg.", default=-0.3490658503988659, kind="angle")
     delta_high: Scalar = quantity("rad", "Most elevator: 25.8 deg.", default=0.450294947014537, kind="angle")
 
-    def pairs(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    def bounds(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
         """Least and most of fuel ratio and elevator: (least, least), (most, most)."""
         return (self.Phi_low, self.delta_low), (self.Phi_high, self.delta_high)
 
@@ -43,7 +43,9 @@ class InputLimits:
         return HypersonicInput(Phi, delta_e), (Phi != u.Phi) | (delta_e != u.delta_e)
 
 
-def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> tuple[Any, Any, Any]:
+def solve_elevator(
+    craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any
+) -> tuple[Any, Any, Any]:
     """delta_e (rad), whether there is one, and the slope of the equation in it.
 
     Thrust eliminated between the two accelerations, what is left is quadratic in the elevator, for drag is:
@@ -70,16 +72,16 @@ def elevator_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1:
     return delta_e, real & (jnp.abs(h_rate) <= STEEPEST * V), root
 
 
-def fuel_for(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
+def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
     """Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     drag = air.drag(craft.forces.dynamic_pressure(h, V), alpha, delta_e)
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     T = (craft.m * (v2 + craft.g * sine) + drag) / jnp.cos(alpha)
-    return (T - engine.without_fuel(alpha)) / engine.per_fuel_ratio(alpha)
+    return (T - engine.thrust_without_fuel(alpha)) / engine.thrust_per_fuel_ratio(alpha)
 
 
-def invert(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
+def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
     """The input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
 
     Args:
@@ -91,8 +93,8 @@ def invert(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, 
         v1: wanted h'' (ft/s^2).
         v2: wanted V' (ft/s^2).
     """
-    delta_e, solvable, slope = elevator_for(craft, h, h_rate, V, alpha, v1, v2)
-    Phi = fuel_for(craft, h, h_rate, V, alpha, v2, delta_e)
+    delta_e, solvable, slope = solve_elevator(craft, h, h_rate, V, alpha, v1, v2)
+    Phi = solve_fuel_ratio(craft, h, h_rate, V, alpha, v2, delta_e)
     return PathInversion(HypersonicInput(Phi, delta_e), solvable, slope)
 
 
@@ -102,14 +104,14 @@ def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: 
     Every argument but the craft may be an array of instants; zeta and the rates are six of them. alpha' = Q - gamma'
     with V gamma' = (v1 - v2 sin gamma)/cos gamma: no force is in it.
 
-    Source: [1] eq. 7, with the input of `invert`.
+    Source: [1] eq. 7, with the input of `invert_path`.
     """
     alpha, q, eta1, eta1_rate, eta2, eta2_rate = zeta
-    u = invert(craft, h, h_rate, V, alpha, v1, v2).u
+    u = invert_path(craft, h, h_rate, V, alpha, v1, v2).u
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     turn = (v1 - v2 * sine) / (V * jnp.sqrt(1 - sine * sine))
     moment = craft.forces.at(h, V, alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(alpha, u.delta_e)
-    back1, back2 = craft.modes.restoring(eta1, eta1_rate, eta2, eta2_rate)
-    q_rate, first, second = craft.modes.coupled(craft.Iyy, moment, N1 + back1, N2 + back2)
+    back1, back2 = craft.modes.restoring_forces(eta1, eta1_rate, eta2, eta2_rate)
+    q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, moment, N1 + back1, N2 + back2)
     return [q - turn, q_rate, eta1_rate, first, eta2_rate, second]

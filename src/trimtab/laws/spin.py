@@ -98,7 +98,7 @@ def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
     return D**2 * reference**2 / (2 * (jnp.sqrt(model.inertia) + jnp.sqrt(model.inertia + D)) ** 2)
 
 
-def provision(model: Hovercraft, W: Any, reference: Any) -> Any:
+def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
     """The yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
 
     (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. Below
@@ -122,7 +122,7 @@ def check_same_model(name: str, laws: Mapping[str, Any]) -> None:
 
 
 @record
-class SupervisorState:
+class SpinSupervisorState:
     """Where the supervisor is. Source: [1] section 2.2.6."""
 
     mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("brake", "spin"))
@@ -164,11 +164,13 @@ class SupervisedSpin:
         """Refuse two laws that believe in different vehicles."""
         check_same_model("SupervisedSpin", {"braking": self.braking, "spinning": self.spinning})
 
-    def init(self, key: Any) -> SupervisorState:
+    def init(self, key: Any) -> SpinSupervisorState:
         """Braking."""
-        return SupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
+        return SpinSupervisorState(mode=np.asarray(BRAKE, np.int32), switches=np.asarray(0, np.int32))
 
-    def step(self, t: Any, state: SupervisorState, estimate: Estimate) -> tuple[SupervisorState, SupervisedSpinOutput]:
+    def step(
+        self, t: Any, state: SpinSupervisorState, estimate: Estimate
+    ) -> tuple[SpinSupervisorState, SupervisedSpinOutput]:
         """The demand at integer time t; the mode changes before it is computed."""
         _, brake = self.braking.step(t, (), estimate)
         _, spin = self.spinning.step(t, (), estimate)
@@ -176,7 +178,7 @@ class SupervisedSpin:
         calm = brake.lyapunov < limit(self.spinning.model, self.spinning.reference)
         switch = (state.mode == BRAKE) & calm & estimate.valid
         spins = (state.mode == SPIN) | switch
-        now = SupervisorState(
+        now = SpinSupervisorState(
             mode=jnp.where(spins, SPIN, BRAKE).astype(np.int32),
             switches=state.switches + jnp.where(switch, 1, 0).astype(np.int32),
         )

@@ -12,15 +12,15 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
-from trimtab.laws.internal_quasi_static import InternalTable, QuasiStaticInternal, quasi_static
+from trimtab.laws.internal_quasi_static import InternalTable, QuasiStaticInternal, solve_quasi_static
 from trimtab.laws.path_command import FilteredClimb, PathPoint
-from trimtab.laws.path_inversion import InputLimits, internal_rates, invert
+from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
@@ -32,32 +32,32 @@ LAST = 1e5
 STEPS = 8
 
 
-def refuse_ends(craft: Any, command: Any, limits: InputLimits) -> None:
+def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
     """Refuse a command that begins or ends where the craft believed in has no level flight within its limits."""
-    found, u, h, V = (np.asarray(a) for a in _ends(craft, command))
+    found, u, h, V = (np.asarray(a) for a in _level_flight_at_ends(craft, command))
     for i, where in enumerate(("begins", "ends")):
         if not found[i]:
             problem = f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack balances the moment there"
             raise InputError("command", problem, fix="choose h0, V0, dh and dV near 85000 ft, 7700 ft/s")
     where = [f"level flight at {a:g} ft, {b:g} ft/s" for a, b in zip(h, V, strict=True)]
-    _refuse_beyond(limits, u, where)
+    _check_input_limits(limits, u, where)
 
 
-def refuse_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
+def check_internal_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
     """Refuse a table of another command or vehicle, and a command that needs more than the inputs have."""
     t = table.first + table.spacing * np.arange(len(table.nodes))
-    wrong, u = (np.asarray(a) for a in _along(craft, command, t, table.nodes, table.rates))
+    wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
         when = f"its rates are off by {wrong.max():.2g} of what counts, at {t[wrong.argmax()]:g} s"
         problem = f"the table was made for another command or vehicle: {when}"
         fix = "--set internal=preview, which needs no table, or fly a scenario made with that command"
         raise InputError("internal", problem, fix=fix)
-    _refuse_beyond(limits, u, [f"the command at {x:g} s" for x in t])
+    _check_input_limits(limits, u, [f"the command at {x:g} s" for x in t])
 
 
-def _refuse_beyond(limits: InputLimits, u: Any, where: list[str]) -> None:
+def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
     """u: fuel ratio and elevator (2, n), at places `where`."""
-    low, high = (np.array([*pair]) for pair in limits.pairs())
+    low, high = (np.array([*pair]) for pair in limits.bounds())
     for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
         beyond = np.maximum(least - value, value - most)
         if beyond.max() > 0:
@@ -66,19 +66,19 @@ def _refuse_beyond(limits: InputLimits, u: Any, where: list[str]) -> None:
             raise InputError("command", problem, fix="make the climb smaller, or wh and wV lower")
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
-def _ends(craft: Any, command: Any) -> Any:
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _level_flight_at_ends(craft: Any, command: Any) -> Any:
     """Whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
     p: PathPoint = command.at(jnp.array([0.0, LAST]))
     still = jnp.zeros(2)
     level = PathPoint(p.h, still, still, still, p.V, still, still)
-    zeta, found = quasi_static(craft, level, jnp.full(2, 0.03), STEPS)
-    u = invert(craft, p.h, still, p.V, zeta[0], still, still).u
+    zeta, found = solve_quasi_static(craft, level, jnp.full(2, 0.03), STEPS)
+    u = invert_path(craft, p.h, still, p.V, zeta[0], still, still).u
     return found, jnp.stack([u.Phi, u.delta_e]), p.h, p.V
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
-def _along(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _table_residual(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
     """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
 
     And fuel ratio and elevator (rad) that the command needs there (2, n).
@@ -87,7 +87,7 @@ def _along(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[An
     path = (p.h, p.h_rate, p.V)
     found = internal_rates(craft, *path, p.h_acceleration, p.V_rate, nodes.T)
     off = jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
-    u = invert(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
+    u = invert_path(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
     return off, jnp.stack([u.Phi, u.delta_e])
 
 
@@ -146,7 +146,7 @@ class FitRange:
     V: Any = quantity("ft/s", "Speed, from and to.", default=(7000.0, 9000.0), shape=(2,))
     alpha: Any = quantity("rad", "Angle of attack, from and to.", default=(0.0, 0.0698131700797732), shape=(2,))
 
-    def outside(self, h: Any, V: Any, alpha: Any) -> Any:
+    def is_outside(self, h: Any, V: Any, alpha: Any) -> Any:
         """Whether one of the three is out of its range."""
         pairs = ((h, self.h), (V, self.V), (alpha, self.alpha))
         return jnp.stack([(value < low) | (value > high) for value, (low, high) in pairs]).any()
@@ -187,9 +187,9 @@ class StableInversion:
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
             raise InputError("StableInversion.limits", f"{self.limits} leave no room", fix="give low below high")
-        refuse_ends(self.craft, self.command, self.limits)
+        check_command_ends(self.craft, self.command, self.limits)
         if isinstance(self.internal, InternalTable) and self.internal.exact:
-            refuse_table(self.craft, self.command, self.internal, self.limits)
+            check_internal_table(self.craft, self.command, self.internal, self.limits)
 
     def init(self, key: Key) -> StableInversionState:
         """Nothing remembered."""
@@ -209,12 +209,12 @@ class StableInversion:
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)
         internal, zeta = self.internal.step(now, state.internal, self.command)
-        zeta = self._tuned(x, zeta)
+        zeta = self._rescale_internal_states(x, zeta)
         e = self._error(x, want, zeta)
         terms = self.robust.terms(state.adaptation, e)
         feedback = jnp.asarray(self.K) @ e + jnp.asarray(self.Ki) @ state.integral
         v = jnp.stack([want.h_acceleration, want.V_rate]) + feedback + terms.u_h + terms.u_s
-        found = invert(self.craft, x.h, x.h_rate, x.V, x.alpha, v[0], v[1])
+        found = invert_path(self.craft, x.h, x.h_rate, x.V, x.alpha, v[0], v[1])
         u, clipped = self.limits.clip(found.u)
         usable = jnp.isfinite(u.Phi) & jnp.isfinite(u.delta_e)
         u = HypersonicInput(
@@ -223,7 +223,7 @@ class StableInversion:
         saturated, integrates = clipped | ~usable, jnp.any(jnp.asarray(self.Ki) != 0)
         new = StableInversionState(
             internal=internal,
-            adaptation=_kept(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
+            adaptation=_tree_where(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
             integral=jnp.where(saturated | ~integrates, state.integral, state.integral + dt * jnp.stack([e[0], e[2]])),
             t=t,
             started=jnp.asarray(True),
@@ -244,11 +244,11 @@ class StableInversion:
             integral=state.integral,
             saturated=saturated,
             unsolvable=~found.solvable,
-            outside=self.fit.outside(x.h, x.V, x.alpha),
+            outside=self.fit.is_outside(x.h, x.V, x.alpha),
         )
         return new, output
 
-    def _tuned(self, x: Any, zeta: Any) -> Any:
+    def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
         """Wanted internal states for the modes that are, where an estimator tells their frequencies.
 
         A load bends a mode by N/w^2: what the believed frequency wants is off by the square of how far that is off. An
@@ -268,5 +268,5 @@ class StableInversion:
         return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
 
 
-def _kept(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda p, q: jnp.where(condition, p, q), a, b)

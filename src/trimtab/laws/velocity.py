@@ -24,7 +24,7 @@ class VelocityOutput:
     lyapunov: Scalar = quantity("J", "The law's Lyapunov function, or the distance that stands in for it.")
 
 
-def _distance(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
+def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
     """Kinetic energy (J) of the velocity error, its yaw part times stretch."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
@@ -62,7 +62,7 @@ class ZeroVelocity:
 
     def lyapunov(self, s: Any) -> Any:
         """V (J), the kinetic energy [1, eq. 2.17]; s: any record with the fields in `reads`."""
-        return _distance(self.model, s, 0.0)
+        return _error_energy(self.model, s, 0.0)
 
     def equilibrium(self) -> HovercraftState:
         """The velocities at which the closed loop rests."""
@@ -117,7 +117,7 @@ class ForwardMomentum:
     def lyapunov(self, s: Any) -> Any:
         """W (J) with lambda = 1 + kappa; s: any record with the fields in `reads`."""
         kappa = self.reference / (self.k2 * self.model.arm)
-        return _distance(self.model, s, self.reference / self.model.mass, 1 + kappa)
+        return _error_energy(self.model, s, self.reference / self.model.mass, 1 + kappa)
 
     def equilibrium(self) -> HovercraftState:
         """The velocities at which the closed loop rests."""
@@ -159,7 +159,7 @@ class ForwardMomentumMatched:
 
     def lyapunov(self, s: Any) -> Any:
         """W (J) with lambda = 1; s: any record with the fields in `reads`."""
-        return _distance(self.model, s, self.reference / self.model.mass)
+        return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
         """The velocities at which the closed loop rests."""
@@ -214,7 +214,7 @@ class ReverseMomentum:
 
         s: any record with the fields in `reads`. No Lyapunov function is known for this law.
         """
-        return _distance(self.model, s, self.reference / self.model.mass)
+        return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
         """The velocities at which the closed loop rests."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import ms
-from trimtab.links.fifo import slots_needed
+from trimtab.links.fifo import required_slots
 from trimtab.links.latency import MeasuredLatency, gamma_table
 
 
@@ -61,7 +61,7 @@ BELOW_MIN_MS = 2.0
 """How far the gamma distribution starts below the smallest latency seen (reconstructed, see docs Errata)."""
 
 
-def bluetooth(
+def bluetooth_link(
     pair: str, path: str, *, loss: float = 0.0, send_period: int | None = None, period: int = ms(1)
 ) -> MeasuredLatency:
     """A link with the measured mean and spread of one path of one pair of modules.
@@ -89,5 +89,5 @@ def bluetooth(
         loss=loss,
         send_period=every,
         period=period,
-        capacity=slots_needed(float(table[-1]), every, period),
+        capacity=required_slots(float(table[-1]), every, period),
     )

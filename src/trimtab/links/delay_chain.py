@@ -9,7 +9,7 @@ from trimtab.core.record import Scalar, option, part, period, quantity, record, 
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import SECONDS_PER_UNIT
-from trimtab.links.fifo import NEVER, measurement_time, put, received, slots, take
+from trimtab.links.fifo import NEVER, empty_slots, measurement_time, read_slot, receive_sample, write_slot
 
 
 @record
@@ -57,7 +57,7 @@ class DelayChain:
     def init(self, key: Key, like: Sample) -> DelayLine:
         """Nothing under way, for samples of the structure of `like`."""
         return DelayLine(
-            values=slots(like.value, self.steps),
+            values=empty_slots(like.value, self.steps),
             measured=np.full(self.steps, NEVER, np.int64),
             held=np.int64(NEVER),
         )
@@ -68,9 +68,9 @@ class DelayChain:
         ring = (state.values, state.measured)
         if self.steps:
             slot = t // self.period % self.steps
-            out = take(ring, slot)
-            ring = put(ring, slot, new)
+            out = read_slot(ring, slot)
+            ring = write_slot(ring, slot, new)
         else:
             out = new
         value, measured = out
-        return DelayLine(*ring, held=measured), received(t, value, measured, state.held)
+        return DelayLine(*ring, held=measured), receive_sample(t, value, measured, state.held)

@@ -17,7 +17,7 @@ from jax import lax
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.signals import Sample
-from trimtab.core.time import FOREVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, show, to_seconds
+from trimtab.core.time import FOREVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_time, to_seconds
 
 NEVER = -FOREVER
 """Earlier than any instant: when a slot was measured that holds nothing yet."""
@@ -42,12 +42,12 @@ class Fifo:
     delivered: Scalar = quantity("1", "Packets that have arrived so far.", kind="count")
 
 
-def empty(key: Any, like: Sample, capacity: int) -> Fifo:
+def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
     """A ring of `capacity` slots with nothing in it, for samples of the structure of `like`."""
     none = np.int32(0)
     return Fifo(
         key=key,
-        values=slots(like.value, capacity),
+        values=empty_slots(like.value, capacity),
         measured=jnp.full(capacity, NEVER, np.int64),
         due=jnp.full(capacity, NEVER, np.int64),
         serial=jnp.zeros(capacity, np.int32),
@@ -59,17 +59,17 @@ def empty(key: Any, like: Sample, capacity: int) -> Fifo:
     )
 
 
-def slots(value: Any, n: int) -> Any:
+def empty_slots(value: Any, n: int) -> Any:
     """The same tree with zeros and a leading axis of n slots on every leaf."""
     return jax.tree.map(lambda leaf: jnp.zeros((n, *jnp.shape(leaf)), jnp.result_type(leaf)), value)
 
 
-def take(ring: Any, slot: Any) -> Any:
+def read_slot(ring: Any, slot: Any) -> Any:
     """What a ring (leaves (n, ...)) holds in a slot in [0, n)."""
     return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
 
 
-def put(ring: Any, slot: Any, value: Any) -> Any:
+def write_slot(ring: Any, slot: Any, value: Any) -> Any:
     """A ring (leaves (n, ...)) with another value in a slot in [0, n)."""
     return jax.tree.map(
         lambda leaf, new: lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0), ring, value
@@ -81,7 +81,7 @@ def measurement_time(sample: Sample) -> Any:
     return jnp.where(sample.valid, sample.t, NEVER)
 
 
-def received(now: Any, value: Any, measured: Any, held: Any) -> Sample:
+def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
     """The sample at the receiving end, fresh where it replaces one measured at another time `held`.
 
     Before anything has arrived it is not valid, and its age counts from the start of the run.
@@ -112,8 +112,8 @@ def deliver(
 
     pending = jnp.sum(fifo.due > t)
     newest = (number - pending) % fifo.due.shape[0]
-    value, measured, delivered = take((fifo.values, fifo.measured, fifo.serial), newest)
-    return replace(fifo, held=measured, delivered=delivered), received(t, value, measured, fifo.held)
+    value, measured, delivered = read_slot((fifo.values, fifo.measured, fifo.serial), newest)
+    return replace(fifo, held=measured, delivered=delivered), receive_sample(t, value, measured, fifo.held)
 
 
 def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: Any) -> Fifo:
@@ -123,11 +123,11 @@ def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: A
     goes = new & ~jnp.asarray(lost)
 
     ring = (fifo.values, fifo.measured, fifo.due, fifo.serial)
-    _, _, latest, serial = previous = take(ring, (number - 1) % capacity)
+    _, _, latest, serial = previous = read_slot(ring, (number - 1) % capacity)
     arrival = t + jnp.round(latency * UNITS_PER_SECOND).astype(np.int64)
     packet = (sample.value, measured, jnp.maximum(latest, arrival), serial + 1)
     packet = jax.tree.map(lambda new, old: jnp.where(goes, new, old), packet, previous)
-    values, times, due, serials = put(ring, number % capacity, packet)
+    values, times, due, serials = write_slot(ring, number % capacity, packet)
     return replace(
         fifo,
         values=values,
@@ -140,7 +140,7 @@ def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: A
     )
 
 
-def slots_needed(longest: float, send_period: int, period: int) -> int:
+def required_slots(longest: float, send_period: int, period: int) -> int:
     """The smallest ring that cannot overflow with latencies up to `longest` (s)."""
     return 1 + math.ceil((round(longest * UNITS_PER_SECOND) + period) / send_period)
 
@@ -158,15 +158,16 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
     if send_period < period:
         raise InputError(
             f"{name}.send_period",
-            f"{show(send_period)} is shorter than the link's period, {show(period)}: it would send between instants",
-            fix=f"set send_period to {show(period)} or more, or period to {show(send_period)} or less",
+            f"{format_time(send_period)} is shorter than the link's period, {format_time(period)}: "
+            "it would send between instants",
+            fix=f"set send_period to {format_time(period)} or more, or period to {format_time(send_period)} or less",
         )
-    needed = slots_needed(longest, send_period, period)
+    needed = required_slots(longest, send_period, period)
     if capacity < needed:
         span = max(capacity - 1, 0) * send_period * SECONDS_PER_UNIT
         raise InputError(
             f"{name}.capacity",
-            f"a ring of {capacity} slots, one each {show(send_period)}, keeps packets for {span:.4g} s,"
-            f" but the longest latency is {longest:.4g} s (+ {show(period)} to be seen)",
+            f"a ring of {capacity} slots, one each {format_time(send_period)}, keeps packets for {span:.4g} s,"
+            f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be seen)",
             fix=f"set capacity to {needed} or more",
         )

@@ -11,7 +11,7 @@ from trimtab.core.record import Scalar, option, period, quantity, record, replac
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
-from trimtab.links.fifo import Fifo, check_ring, deliver, empty
+from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo
 
 NODES = 65
 SPAN = 4.0
@@ -69,11 +69,11 @@ class MeasuredLatency:
         """Latency (s) and whether it is lost, of the packet of a send instant: its time divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
-        return interpolate(self.latency, z), u < self.loss
+        return interpolate_latency(self.latency, z), u < self.loss
 
     def init(self, key: Key, like: Sample) -> Fifo:
         """Nothing under way, for samples of the structure of `like`."""
-        return empty(key, like, self.capacity)
+        return empty_fifo(key, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
         """What the receiving end holds at integer time t."""
@@ -87,7 +87,7 @@ class MeasuredLatency:
         )
 
 
-def interpolate(table: Any, z: Any) -> Any:
+def interpolate_latency(table: Any, z: Any) -> Any:
     """The latency (s) at a normal score z, from a table (NODES,); constant beyond ±SPAN."""
     place = jnp.clip((z + SPAN) * ((NODES - 1) / (2 * SPAN)), 0.0, NODES - 1.0)
     node = jnp.minimum(place.astype(np.int32), NODES - 2)
@@ -96,7 +96,7 @@ def interpolate(table: Any, z: Any) -> Any:
     return low + (high - low) * (place - node)
 
 
-def scores() -> np.ndarray[Any, np.dtype[np.float64]]:
+def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
     """The normal scores (NODES,) of a table's entries."""
     return np.linspace(-SPAN, SPAN, NODES)
 
@@ -118,7 +118,7 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
             fix="give 0 <= shift < mean and sd > 0, in seconds",
         )
     k, scale = ((mean - shift) / sd) ** 2, sd**2 / (mean - shift)
-    z = scores()
+    z = normal_scores()
     tails = np.where(z < 0, special.gammaincinv(k, special.ndtr(z)), special.gammainccinv(k, special.ndtr(-z)))
     return shift + scale * tails
 
@@ -127,7 +127,7 @@ def mean_latency(table: Any) -> float:
     """The mean (s) of a table's linear interpolation over a standard normal score: the sum over its nodes, exact."""
     from scipy import special  # a fifth of a second to import, and only tables need it
 
-    values, z = np.asarray(table, np.float64), scores()
+    values, z = np.asarray(table, np.float64), normal_scores()
     weight, density = special.ndtr(z), np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
     slope = np.diff(values) / np.diff(z)
     inside = (values[:-1] - slope * z[:-1]) * np.diff(weight) - slope * np.diff(density)

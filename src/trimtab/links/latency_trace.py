@@ -12,7 +12,7 @@ from trimtab.core.record import Scalar, option, period, quantity, record, replac
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
-from trimtab.links.fifo import Fifo, check_ring, deliver, empty
+from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo
 
 HEADER = "sent_s,latency_s"
 
@@ -76,7 +76,7 @@ class LatencyTrace:
 
     def init(self, key: Key, like: Sample) -> Fifo:
         """Nothing under way, for samples of the structure of `like`; the key is not needed."""
-        return empty(None, like, self.capacity)
+        return empty_fifo(None, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
         """What the receiving end holds at integer time t."""
@@ -104,7 +104,7 @@ def write_trace(path: str | Path, trace: Trace) -> None:
     """Write a recording as CSV, so that `read_trace` gives the same bits back; a lost packet has an empty latency."""
     rows = zip(trace.sent_s, trace.latency_s, trace.lost, strict=True)
     lines = [HEADER, *(f"{float(sent)!r},{'' if lost else repr(float(latency))}" for sent, latency, lost in rows)]
-    _parse(str(path), lines)
+    _parse_trace(str(path), lines)
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -119,10 +119,10 @@ def read_trace(path: str | Path) -> Trace:
         raise InputError(f"{path}", "there is no such file", fix=f"record one: CSV text, first line {HEADER}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}", f"it cannot be read as text ({error})", fix="give a CSV text file") from None
-    return _parse(str(path), text.splitlines())
+    return _parse_trace(str(path), text.splitlines())
 
 
-def _parse(path: str, lines: list[str]) -> Trace:
+def _parse_trace(path: str, lines: list[str]) -> Trace:
     if not any(line.strip() for line in lines):
         raise InputError(path, "the file is empty", fix=f"write the header {HEADER} and two packets or more")
     if lines[0].replace(" ", "").removeprefix("\ufeff") != HEADER:
@@ -133,8 +133,8 @@ def _parse(path: str, lines: list[str]) -> Trace:
         where, fields = f"{path}, line {n}", line.split(",")
         if len(fields) != 2:
             raise InputError(where, f"fields in {line!r}: {len(fields)}, needed: 2", fix="write e.g. 0.02,0.041")
-        sent, lost = _number(where, "sent_s", fields[0]), not fields[1].strip()
-        latency = 0.0 if lost else _number(where, "latency_s", fields[1])
+        sent, lost = _parse_number(where, "sent_s", fields[0]), not fields[1].strip()
+        latency = 0.0 if lost else _parse_number(where, "latency_s", fields[1])
         if latency < 0:
             fix = "give 0 or more, or nothing after the comma for a lost packet"
             raise InputError(where, f"the latency {latency} s is negative", fix=fix)
@@ -150,7 +150,7 @@ def _parse(path: str, lines: list[str]) -> Trace:
     return Trace(np.array(sent_s), np.array(latency_s), np.array(losses))
 
 
-def _number(where: str, column: str, text: str) -> float:
+def _parse_number(where: str, column: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

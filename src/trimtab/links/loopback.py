@@ -10,7 +10,7 @@ from pathlib import Path
 
 from trimtab.core.errors import InputError
 from trimtab.links.open_link import Address
-from trimtab.links.stream import Answering, Calling, StreamLink
+from trimtab.links.stream import AcceptingDialer, ConnectingDialer, StreamLink
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
@@ -18,33 +18,33 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
 
     Unix sockets that keep packets apart, in a folder that only its owner may enter.
     """
-    address.only()
+    address.validate_options()
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,40}", address.place) or address.path:
-        raise address.refuse(
+        raise address.input_error(
             f"{address.place + address.path!r} is not a name of 1 to 40 letters, digits, '_', '-', '.'"
         )
-    place = folder() / f"{address.place}.link"
+    place = socket_folder() / f"{address.place}.link"
     if not listen:
-        _make(address).close()
-        return StreamLink(Calling(lambda: _make(address), str(place)))
-    lock = _claimed(address, place)
-    listener = _make(address)
+        _make_socket(address).close()
+        return StreamLink(ConnectingDialer(lambda: _make_socket(address), str(place)))
+    lock = _acquire_lock(address, place)
+    listener = _make_socket(address)
     try:
         place.unlink(missing_ok=True)
         listener.bind(str(place))
     except OSError as error:
         listener.close()
         os.close(lock)
-        raise address.refuse(f"it can't be listened at ({error})", "another name, or a shorter TMPDIR") from None
+        raise address.input_error(f"it can't be listened at ({error})", "another name, or a shorter TMPDIR") from None
 
     def closed() -> None:
         place.unlink(missing_ok=True)
         os.close(lock)
 
-    return StreamLink(Answering(listener, closed=closed))
+    return StreamLink(AcceptingDialer(listener, closed=closed))
 
 
-def folder() -> Path:
+def socket_folder() -> Path:
     """Where the sockets lie: in XDG_RUNTIME_DIR or the temporary folder; refused where others may enter it."""
     user = os.getuid()
     runtime = os.environ.get("XDG_RUNTIME_DIR")
@@ -58,7 +58,7 @@ def folder() -> Path:
     return found
 
 
-def _claimed(address: Address, place: Path) -> int:
+def _acquire_lock(address: Address, place: Path) -> int:
     """A lock that is held while someone listens, and that the system gives back when they die."""
     import fcntl  # not on every system
 
@@ -67,12 +67,14 @@ def _claimed(address: Address, place: Path) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        raise address.refuse("someone listens under this name already", f"{address.text}-2") from None
+        raise address.input_error("someone listens under this name already", f"{address.text}-2") from None
     return lock
 
 
-def _make(address: Address) -> socket.socket:
+def _make_socket(address: Address) -> socket.socket:
     try:
         return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     except (OSError, AttributeError):
-        raise address.refuse("this system has no Unix sockets that keep packets", "udp://127.0.0.1:14550") from None
+        raise address.input_error(
+            "this system has no Unix sockets that keep packets", "udp://127.0.0.1:14550"
+        ) from None

@@ -35,17 +35,17 @@ class Address(NamedTuple):
     path: str
     options: Mapping[str, str]
 
-    def refuse(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
+    def input_error(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
         """The error that names this address; without a fix, the scheme's example."""
         return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
 
-    def only(self, *names: str) -> Mapping[str, str]:
+    def validate_options(self, *names: str) -> Mapping[str, str]:
         """Its options; refused where one is not among these names."""
         for name in self.options:
             if name not in names:
                 problem = f"{self.scheme} has no option {name!r}"
                 fix = "" if names else f"{self.scheme}://{self.place}{self.path}"
-                raise self.refuse(problem, fix, choices=names)
+                raise self.input_error(problem, fix, choices=names)
         return self.options
 
     def host_and_port(self) -> tuple[str, int]:
@@ -53,15 +53,15 @@ class Address(NamedTuple):
         host, colon, port = self.place.rpartition(":")
         number = int(port) if port.isascii() and port.isdigit() else 0
         if not colon or not 0 < number < 65536 or self.path not in ("", "/"):
-            raise self.refuse(f"{self.place + self.path!r} is not HOST:PORT with a port from 1 to 65535")
+            raise self.input_error(f"{self.place + self.path!r} is not HOST:PORT with a port from 1 to 65535")
         if host.startswith("[") and host.endswith("]"):
             host = host[1:-1]
         elif ":" in host:
-            raise self.refuse(f"the host {host!r} has colons", f"{self.scheme}://[{host}]:{number}")
+            raise self.input_error(f"the host {host!r} has colons", f"{self.scheme}://[{host}]:{number}")
         return host or LOOPBACK_HOST, number
 
 
-def parse(uri: str) -> Address:
+def parse_uri(uri: str) -> Address:
     """Take an address apart; refused where the scheme is none of EXAMPLES."""
     scheme, separator, _ = uri.partition("://")
     if not separator or scheme not in EXAMPLES:
@@ -73,11 +73,11 @@ def parse(uri: str) -> Address:
         raise InputError(f"link {uri!r}", str(error), fix=EXAMPLES[scheme]) from None
     bare = Address(uri, scheme, parts.netloc, parts.path, MappingProxyType({}))
     if parts.fragment or "@" in parts.netloc:
-        raise bare.refuse("an address holds no '#' and no '@'")
+        raise bare.input_error("an address holds no '#' and no '@'")
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options = dict(pairs)
     if len(options) < len(pairs):
-        raise bare.refuse("an option is given twice")
+        raise bare.input_error("an option is given twice")
     return bare._replace(options=MappingProxyType(options))
 
 
@@ -93,6 +93,6 @@ def open_link(uri: str, *, listen: bool = False) -> Link:
     Returns:
         A link that comes back by itself when its device, or its peer, does.
     """
-    address = parse(uri)
+    address = parse_uri(uri)
     module = importlib.import_module(f"trimtab.links.{address.scheme}")
     return getattr(module, f"open_{address.scheme}")(address, listen=listen)

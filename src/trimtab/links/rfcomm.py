@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from trimtab.links.open_link import Address
-from trimtab.links.stream import Answering, Calling, Dialer, StreamLink
+from trimtab.links.stream import AcceptingDialer, ConnectingDialer, Dialer, StreamLink
 
 MOST_CHANNELS = 30
 ANY_ADAPTER = "00:00:00:00:00:00"
@@ -22,41 +22,41 @@ def open_rfcomm(
         listen: wait for a peer.
         stack: who makes the connections, from the address, the channel and `listen`; None: the system's kernel.
     """
-    address.only()
-    place = _place(address)
-    return StreamLink(_kernel(address, place, listen) if stack is None else stack(*place, listen))
+    address.validate_options()
+    place = _parse_place(address)
+    return StreamLink(_kernel_dialer(address, place, listen) if stack is None else stack(*place, listen))
 
 
-def _kernel(address: Address, place: tuple[str, int], listen: bool) -> Dialer:
-    make = _system(address)
+def _kernel_dialer(address: Address, place: tuple[str, int], listen: bool) -> Dialer:
+    make = _bluetooth_socket_factory(address)
     if not listen:
-        return Calling(make, place)
+        return ConnectingDialer(make, place)
     listener = make()
     try:
         listener.bind(place)
-        return Answering(listener)
+        return AcceptingDialer(listener)
     except OSError as error:
         listener.close()
         fix = f"rfcomm://{ANY_ADAPTER}/{place[1]}; hciconfig shows the adapters"
-        raise address.refuse(f"it can't be listened at ({error.strerror})", fix) from None
+        raise address.input_error(f"it can't be listened at ({error.strerror})", fix) from None
 
 
-def _place(address: Address) -> tuple[str, int]:
+def _parse_place(address: Address) -> tuple[str, int]:
     """Address of the module and channel."""
     channel = address.path.removeprefix("/")
     if not re.fullmatch(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", address.place):
-        raise address.refuse(f"{address.place!r} is not the address of a module, six bytes with colons between")
+        raise address.input_error(f"{address.place!r} is not the address of a module, six bytes with colons between")
     if not (channel.isascii() and channel.isdigit() and 1 <= int(channel) <= MOST_CHANNELS):
-        raise address.refuse(f"{channel!r} is not a channel from 1 to {MOST_CHANNELS}")
+        raise address.input_error(f"{channel!r} is not a channel from 1 to {MOST_CHANNELS}")
     return address.place.upper(), int(channel)
 
 
-def _system(address: Address) -> Callable[[], socket.socket]:
+def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
     """Makes the system's sockets; refused where it has none."""
     names: Any = socket
     if not hasattr(names, "AF_BLUETOOTH"):
         fix = "take a Python built with the Bluetooth headers (the distribution's), or bind it: rfcomm bind 0 ADDRESS 1"
-        raise address.refuse("this Python was built without Bluetooth", fix)
+        raise address.input_error("this Python was built without Bluetooth", fix)
 
     def make() -> socket.socket:
         return socket.socket(names.AF_BLUETOOTH, socket.SOCK_STREAM, names.BTPROTO_RFCOMM)
@@ -65,5 +65,5 @@ def _system(address: Address) -> Callable[[], socket.socket]:
         make().close()
     except OSError as error:
         fix = "load the module: sudo modprobe rfcomm; or take another transport"
-        raise address.refuse(f"this kernel has no Bluetooth ({error.strerror})", fix) from None
+        raise address.input_error(f"this kernel has no Bluetooth ({error.strerror})", fix) from None
     return make

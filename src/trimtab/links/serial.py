@@ -18,17 +18,17 @@ def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
     """
     del listen
     if address.place or not address.path:
-        raise address.refuse("the path of a device starts with a third '/'")
-    speed = _speed(address)
-    line = _Line(address.path, speed)
+        raise address.input_error("the path of a device starts with a third '/'")
+    speed = _parse_speed(address)
+    line = _SerialDialer(address.path, speed)
     try:
         os.close(line.dial())
     except OSError as error:
-        raise _refused(address, error) from None
+        raise _opening_error(address, error) from None
     return StreamLink(line)
 
 
-class _Line:
+class _SerialDialer:
     """Opens the device."""
 
     def __init__(self, path: str, speed: int) -> None:
@@ -40,7 +40,7 @@ class _Line:
 
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
-            termios.tcsetattr(fd, termios.TCSANOW, _raw(termios, termios.tcgetattr(fd), self._speed))
+            termios.tcsetattr(fd, termios.TCSANOW, _raw_settings(termios, termios.tcgetattr(fd), self._speed))
             termios.tcflush(fd, termios.TCIFLUSH)
         except termios.error as error:
             os.close(fd)
@@ -50,7 +50,7 @@ class _Line:
             raise
         return fd
 
-    def awaits(self) -> tuple[int, int]:
+    def wait_event(self) -> tuple[int, int]:
         """Nothing tells when a device is back."""
         return -1, 0
 
@@ -58,7 +58,7 @@ class _Line:
         """Nothing is held."""
 
 
-def _raw(termios: Any, flags: list[Any], speed: int) -> list[Any]:
+def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
     """Settings under which every byte passes as it is."""
     flags[:4] = 0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0
     flags[4] = flags[5] = speed
@@ -66,24 +66,24 @@ def _raw(termios: Any, flags: list[Any], speed: int) -> list[Any]:
     return flags
 
 
-def _speed(address: Address) -> int:
+def _parse_speed(address: Address) -> int:
     """The system's number for the baud rate."""
-    text = address.only("baud").get("baud", str(DEFAULT_BAUD))
+    text = address.validate_options("baud").get("baud", str(DEFAULT_BAUD))
     try:
         import termios
     except ImportError:
-        raise address.refuse("this system has no termios", "write udp://HOST:PORT") from None
+        raise address.input_error("this system has no termios", "write udp://HOST:PORT") from None
     speeds = {n[1:]: int(value) for n, value in vars(termios).items() if n[0] == "B" and n[1:].isdigit() and value}
     if text not in speeds:
         problem = f"{text!r} is not a baud rate of this system"
-        raise address.refuse(problem, choices=sorted(speeds, key=int))
+        raise address.input_error(problem, choices=sorted(speeds, key=int))
     return speeds[text]
 
 
-def _refused(address: Address, error: OSError) -> Exception:
+def _opening_error(address: Address, error: OSError) -> Exception:
     """What to do about a device that can't be opened."""
     found = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
     fix = f"serial://{found[0]}?baud={DEFAULT_BAUD}" if found else "plug the device in; ls /dev/tty* shows it"
     if isinstance(error, PermissionError):
         fix = "sudo usermod -a -G dialout $USER, and log in again"
-    return address.refuse(f"the device can't be opened ({error.strerror})", fix, choices=found[:12])
+    return address.input_error(f"the device can't be opened ({error.strerror})", fix, choices=found[:12])

@@ -13,8 +13,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
-from trimtab.core.time import UNITS_PER_SECOND, ms, show, to_seconds
-from trimtab.links.fifo import NEVER, Fifo, check_ring, deliver, empty, measurement_time
+from trimtab.core.time import UNITS_PER_SECOND, format_time, ms, to_seconds
+from trimtab.links.fifo import NEVER, Fifo, check_ring, deliver, empty_fifo, measurement_time
 
 BITS_PER_BYTE = 9
 """Eight and an acknowledgement."""
@@ -63,7 +63,9 @@ class SlaveBus:
             raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")
         longest = (self.piece + 1) * BITS_PER_BYTE / float(self.bit_rate)
         if longest > to_seconds(self.slot):
-            problem = f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {show(self.slot)}"
+            problem = (
+                f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {format_time(self.slot)}"
+            )
             raise InputError("SlaveBus.slot", problem, fix="make the pieces smaller or the slot longer")
         check_ring("SlaveBus", self.capacity, to_seconds(self.queue), self.period, self.period)
 
@@ -73,7 +75,7 @@ class SlaveBus:
             return replace(self, limited=False)
         raise InputError("SlaveBus", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
 
-    def bytes_of(self, value: Any) -> int:
+    def message_size(self, value: Any) -> int:
         """How many bytes a message with this value has."""
         if self.size:
             return self.size
@@ -84,11 +86,11 @@ class SlaveBus:
 
     def init(self, key: Key, like: Sample) -> SlaveBusState:
         """An empty bus."""
-        return SlaveBusState(fifo=empty(None, like, self.capacity), taken=np.int64(NEVER))
+        return SlaveBusState(fifo=empty_fifo(None, like, self.capacity), taken=np.int64(NEVER))
 
     def step(self, t: Any, state: SlaveBusState, sample: Sample) -> tuple[SlaveBusState, Sample]:
         """What the receiving end holds at integer time t."""
-        size = self.bytes_of(sample.value)
+        size = self.message_size(sample.value)
         pieces = -(-size // self.piece)
         last = size - (pieces - 1) * self.piece
         begins = -(-jnp.maximum(t, state.taken) // self.slot) * self.slot

@@ -19,19 +19,19 @@ from typing import Any, Protocol
 
 from trimtab.core.interfaces import LinkStatistics
 
-TUNE_SEND_BUFFER = 32 * 1024
+SEND_BUFFER_BYTES = 32 * 1024
 """Bytes under way at most: what a slow link can't carry is dropped here and now, not seconds later."""
 
 
-def tuned(found: socket.socket) -> socket.socket:
+def configure_socket(found: socket.socket) -> socket.socket:
     """Non-blocking, with a small buffer for what is sent."""
     found.setblocking(False)
     with contextlib.suppress(OSError):
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, TUNE_SEND_BUFFER)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return found
 
 
-class Calling:
+class ConnectingDialer:
     """Dials a peer.
 
     Args:
@@ -46,7 +46,7 @@ class Calling:
     def dial(self) -> int:
         """The connected descriptor, -1 while the peer has not answered; OSError where it refuses."""
         if self._under_way is None:
-            self._under_way = tuned(self._make())
+            self._under_way = configure_socket(self._make())
             try:
                 self._under_way.connect(self._address)
             except OSError as error:
@@ -54,16 +54,16 @@ class Calling:
                     return -1
                 self.close()
                 raise
-        elif not _writable(self._under_way):
+        elif not _is_writable(self._under_way):
             return -1
         error = self._under_way.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if error or _met_itself(self._under_way):
+        if error or _is_self_connection(self._under_way):
             self.close()
             raise OSError(error or errno.ECONNREFUSED, "connect")
         found, self._under_way = self._under_way, None
         return found.detach()
 
-    def awaits(self) -> tuple[int, int]:
+    def wait_event(self) -> tuple[int, int]:
         """The socket that is being connected becomes writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
@@ -74,7 +74,7 @@ class Calling:
             self._under_way = None
 
 
-class Answering:
+class AcceptingDialer:
     """Takes one peer after the other from a listening socket; those who come meanwhile wait.
 
     Args:
@@ -89,7 +89,7 @@ class Answering:
         prepare: Callable[[socket.socket], object] = lambda _: None,
         closed: Callable[[], object] = lambda: None,
     ) -> None:
-        self._listener, self._prepare, self._closed = tuned(listener), prepare, closed
+        self._listener, self._prepare, self._closed = configure_socket(listener), prepare, closed
         listener.listen(4)
 
     def dial(self) -> int:
@@ -100,9 +100,9 @@ class Answering:
             return -1
         with contextlib.suppress(OSError):
             self._prepare(found)
-        return tuned(found).detach()
+        return configure_socket(found).detach()
 
-    def awaits(self) -> tuple[int, int]:
+    def wait_event(self) -> tuple[int, int]:
         """The listening socket becomes readable."""
         return self._listener.fileno(), select.POLLIN
 
@@ -112,7 +112,7 @@ class Answering:
         self._closed()
 
 
-def _met_itself(found: socket.socket) -> bool:
+def _is_self_connection(found: socket.socket) -> bool:
     """Whether a socket that dialled a port of this machine at which nobody listens was given that port as its own."""
     try:
         return found.family in (socket.AF_INET, socket.AF_INET6) and found.getsockname() == found.getpeername()
@@ -120,7 +120,7 @@ def _met_itself(found: socket.socket) -> bool:
         return True
 
 
-def _writable(found: socket.socket) -> bool:
+def _is_writable(found: socket.socket) -> bool:
     poll = select.poll()
     poll.register(found, select.POLLOUT)
     return bool(poll.poll(0))
@@ -130,7 +130,7 @@ SELECTABLE = 1024
 """Descriptors from here on are beyond what select() can take."""
 
 
-def ready(fd: int, mask: int, timeout: float) -> bool:
+def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
     """Whether something happens to a descriptor within `timeout` seconds; an error is something.
 
     Args:
@@ -149,26 +149,26 @@ def ready(fd: int, mask: int, timeout: float) -> bool:
         return True
 
 
-class Counts:
+class LinkCounters:
     """Counters of one link since it was opened."""
 
     def __init__(self) -> None:
         self.bytes_in = self.bytes_out = self.packets_in = self.packets_out = self.dropped = 0
         self.connections = 0
 
-    def received(self, packet: bytes) -> bytes:
+    def count_received(self, packet: bytes) -> bytes:
         """A packet came in; it is given back."""
         self.bytes_in += len(packet)
         self.packets_in += 1
         return packet
 
-    def sent(self, size: int) -> bool:
+    def count_sent(self, size: int) -> bool:
         """A packet of this size went out: True."""
         self.bytes_out += size
         self.packets_out += 1
         return True
 
-    def drop(self) -> bool:
+    def count_dropped(self) -> bool:
         """A packet could not be sent: False."""
         self.dropped += 1
         return False
@@ -199,7 +199,7 @@ class Dialer(Protocol):
         """A connected descriptor that doesn't block, -1 while one is under way; OSError where an attempt failed."""
         ...
 
-    def awaits(self) -> tuple[int, int]:
+    def wait_event(self) -> tuple[int, int]:
         """Descriptor and poll mask that tell when to dial again; (-1, 0) where only time does."""
         ...
 
@@ -216,10 +216,10 @@ class StreamLink:
     """
 
     def __init__(self, dialer: Dialer) -> None:
-        self._dialer, self._counts, self._lock = dialer, Counts(), threading.RLock()
+        self._dialer, self._counts, self._lock = dialer, LinkCounters(), threading.RLock()
         self._fd, self._rest, self._closed = -1, b"", False
         self._wait, self._next, self._since = FIRST_WAIT, 0.0, 0.0
-        self._connection()
+        self._connect()
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -230,11 +230,11 @@ class StreamLink:
         """The next piece of the stream; None when `timeout` seconds have passed without one."""
         deadline = time.monotonic() + timeout
         while not self._closed:
-            connection = self._connection()
+            connection = self._connect()
             left = min(max(deadline - time.monotonic(), 0.0), SLICE)
             if connection < 0:
                 self._pause(left)
-            elif ready(connection, select.POLLIN | (select.POLLOUT if self._rest else 0), left):
+            elif wait_until_ready(connection, select.POLLIN | (select.POLLOUT if self._rest else 0), left):
                 piece = self._read(self._counts.connections)
                 if piece:
                     return piece
@@ -245,15 +245,15 @@ class StreamLink:
     def send(self, packet: bytes) -> bool:
         """Hand a packet to the system's buffer; False where that is full, or where nothing is connected."""
         with self._lock:
-            if self._closed or self._connection() < 0 or not self._flush():
-                return self._counts.drop()
+            if self._closed or self._connect() < 0 or not self._flush():
+                return self._counts.count_dropped()
             written = self._write(packet)
             if not written:
-                return self._counts.drop()
+                return self._counts.count_dropped()
             self._rest = packet[written:]
-            return self._counts.sent(len(packet))
+            return self._counts.count_sent(len(packet))
 
-    def vouch(self) -> None:
+    def accept_sender(self) -> None:
         """Nothing to do: there is one peer, and it is connected."""
 
     def fileno(self) -> int:
@@ -269,7 +269,7 @@ class StreamLink:
             self._hang_up()
             self._dialer.close()
 
-    def _connection(self) -> int:
+    def _connect(self) -> int:
         """The descriptor of the connection, made now if it is due; -1: none."""
         with self._lock:
             now = time.monotonic()
@@ -288,10 +288,10 @@ class StreamLink:
 
     def _pause(self, left: float) -> None:
         """Wait until it may be worth while to dial again, `left` seconds at most."""
-        fd, mask = self._dialer.awaits()
+        fd, mask = self._dialer.wait_event()
         due = self._next - time.monotonic()
         if fd >= 0 and due <= 0:
-            ready(fd, mask, left)
+            wait_until_ready(fd, mask, left)
         else:
             time.sleep(min(left, max(due, 0.001)))
 
@@ -301,7 +301,7 @@ class StreamLink:
         with contextlib.suppress(OSError):
             os.close(self._fd)
         if self._rest:
-            self._counts.drop()
+            self._counts.count_dropped()
         self._fd, self._rest = -1, b""
         now = time.monotonic()
         if now - self._since >= STEADY:
@@ -323,7 +323,7 @@ class StreamLink:
             except OSError:
                 piece = b""
             if piece:
-                return self._counts.received(piece)
+                return self._counts.count_received(piece)
             self._hang_up()
             return None
 

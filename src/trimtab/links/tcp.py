@@ -5,7 +5,7 @@ import socket
 from typing import Any
 
 from trimtab.links.open_link import Address
-from trimtab.links.stream import Answering, Calling, StreamLink
+from trimtab.links.stream import AcceptingDialer, ConnectingDialer, StreamLink
 
 GONE_MS = 5000
 """A peer that acknowledges nothing for this long counts as gone."""
@@ -13,25 +13,25 @@ GONE_MS = 5000
 
 def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
     """Connect to a peer, there already or not; or listen for one at a time, on this machine only without a host."""
-    address.only()
-    family, place = resolve(address, socket.SOCK_STREAM)
+    address.validate_options()
+    family, place = resolve_host(address, socket.SOCK_STREAM)
     if not listen:
-        return StreamLink(Calling(lambda: _prompt(socket.socket(family, socket.SOCK_STREAM)), place))
-    listener = bound(address, socket.socket(family, socket.SOCK_STREAM), place)
-    return StreamLink(Answering(listener, _prompt))
+        return StreamLink(ConnectingDialer(lambda: _configure_tcp(socket.socket(family, socket.SOCK_STREAM)), place))
+    listener = bind_socket(address, socket.socket(family, socket.SOCK_STREAM), place)
+    return StreamLink(AcceptingDialer(listener, _configure_tcp))
 
 
-def resolve(address: Address, kind: int) -> tuple[int, Any]:
+def resolve_host(address: Address, kind: int) -> tuple[int, Any]:
     """Address family and the address that connect() and bind() take; refused where the host has none."""
     host, port = address.host_and_port()
     try:
         family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise address.refuse(f"the host {host!r} is not known ({error})") from None
+        raise address.input_error(f"the host {host!r} is not known ({error})") from None
     return family, place
 
 
-def bound(address: Address, found: socket.socket, place: Any) -> socket.socket:
+def bind_socket(address: Address, found: socket.socket, place: Any) -> socket.socket:
     """The socket, bound to a place; refused where that can't be."""
     if found.type == socket.SOCK_STREAM:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -40,11 +40,11 @@ def bound(address: Address, found: socket.socket, place: Any) -> socket.socket:
     except (OSError, OverflowError) as error:
         found.close()
         fix = f"another port, or who has it: ss -lnp | grep {place[1]}"
-        raise address.refuse(f"it can't be listened at ({error})", fix) from None
+        raise address.input_error(f"it can't be listened at ({error})", fix) from None
     return found
 
 
-def _prompt(found: socket.socket) -> socket.socket:
+def _configure_tcp(found: socket.socket) -> socket.socket:
     """No waiting for more to send, and a peer that vanished is noticed."""
     with contextlib.suppress(OSError, AttributeError):
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -8,8 +8,8 @@ from typing import Any
 
 from trimtab.core.interfaces import LinkStatistics
 from trimtab.links.open_link import Address
-from trimtab.links.stream import Counts, ready, tuned
-from trimtab.links.tcp import bound, resolve
+from trimtab.links.stream import LinkCounters, configure_socket, wait_until_ready
+from trimtab.links.tcp import bind_socket, resolve_host
 
 HEARD_WITHIN = 10.0
 """A peer of which nothing was good for longer (s) is not answered, and not connected."""
@@ -20,16 +20,16 @@ LARGEST = 65535
 
 def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
     """Send to one place and hear only that; or listen, on this machine only unless a host is written."""
-    address.only()
-    family, place = resolve(address, socket.SOCK_DGRAM)
+    address.validate_options()
+    family, place = resolve_host(address, socket.SOCK_DGRAM)
     if listen:
-        return UdpLink(tuned(bound(address, socket.socket(family, socket.SOCK_DGRAM), place)))
-    found = tuned(socket.socket(family, socket.SOCK_DGRAM))
+        return UdpLink(configure_socket(bind_socket(address, socket.socket(family, socket.SOCK_DGRAM), place)))
+    found = configure_socket(socket.socket(family, socket.SOCK_DGRAM))
     try:
         found.connect(place)
     except OSError as error:
         found.close()
-        raise address.refuse(f"there is no way there ({error.strerror})") from None
+        raise address.input_error(f"there is no way there ({error.strerror})") from None
     return UdpLink(found, place)
 
 
@@ -45,7 +45,7 @@ class UdpLink:
     """
 
     def __init__(self, found: socket.socket, peer: Any = None) -> None:
-        self._socket, self._counts, self._fixed = found, Counts(), peer is not None
+        self._socket, self._counts, self._fixed = found, LinkCounters(), peer is not None
         self._heard: dict[Any, float] = {}
         self._latest: Any = None
 
@@ -66,13 +66,13 @@ class UdpLink:
         while self._socket.fileno() >= 0:
             left = max(deadline - time.monotonic(), 0.0)
             with contextlib.suppress(OSError):
-                if ready(self._socket.fileno(), select.POLLIN, left):
+                if wait_until_ready(self._socket.fileno(), select.POLLIN, left):
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet:
                         self._latest = peer
                         if self._fixed:  # the system lets nobody else through
-                            self.vouch()
-                        return self._counts.received(packet)
+                            self.accept_sender()
+                        return self._counts.count_received(packet)
             if time.monotonic() >= deadline:
                 return None
         return None
@@ -81,13 +81,13 @@ class UdpLink:
         """Send to the peer, or to each who was vouched for within ten seconds; False where none got it."""
         given = 0
         if self._fixed:
-            given = self._give(packet, None)
+            given = self._send_to(packet, None)
         else:
             for peer in self.peers:
-                given += self._give(packet, peer)
-        return self._counts.sent(len(packet)) if given else self._counts.drop()
+                given += self._send_to(packet, peer)
+        return self._counts.count_sent(len(packet)) if given else self._counts.count_dropped()
 
-    def vouch(self) -> None:
+    def accept_sender(self) -> None:
         """The packet received last was good: its sender is answered from now on, if there is room for it."""
         peer, self._latest = self._latest, None
         if peer is None:
@@ -108,7 +108,7 @@ class UdpLink:
         """Give the transport back."""
         self._socket.close()
 
-    def _give(self, packet: bytes, peer: Any) -> int:
+    def _send_to(self, packet: bytes, peer: Any) -> int:
         try:
             return int((self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0)
         except OSError:  # full buffer, no way there, or the last packet was refused: all mean that it is lost

@@ -6,7 +6,7 @@ import numpy as np
 
 from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Sample, held, is_new
+from trimtab.core.signals import Sample, hold_sample, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
 
@@ -38,4 +38,4 @@ class Wire:
 
     def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
         """The same sample, as seen at integer time t."""
-        return WireState(seen=measurement_time(sample)), held(t, sample, fresh=is_new(sample, state.seen))
+        return WireState(seen=measurement_time(sample)), hold_sample(t, sample, fresh=is_new(sample, state.seen))

@@ -8,25 +8,25 @@ from collections.abc import Callable
 from typing import Any
 
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
-from trimtab.live.exchange import Group, Taken, command_group, sample_groups
-from trimtab.live.world_step import messages
+from trimtab.live.exchange import GroupSample, MessageGroup, command_group, sample_groups
+from trimtab.live.world_step import message_structures
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
 from trimtab.wire.definitions import Message
-from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 
 LONGEST_QUEUE = 64
 """Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""
-STANDING = 5 * LONGEST_QUEUE
+LONGEST_BACKLOG = 5 * LONGEST_QUEUE
 """Steps after which what still waits does so for nothing: a sensor as quick as the steps never lets its queue end."""
-OVERTAKEN = ms(500)
+LONGEST_OVERTAKING = ms(500)
 """A sample less than this older than the last of its sensor was overtaken by it; an older one is of another clock."""
-STRANGE = seconds(2)
+LARGEST_TIME_DIFFERENCE = seconds(2)
 """A sample from further away than this is not believed: its clock is not the one that is known."""
 
 
-class Pilot:
+class AutopilotEnd:
     """An autopilot between an endpoint and its compiled step; it knows nothing of clocks and transports.
 
     A sample waits for the next step; of several from one sensor each gets a step of its own, in the order of coming.
@@ -35,12 +35,12 @@ class Pilot:
     """
 
     def __init__(self, scenario: Scenario, dialect: Dialect, step: FastStep) -> None:
-        """step: the compiled autopilot of this scenario; dialect: as `dialect_for` gives it."""
+        """step: the compiled autopilot of this scenario; dialect: as `scenario_dialect` gives it."""
         self.step = step
-        self.sensors: dict[str, Group] = sample_groups(dialect, lambda p: step.reads[p])
+        self.sensors: dict[str, MessageGroup] = sample_groups(dialect, lambda p: step.reads[p])
         self._command = command_group(dialect, lambda p: step.writes[p])
         self._sensor_of = {name: sensor for sensor, g in self.sensors.items() for name in g.names}
-        self._waiting: dict[str, deque[Taken]] = {s: deque(maxlen=LONGEST_QUEUE) for s in self.sensors}
+        self._waiting: dict[str, deque[GroupSample]] = {s: deque(maxlen=LONGEST_QUEUE) for s in self.sensors}
         self._at: dict[str, tuple[Any, ...]] = {
             s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh")) for s in self.sensors
         }
@@ -52,83 +52,85 @@ class Pilot:
         self.overflowed = self.heard = self.strange = self.overtaken = 0
         """Samples dropped because too many waited or for too long, heard, dropped because of their times; late ones."""
 
-    def take(self, message: Message) -> bool:
+    def handle_message(self, message: Message) -> bool:
         """Keep a message for the next step if it is a part of a sample; tells whether it was."""
         sensor = self._sensor_of.get(message.name)
         if sensor is None:
             return False
-        taken = self.sensors[sensor].take(message)
-        if taken is not None and self._is_wanted(sensor, taken.t):
+        taken = self.sensors[sensor].assemble(message)
+        if taken is not None and self._is_new_sample(sensor, taken.t):
             waiting = self._waiting[sensor]
             self.overflowed += len(waiting) == LONGEST_QUEUE
             self.heard += 1
             waiting.append(taken)
         return True
 
-    def _is_wanted(self, sensor: str, t: int) -> bool:
+    def _is_new_sample(self, sensor: str, t: int) -> bool:
         """Whether a sample of time t is one that was neither sent twice nor overtaken."""
         before = self._last.get(sensor)
-        if before is not None and 0 < before - t <= OVERTAKEN:
+        if before is not None and 0 < before - t <= LONGEST_OVERTAKING:
             self.overtaken += 1
             return sensor in self._any_order
         self._last[sensor] = t
         return t != before
 
     @property
-    def waiting(self) -> int:
+    def queue_length(self) -> int:
         """Samples that wait for a step."""
         return sum(map(len, self._waiting.values()))
 
-    def forget(self) -> None:
+    def drop_samples(self) -> None:
         """Drop what waits: it is of a time when nobody flew."""
         for waiting in self._waiting.values():
             waiting.clear()
 
-    def fly(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
+    def fly_period(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
         """One control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
-        self.give(t, to_local)
+        self.set_inputs(t, to_local)
         self.step.step()
 
-    def give(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
+    def set_inputs(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
         """What a period's step reads: see `fly`, which then makes the step."""
         inputs = self.step.inputs
         inputs[self._now] = t
         for sensor, waiting in self._waiting.items():
             time, age, fresh = self._at[sensor]
-            inputs[fresh] = bool(waiting) and self._fuse(sensor, waiting, t, to_local)
+            inputs[fresh] = bool(waiting) and self._set_sample(sensor, waiting, t, to_local)
             inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
 
-    def _fuse(self, sensor: str, waiting: deque[Taken], t: int, to_local: Callable[[int], int] | None) -> bool:
+    def _set_sample(
+        self, sensor: str, waiting: deque[GroupSample], t: int, to_local: Callable[[int], int] | None
+    ) -> bool:
         """Give the step the sample that has waited longest; whether it can be believed."""
         taken = waiting.popleft()
         self._standing[sensor] = self._standing[sensor] + 1 if waiting else 0
-        if self._standing[sensor] > STANDING:
+        if self._standing[sensor] > LONGEST_BACKLOG:
             self.overflowed += len(waiting)
             taken = waiting.pop()
             waiting.clear()
         local = taken.t if to_local is None else to_local(taken.t)
-        if to_local is not None and abs(t - local) > STRANGE:
+        if to_local is not None and abs(t - local) > LARGEST_TIME_DIFFERENCE:
             self.strange += 1
             return False
         taken.write(self.step.inputs, local - taken.t)
         return True
 
     @property
-    def ready(self) -> bool:
+    def has_command(self) -> bool:
         """Whether the last command is one to be obeyed."""
         return bool(self.step.outputs[self.step.writes["command.valid"]])
 
-    def commands(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
+    def command_packets(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
         """The packets of the last command; `shift` is added to its time."""
         return self._command.pack(endpoint, self.step.outputs, shift)
 
 
-def dialect_for(scenario: Scenario) -> Dialect:
+def scenario_dialect(scenario: Scenario) -> Dialect:
     """The messages in which a scenario's two sides speak."""
-    frame, command = messages(scenario)
-    return dialect_of(frame, command)
+    frame, command = message_structures(scenario)
+    return derive_dialect(frame, command)
 
 
-def frame_name(path: str) -> str | None:
+def frame_log_path(path: str) -> str | None:
     """The path in a log of an input of an autopilot's step; None for the time, which every row has."""
     return None if path == "t" else f"downlink{path.removeprefix('samples')}"

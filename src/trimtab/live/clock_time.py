@@ -19,7 +19,7 @@ from typing import NamedTuple
 HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x06, 0x07
 TICKS = 1000
 """Of 100 ns in one unit of CLOCK_TIME, 0.1 ms; the source had 1 ms."""
-LONGEST = 0xFFFF
+LONGEST_UPLINK = 0xFFFF
 """An uplink delay of 6.5535 s or more has no place in two bytes."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
@@ -28,14 +28,14 @@ HELLO = struct.Struct("<B8sII")
 LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
 
 
-class Message(NamedTuple):
+class ClockMessage(NamedTuple):
     """An id, and the bytes that follow it."""
 
     id: int
     data: bytes
 
 
-class Parser:
+class ClockMessageParser:
     """Finds messages in a stream, and finds them again after garbage.
 
     Args:
@@ -45,7 +45,7 @@ class Parser:
     def __init__(self, sizes: Mapping[int, int]) -> None:
         self._sizes, self._rest = sizes, b""
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[ClockMessage]:
         """The messages that are complete now."""
         data, found, at = self._rest + data, [], 0
         while at + 2 <= len(data):
@@ -55,7 +55,7 @@ class Parser:
             elif at + 2 + size > len(data):
                 break
             else:
-                found.append(Message(data[at + 1], data[at + 2 : at + 2 + size]))
+                found.append(ClockMessage(data[at + 1], data[at + 2 : at + 2 + size]))
                 at += 2 + size
         self._rest = data[at:]
         return found
@@ -73,13 +73,13 @@ class Hello(NamedTuple):
         return bytes((HEADER, STATUS)) + HELLO.pack(HELLO.size - 1, *self)
 
 
-def hello_of(data: bytes) -> Hello | None:
+def parse_hello(data: bytes) -> Hello | None:
     """From the data of a STATUS message; None where its length is another."""
     size, *rest = HELLO.unpack(data)
     return Hello(*rest) if size == HELLO.size - 1 else None
 
 
-def this_boot() -> bytes:
+def boot_digest() -> bytes:
     """Eight bytes that two processes share if they share the monotonic clock: a machine's current boot."""
     try:
         text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
@@ -97,12 +97,12 @@ class Reply(NamedTuple):
     uplink: int
 
 
-class ClockTime:
+class ClockTimeExchange:
     """The measuring end's codec. shared: whether both ends have the same clock; known once the far end said hello."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
-        self._boot, self._session = this_boot() if boot is None else boot, session
-        self._parser = Parser(DOWN)
+        self._boot, self._session = boot_digest() if boot is None else boot, session
+        self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
         self.heard = 0
 
@@ -113,35 +113,35 @@ class ClockTime:
         key = t // TICKS % 2**32
         return key, struct.pack("<BBI", HEADER, CLOCK_TIME, key)
 
-    def hello(self, rate: int) -> bytes:
+    def pack_hello(self, rate: int) -> bytes:
         """Asks the far end for so many bytes per second, and for who it is."""
         return Hello(self._boot, self._session, rate).pack()
 
-    def load(self) -> bytes:
+    def pack_load(self) -> bytes:
         """A message of load on the uplink."""
         return LOAD_UP
 
-    def take(self, data: bytes) -> list[Reply]:
+    def read_replies(self, data: bytes) -> list[Reply]:
         """The replies in what came."""
         found = []
         for message in self._parser.feed(data):
             if message.id == CLOCK_TIME:
                 key, uplink = struct.unpack("<IH", message.data)
-                if uplink < LONGEST:
+                if uplink < LONGEST_UPLINK:
                     found.append(Reply(key, uplink * TICKS))
             elif message.id == CLOCK_PAIR:
                 t0, far = struct.unpack("<qq", message.data)
                 found.append(Reply(t0, far - t0))
-            elif message.id == STATUS and (hello := hello_of(message.data)) and hello.session == self._session:
+            elif message.id == STATUS and (hello := parse_hello(message.data)) and hello.session == self._session:
                 self.shared, self.heard = hello.boot == self._boot, hello.number
         return found
 
 
-def appended(message: Message, t: int) -> bytes:
+def echo_request(message: ClockMessage, t: int) -> bytes:
     """The far end's echo of a request that arrived at t (100 ns); empty for anything else."""
     if message.id == CLOCK_PAIR:
         return struct.pack("<BB", HEADER, CLOCK_PAIR) + message.data + struct.pack("<q", t)
     if message.id != CLOCK_TIME:
         return b""
     late = (t // TICKS - int.from_bytes(message.data, "little")) % 2**32
-    return struct.pack("<BB", HEADER, CLOCK_TIME) + message.data + struct.pack("<H", min(late, LONGEST))
+    return struct.pack("<BB", HEADER, CLOCK_TIME) + message.data + struct.pack("<H", min(late, LONGEST_UPLINK))

@@ -18,7 +18,7 @@ from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
-from trimtab.live.exchange import Taken
+from trimtab.live.exchange import GroupSample
 from trimtab.live.failsafe_step import failsafe_step
 from trimtab.loop import supervisor
 from trimtab.loop.supervisor import HOLD as HOLDS
@@ -26,18 +26,18 @@ from trimtab.run.fast_step import FastStep
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import (
+    FLIGHT_COMMANDS,
     HOLD,
-    ORDERS,
     RESUME,
-    ArmAsked,
-    Channels,
-    Event,
-    FlightAsked,
-    ModeAsked,
+    ArmRequest,
+    CommandResult,
+    FlightRequest,
+    JoystickAxes,
     ModeFlag,
-    Result,
+    ModeRequest,
+    ReceiverChannels,
     State,
-    Sticks,
+    VehicleEvent,
     VehicleType,
 )
 from trimtab.wire.station import Status
@@ -51,12 +51,12 @@ The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)
-WIDEST = 1e100
+WIDEST_RANGE = 1e100
 """Between limits that are further apart there is no place for a stick: such a vehicle can't be flown by hand."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 
 
-class Mode(NamedTuple):
+class CommandSource(NamedTuple):
     """Who commands, and why."""
 
     mode: str
@@ -79,59 +79,59 @@ class Duties:
         reads, writes = self.step.reads, self.step.writes
         self._inputs: dict[str, Any] = {p.removeprefix("given."): at for p, at in reads.items()}
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]
-        self._out = _slots(writes, shared, len(self.step.outputs))
-        self._in = _slots(world.reads, shared, len(world.inputs))
+        self._out = _slot_indices(writes, shared, len(self.step.outputs))
+        self._in = _slot_indices(world.reads, shared, len(world.inputs))
         self._world, self.uplink = world, uplink
         self._first = self.step if uplink is None else uplink
         self._first_at = self._inputs if uplink is None else uplink.reads
         if uplink is not None:
             passed = [p for p in uplink.writes if p in self._inputs]
-            self._passed = _slots(uplink.writes, passed, len(uplink.outputs))
-            self._given = _slots(self._inputs, passed, len(self.step.inputs))
+            self._passed = _slot_indices(uplink.writes, passed, len(uplink.outputs))
+            self._given = _slot_indices(self._inputs, passed, len(self.step.inputs))
         self._low, self._high = (
             np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)])
             for r in (failsafe.low, failsafe.high)
         )
         paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
-        self._manual = _slots(self._inputs, paths, len(self.step.inputs))
-        self._by_hand = bool((self._high - self._low < WIDEST).all())
+        self._manual = _slot_indices(self._inputs, paths, len(self.step.inputs))
+        self._by_hand = bool((self._high - self._low < WIDEST_RANGE).all())
         self._radio_at: int | None = None
         self._arm = self._disarm = self._asked_manual = self._switch = False
-        self.mode = Mode(MODES[0], CAUSES[0])
+        self.mode = CommandSource(MODES[0], CAUSES[0])
 
     def slot(self, path: str) -> Any:
         """Where a number of the newest command stands in the inputs of what it comes to first."""
         return self._first_at[path]
 
-    def ask(self, event: Event, now: int) -> None:
+    def ask(self, event: VehicleEvent, now: int) -> None:
         """Keep a request for the next step."""
-        if isinstance(event, ArmAsked):
-            self._arm, self._disarm = event.armed, not event.armed
-        elif isinstance(event, ModeAsked):
+        if isinstance(event, ArmRequest):
+            self._arm, self._disarm = event.arm, not event.arm
+        elif isinstance(event, ModeRequest):
             self._asked_manual = event.mode == MANUAL_MODE
-        elif isinstance(event, Channels):
-            self._pulses(np.array(event.pulses), now)
-        elif isinstance(event, Sticks):
-            self._stick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)
+        elif isinstance(event, ReceiverChannels):
+            self._apply_pulses(np.array(event.pulses), now)
+        elif isinstance(event, JoystickAxes):
+            self._apply_joystick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)
 
-    def _pulses(self, pulses: Any, now: int) -> None:
+    def _apply_pulses(self, pulses: Any, now: int) -> None:
         share = (pulses[: len(self._manual)] - LOW_PULSE) / (HIGH_PULSE - LOW_PULSE)
-        self._sticks(share, now)
+        self._apply_manual_command(share, now)
         if len(pulses) > SWITCH and np.isfinite(pulses[SWITCH]):
             self._switch = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
 
-    def _stick(self, sticks: Any, now: int) -> None:
-        self._sticks((sticks[: len(self._manual)] + 1) / 2, now)
+    def _apply_joystick(self, sticks: Any, now: int) -> None:
+        self._apply_manual_command((sticks[: len(self._manual)] + 1) / 2, now)
 
-    def _sticks(self, share: Any, now: int) -> None:
+    def _apply_manual_command(self, share: Any, now: int) -> None:
         if self._by_hand and len(share) == len(self._manual) and np.isfinite(share).all():
             wanted = self._low + np.clip(share, 0, 1) * (self._high - self._low)
             self.step.inputs[self._manual] = wanted
             self._radio_at = now
 
-    def act(self, t: int, taken: Taken | None) -> bool:
+    def act(self, t: int, taken: GroupSample | None) -> bool:
         """Decide at integer time t, with the newest command if a new one came; returns whether the mode is another."""
-        self._receive(t, taken)
+        self._receive_command(t, taken)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
         inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
@@ -141,10 +141,10 @@ class Duties:
         self.step.step()
         self._world.inputs[self._in] = self.step.outputs[self._out]
         before = self.mode
-        self.mode = Mode(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
+        self.mode = CommandSource(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
         return self.mode != before
 
-    def _receive(self, t: int, taken: Taken | None) -> None:
+    def _receive_command(self, t: int, taken: GroupSample | None) -> None:
         """The newest command into the failsafe's inputs, through the uplink if there is one."""
         inputs, at = self._first.inputs, self._first_at
         if taken is not None:
@@ -157,7 +157,7 @@ class Duties:
             self.step.inputs[self._given] = self.uplink.outputs[self._passed]
 
     @property
-    def flying(self) -> bool:
+    def is_commanded(self) -> bool:
         """Whether somebody commands."""
         return self.mode.mode in ("computer", "manual")
 
@@ -166,20 +166,20 @@ class Duties:
         """As the vehicle tells it."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
         mode = MANUAL_MODE if self._asked_manual or self._switch else COMPUTER_MODE
-        return Status(mode=mode, armed=self.flying, state=state)
+        return Status(mode=mode, armed=self.is_commanded, state=state)
 
 
-def _slots(where: Any, paths: list[str], size: int) -> Any:
+def _slot_indices(where: Any, paths: list[str], size: int) -> Any:
     every = np.arange(size)
     return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
 
 
-AGAIN, GIVEN_UP, GONE = ms(100), seconds(2), seconds(5)
+RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
 """Until a request is sent again, and not any more; without heartbeats for so long the autopilot is gone."""
-NOBODY = "no autopilot with a supervisor is heard"
+NO_AUTOPILOT_PROBLEM = "no autopilot with a supervisor is heard"
 
 
-class _Pending(NamedTuple):
+class _PendingRequest(NamedTuple):
     request: str
     since: int
     next: int
@@ -194,41 +194,41 @@ class FlightRequests:
         self._endpoint, self._tell = endpoint, tell
         self._heard: int | None = None
         self._autopilot, self._mode = 0, 0
-        self._pending: _Pending | None = None
+        self._pending: _PendingRequest | None = None
 
-    def hear(self, message: Message, now: int) -> None:
+    def handle_message(self, message: Message, now: int) -> None:
         """Follow the autopilot: its heartbeats, and what it acknowledges."""
         if message.system != self._endpoint.system:
             return
         if message.name == "HEARTBEAT":
-            self._beat(message, now)
+            self._handle_heartbeat(message, now)
         elif message.name == "COMMAND_ACK" and message.component == self._autopilot:
-            self._acknowledged(message)
+            self._handle_acknowledgement(message)
 
-    def _beat(self, message: Message, now: int) -> None:
+    def _handle_heartbeat(self, message: Message, now: int) -> None:
         mode, supervised = message.get("custom_mode"), message.get("base_mode") & ModeFlag.CUSTOM
         if message.get("type") != VehicleType.ONBOARD_COMPUTER or not supervised or mode >= len(supervisor.MODES):
             return
-        if not self._there(now) or mode != self._mode:
+        if not self._is_autopilot_present(now) or mode != self._mode:
             self._tell(f"autopilot: {supervisor.MODES[mode]}")
         self._heard, self._autopilot, self._mode = now, message.component, mode
 
-    def _acknowledged(self, message: Message) -> None:
+    def _handle_acknowledgement(self, message: Message) -> None:
         asked = self._pending
-        if asked is None or message.get("command") != ORDERS[asked.request].command:
+        if asked is None or message.get("command") != FLIGHT_COMMANDS[asked.request].command:
             return
         self._pending = None
-        if message.get("result") != Result.ACCEPTED:
+        if message.get("result") != CommandResult.ACCEPTED:
             self._tell(f"autopilot: {asked.request} refused")
 
-    def ask(self, event: Event, now: int) -> None:
+    def ask(self, event: VehicleEvent, now: int) -> None:
         """Begin to pass a request on; a newer one takes the place of an older."""
-        if isinstance(event, FlightAsked):
-            self._pending = _Pending(event.request, now, now, 0)
-        elif isinstance(event, ModeAsked) and event.mode == HOLD_MODE:
-            self._pending = _Pending(HOLD, now, now, 0)
-        elif isinstance(event, ModeAsked) and event.mode == COMPUTER_MODE and (self.holds or self._is_to_hold):
-            self._pending = _Pending(RESUME, now, now, 0)
+        if isinstance(event, FlightRequest):
+            self._pending = _PendingRequest(event.request, now, now, 0)
+        elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:
+            self._pending = _PendingRequest(HOLD, now, now, 0)
+        elif isinstance(event, ModeRequest) and event.mode == COMPUTER_MODE and (self.holds or self._is_hold_pending):
+            self._pending = _PendingRequest(RESUME, now, now, 0)
 
     @property
     def holds(self) -> bool:
@@ -236,30 +236,30 @@ class FlightRequests:
         return self._mode == HOLDS
 
     @property
-    def _is_to_hold(self) -> bool:
+    def _is_hold_pending(self) -> bool:
         return self._pending is not None and self._pending.request == HOLD
 
-    def _there(self, now: int) -> bool:
-        return self._heard is not None and now - self._heard <= GONE
+    def _is_autopilot_present(self, now: int) -> bool:
+        return self._heard is not None and now - self._heard <= AUTOPILOT_TIMEOUT
 
     def due(self, now: int) -> list[bytes]:
         """What is to be sent by now."""
         asked = self._pending
         if asked is None or now < asked.next:
             return []
-        if now - asked.since > GIVEN_UP:
+        if now - asked.since > REQUEST_TIMEOUT:
             self._pending = None
             self._tell(f"autopilot: {asked.request}: no answer")
             return []
-        self._pending = asked._replace(next=now + AGAIN, sent=asked.sent + 1)
-        command, first, second = ORDERS[asked.request]
+        self._pending = asked._replace(next=now + RESEND_PERIOD, sent=asked.sent + 1)
+        command, first, second = FLIGHT_COMMANDS[asked.request]
         fields = {"command": command, "param1": first, "param2": second, "confirmation": asked.sent}
         to = {"target_system": self._endpoint.system, "target_component": self._autopilot}
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
     def status(self, status: Status, now: int) -> Status:
         """What the vehicle tells, with the autopilot's part in it."""
-        there = self._there(now)
+        there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
-        why = "" if there else NOBODY
-        return status._replace(mode=mode, deaf=why, closed={HOLD_MODE: why} if why else {})
+        why = "" if there else NO_AUTOPILOT_PROBLEM
+        return status._replace(mode=mode, autopilot_problem=why, closed={HOLD_MODE: why} if why else {})

@@ -10,25 +10,25 @@ from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
 
-HELD = 8
+MOST_INCOMPLETE = 8
 """Times of which parts may wait for the others: on some lines packets overtake one another."""
 Where = Callable[[str], int | slice]
 """Path of a leaf -> where its numbers stand in a vector."""
 
 
-class _Layout(NamedTuple):
+class _MessageLayout(NamedTuple):
     slots: list[int]
     whole: list[bool]
     time: int
 
 
-class Group:
+class MessageGroup:
     """The messages that carry one sample, or the command, between a vector of numbers and a line."""
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
         """group: as the dialect names it, e.g. "samples.imu" or "command"."""
         self.group, self.names = group, dialect.groups[group]
-        self._layouts: dict[str, _Layout] = {}
+        self._layouts: dict[str, _MessageLayout] = {}
         self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
         for name in self.names:
             slots, whole, time = [], [], -1
@@ -38,11 +38,11 @@ class Group:
                 whole.append(place.type != "double")
                 if place.path == f"{group}.{TIME}":
                     time = i
-            self._layouts[name] = _Layout(slots, whole, time)
+            self._layouts[name] = _MessageLayout(slots, whole, time)
 
-    def at(self, dialect: Dialect, where: Where) -> "Group":
+    def at(self, dialect: Dialect, where: Where) -> "MessageGroup":
         """The same messages for another vector."""
-        return Group(dialect, self.group, where)
+        return MessageGroup(dialect, self.group, where)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
         """The packets of what stands in a vector; `shift` is added to its time."""
@@ -54,13 +54,13 @@ class Group:
             packets.append(endpoint.pack(name, values))
         return packets
 
-    def take(self, message: Message) -> "Taken | None":
+    def assemble(self, message: Message) -> "GroupSample | None":
         """What a message brings, when it is the last part; None while parts of the same time are missing."""
         layout = self._layouts[message.name]
         time = message.values[layout.time]
         if len(self.names) == 1:
-            return Taken(time, layout.slots, message.values, layout.time)
-        if time not in self._parts and len(self._parts) == HELD:
+            return GroupSample(time, layout.slots, message.values, layout.time)
+        if time not in self._parts and len(self._parts) == MOST_INCOMPLETE:
             del self._parts[next(iter(self._parts))]
         held = self._parts.setdefault(time, {})
         held[message.name] = message.values
@@ -69,10 +69,10 @@ class Group:
         del self._parts[time]
         slots = [s for n in self.names for s in self._layouts[n].slots]
         values = tuple(v for n in self.names for v in held[n])
-        return Taken(time, slots, values, self._layouts[self.names[0]].time)
+        return GroupSample(time, slots, values, self._layouts[self.names[0]].time)
 
 
-class Taken(NamedTuple):
+class GroupSample(NamedTuple):
     """A whole sample or command from the line. t: its time, by the sender's clock."""
 
     t: int
@@ -86,12 +86,12 @@ class Taken(NamedTuple):
         vector[self.slots[self.time]] = self.t + shift
 
 
-def sample_groups(dialect: Dialect, where: Where) -> dict[str, Group]:
+def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
     """Sensor -> its group."""
     prefix = "samples."
-    return {g[len(prefix) :]: Group(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
+    return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
 
-def command_group(dialect: Dialect, where: Where) -> Group:
+def command_group(dialect: Dialect, where: Where) -> MessageGroup:
     """The command's group."""
-    return Group(dialect, COMMAND, where)
+    return MessageGroup(dialect, COMMAND, where)

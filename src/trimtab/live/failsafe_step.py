@@ -9,25 +9,25 @@ import numpy as np
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
-from trimtab.compiler.block import Exported, export_step
+from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric, part, quantity, record
+from trimtab.core.record import part, quantity, record, to_arrays
 from trimtab.core.signals import Command, Sample
 from trimtab.loop.scenario import Scenario
 
-WIDE = 1e300
+UNLIMITED = 1e300
 """Any number that is finite is believed, of a command about which nothing is known."""
 
 
 @record
-class Moment:
+class FailsafeStepInput:
     """What the failsafe is given, and when. Source: docs page, Failsafe."""
 
     t: Any = quantity("100 ns", "Now, by the vehicle's clock.", kind="time")
     given: Any = part("What the firmware has.")
 
 
-def failsafe_of(scenario: Scenario, command: Command) -> Failsafe:
+def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
     """The scenario's failsafe; where it has none, the one of a fan drive for commands to a fan drive.
 
     For others, one that stops on silence and believes all finite numbers.
@@ -40,10 +40,10 @@ def failsafe_of(scenario: Scenario, command: Command) -> Failsafe:
     def filled(number: float) -> Any:
         return jax.tree.map(lambda v: np.full(np.shape(v), number), command.value)
 
-    return Failsafe(safe=filled(0.0), low=filled(-WIDE), high=filled(WIDE))
+    return Failsafe(safe=filled(0.0), low=filled(-UNLIMITED), high=filled(UNLIMITED))
 
 
-def failsafe_step(failsafe: Failsafe, command: Command, *, name: str = "failsafe", real: str = "f64") -> Exported:
+def failsafe_step(failsafe: Failsafe, command: Command, *, name: str = "failsafe", real: str = "f64") -> ExportedBlock:
     """The text of a failsafe, for commands of this structure. real: "f64" or "f32"."""
     value = jax.tree.map(lambda v: np.zeros(np.shape(v)), command.value)
     no = np.bool_(False)
@@ -52,9 +52,9 @@ def failsafe_step(failsafe: Failsafe, command: Command, *, name: str = "failsafe
     return export_step(
         name,
         "Failsafe: what the vehicle does when nobody commands it, and who may.",
-        numeric(failsafe),
+        to_arrays(failsafe),
         lambda p: p.init(),
         lambda p, s, moment: p.step(moment.t, s, moment.given),
-        Moment(t=np.int64(0), given=given),
+        FailsafeStepInput(t=np.int64(0), given=given),
         real,
     )

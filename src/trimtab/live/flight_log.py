@@ -12,7 +12,7 @@ import numpy as np
 from trimtab.compiler.structs import Member
 from trimtab.core.record import Quantity
 from trimtab.logs.ring import Ring
-from trimtab.logs.stream import Signal, Stream, Written, start_writer
+from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
 
 ROWS = 16384
 """Rows that the ring holds: how long the disk may keep the writer waiting."""
@@ -20,7 +20,7 @@ ROWS = 16384
 WRITER_DIED = "the log's writer died; what it had written is there"
 
 
-class Source(NamedTuple):
+class LogSource(NamedTuple):
     """A vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""
 
     vector: Any
@@ -34,7 +34,7 @@ class FlightLog:
     def __init__(
         self,
         path: Path,
-        sources: Sequence[Source],
+        sources: Sequence[LogSource],
         own: Mapping[str, tuple[str, Quantity]],
         metadata: Mapping[str, Any],
     ) -> None:
@@ -43,7 +43,7 @@ class FlightLog:
         self._picks: list[tuple[Any, Any, slice]] = []
         stop = 1
         for source in sources:
-            picked, start = _picked(source, signals), stop
+            picked, start = _select_numbers(source, signals), stop
             stop += len(picked)
             self._picks.append((source.vector, np.array(picked, np.intp), slice(start, stop)))
         signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
@@ -51,50 +51,50 @@ class FlightLog:
         self._row = np.zeros(stop + len(own))
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
         try:
-            self._stream: Stream = start_writer(path, self._ring, signals=signals, metadata=metadata)
+            self._stream: LogStream = start_writer(path, self._ring, signals=signals, metadata=metadata)
         except BaseException:
-            self._leave()
+            self._release_ring()
             raise
         self.path = path
 
-    def put(self, t: int, own: Sequence[float] = ()) -> None:
+    def write_row(self, t: int, own: Sequence[float] = ()) -> None:
         """A row: the vectors as they are now."""
         row = self._row
         row[0] = t
         for vector, index, where in self._picks:
             row[where] = vector[index]
         row[self._own] = own
-        self._ring.put(row)
+        self._ring.write_row(row)
 
-    def event(self, text: str) -> None:
+    def write_event(self, text: str) -> None:
         """A line of text between rows."""
-        self._ring.event(text)
+        self._ring.write_text(text)
 
     @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether the writer runs."""
-        return self._stream.alive
+        return self._stream.is_alive
 
-    def close(self, final: Mapping[str, Any] | None = None) -> Written | None:
+    def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
         """End the log; None where the writer had died."""
         try:
             return self._stream.close(final)
         finally:
-            self._leave()
+            self._release_ring()
 
-    def _leave(self) -> None:
+    def _release_ring(self) -> None:
         self._ring.unlink()
         self._ring.close()
 
 
-def _picked(source: Source, signals: list[Signal]) -> list[int]:
+def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
     """Which numbers of a vector are logged; what they are goes to the end of `signals`."""
     picked, at = [], 0
     for m in source.members:
         path = source.name(m.name)
         if path is not None:
             dtype = np.dtype("?" if m.dtype == "bool" else f"{m.dtype[0]}{int(m.dtype[1:]) // 8}")
-            signals.append((path, m.shape, dtype, m.declared))
+            signals.append((path, m.shape, dtype, m.declaration))
             picked += range(at, at + m.size)
         at += m.size
     return picked

@@ -20,29 +20,29 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity
 from trimtab.core.time import SECONDS_PER_UNIT, UNITS_PER_SECOND, ms, seconds, to_seconds
-from trimtab.live.autopilot_end import Pilot, dialect_for, frame_name
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, Source
-from trimtab.live.real_time import NS, Deadlines, Granted, discard, real_time
-from trimtab.live.remote import Remote
-from trimtab.logs.stream import Written
-from trimtab.loop.pilot_script import listening
+from trimtab.live.autopilot_end import AutopilotEnd, frame_log_path, scenario_dialect
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource
+from trimtab.live.real_time import NS, Deadlines, RealTimeGrant, discard_packets, real_time
+from trimtab.live.remote import RemoteVehicle
+from trimtab.logs.stream import LogFileSummary
+from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, REQUESTS
-from trimtab.run.fast_step import FastStep, fast_step
-from trimtab.run.program import described
+from trimtab.run.fast_step import FastStep, compile_autopilot
+from trimtab.run.program import describe_scenario
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
-LEADS_TO = {"hold": HOLD, "resume": FLYING, "end": ENDED}
+REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
 """Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
 
 
-class _Named(NamedTuple):
+class _CodeNames(NamedTuple):
     at: int
     names: tuple[str, ...]
 
 
-class _Place(NamedTuple):
+class _RequestSlots(NamedTuple):
     request: int
     t: int
     age: int
@@ -50,21 +50,21 @@ class _Place(NamedTuple):
     valid: int
 
 
-class Supervised:
+class CompiledSupervisor:
     """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
 
     def __init__(self, scenario: Scenario, step: FastStep) -> None:
         """step: the compiled autopilot of this scenario."""
         self._step = step
-        declared = {m.path: m.declared for m in step.exported.outputs}
+        declared = {m.path: m.declaration for m in step.exported.outputs}
         paths = ("supervisor.mode", "supervisor.cause")
-        self._watched = [_Named(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
+        self._watched = [_CodeNames(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
         self._decided: tuple[int, ...] = ()
         supervisor = scenario.autopilot.supervisor
         sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
         fields = ("value.request", "t", "age", "fresh", "valid")
         places = [step.reads[path] for path in (f"{sample}.{f}" for f in fields) if path in step.reads]
-        self._place = _Place(*places) if len(places) == len(fields) and self._watched else None
+        self._place = _RequestSlots(*places) if len(places) == len(fields) and self._watched else None
         self._wanted: str | None = None
 
     @property
@@ -74,9 +74,9 @@ class Supervised:
 
     def ask(self, request: str) -> None:
         """Make a request in the next step, unless it would change nothing."""
-        self._wanted = None if self.mode in (None, LEADS_TO[request]) else request
+        self._wanted = None if self.mode in (None, REQUEST_MODES[request]) else request
 
-    def give(self, t: int) -> None:
+    def set_inputs(self, t: int) -> None:
         """What the step at integer time t reads of requests."""
         if self._place is None:
             return
@@ -87,7 +87,7 @@ class Supervised:
             self._wanted = None
         inputs[at.age] = (t - inputs[at.t]) * SECONDS_PER_UNIT
 
-    def news(self) -> str:
+    def describe_changes(self) -> str:
         """What it has decided since this was last asked, for people; empty for nothing."""
         found = tuple(int(self._step.outputs[one.at]) for one in self._watched)
         if found == self._decided:
@@ -96,19 +96,19 @@ class Supervised:
         return "supervisor: " + ": ".join(one.names[k] for one, k in zip(self._watched, found, strict=True))
 
 
-AHEAD = seconds("0.5")
+LONGEST_DELAY = seconds("0.5")
 """How far behind the loop may be before it gives up catching up and goes on from now."""
-MOST = 64
+MOST_PACKETS = 64
 """Packets taken in one period, so that a flood can't stop the loop."""
 SERVO_FRAME = ms(20)
 """Commands are sent no more often than a servo takes them."""
-HEARD_LONGER = 3
+PATIENCE_FACTOR = 3
 """So many times as long it waits for a vehicle's clock where frames come at all."""
 SILENCE = ms(250)
 """After which it is said that nothing comes."""
-FAREWELL = seconds("0.5")
+DISARM_TIMEOUT = seconds("0.5")
 """How long it waits for an answer when it disarms."""
-OWN: Mapping[str, tuple[str, Quantity]] = {
+OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
     "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
     "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
@@ -127,19 +127,19 @@ OWN: Mapping[str, tuple[str, Quantity]] = {
 """What a row of a flight's log has besides frame and outputs."""
 
 
-class Flight(NamedTuple):
+class LiveFlightSummary(NamedTuple):
     """What became of a flight. armed: when the vehicle first said so (100 ns), None if never."""
 
     t: int
-    armed: int | None
-    granted: Granted
+    arming_time: int | None
+    grant: RealTimeGrant
     deadlines: Deadlines
-    pilot: Pilot
-    remote: Remote
-    log: Written | None
+    autopilot_end: AutopilotEnd
+    remote: RemoteVehicle
+    log: LogFileSummary | None
 
 
-class Flyer:
+class LiveAutopilot:
     """The autopilot's end of a line; `fly` runs it."""
 
     def __init__(
@@ -153,12 +153,12 @@ class Flyer:
     ) -> None:
         """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
         scenario.check()
-        dialect = dialect_for(scenario)
-        self.scenario, self.link, self.seed = listening(scenario), link, seed
+        dialect = scenario_dialect(scenario)
+        self.scenario, self.link, self.seed = add_pilot_sensor(scenario), link, seed
         self.endpoint = endpoint(dialect)
-        self.pilot = Pilot(scenario, dialect, step or fast_step(self.scenario, seed=seed))
-        self.supervised = Supervised(self.scenario, self.pilot.step)
-        self.remote = Remote(self.endpoint, link)
+        self.pilot = AutopilotEnd(scenario, dialect, step or compile_autopilot(self.scenario, seed=seed))
+        self.supervised = CompiledSupervisor(self.scenario, self.pilot.step)
+        self.remote = RemoteVehicle(self.endpoint, link)
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.armed_at: int | None = None
@@ -171,22 +171,22 @@ class Flyer:
         A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
         """
         began = monotonic_ns()
-        while not self.remote.ready and not stop():
+        while not self.remote.is_ready and not stop():
             now = monotonic_ns()
-            waits = patience * (HEARD_LONGER if self.endpoint.counts.accepted else 1)
+            waits = patience * (PATIENCE_FACTOR if self.endpoint.counts.accepted else 1)
             if now - began > waits * 1e9 or self.remote.misfit:
                 fix = f"trimtab vehicle {self.scenario.name} --listen …, with the same --set on both ends"
-                raise InputError("--link", self.remote.why_not(), fix=fix)
+                raise InputError("--link", self.remote.reason_not_ready(), fix=fix)
             self.remote.due(now // NS)
             data = self.link.receive(0.02)
             if data is not None:
-                self._hear(data)
+                self._handle_data(data)
 
-    def _hear(self, data: bytes) -> None:
+    def _handle_data(self, data: bytes) -> None:
         now = monotonic_ns() // NS
         for message in self.endpoint.feed(data):
-            if not self.pilot.take(message):
-                self.remote.take(message, now)
+            if not self.pilot.handle_message(message):
+                self.remote.handle_message(message, now)
 
     def fly(
         self,
@@ -196,7 +196,7 @@ class Flyer:
         wanted_real_time: bool = True,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
-    ) -> Flight:
+    ) -> LiveFlightSummary:
         """Arm as soon as there is an estimate, fly for `duration` (100 ns) from then on, disarm.
 
         Args:
@@ -207,24 +207,26 @@ class Flyer:
             tell: is given lines for people.
         """
         length = self.scenario.duration if duration is None else duration
-        book = self._open(log) if log else None
-        self.remote.tell = lambda text: self._say(text, book, tell)
-        discard(self.link)
-        self.pilot.forget()
+        book = self._open_log(log) if log else None
+        self.remote.tell = lambda text: self._report(text, book, tell)
+        discard_packets(self.link)
+        self.pilot.drop_samples()
         try:
             with real_time(wanted_real_time) as granted:
                 try:
-                    t = self._loop(length, book, stop, tell)
+                    t = self._run_loop(length, book, stop, tell)
                 finally:
-                    if self.armed_at is not None or self.remote.asking:  # else it is none of this end's business
+                    if self.armed_at is not None or self.remote.is_asking:  # else it is none of this end's business
                         self._disarm()
         finally:
             written = book.close() if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
-        return Flight(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
+        return LiveFlightSummary(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
 
-    def _loop(self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]) -> int:
+    def _run_loop(
+        self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]
+    ) -> int:
         period = self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
         kept = self.deadlines = Deadlines(period)
@@ -232,97 +234,97 @@ class Flyer:
         k = t = 0
         while not stop() and (self.armed_at is None or t - self.armed_at < length):
             t = k * period
-            woke = self._wait(k)
+            woke = self._receive_until(k)
             now = kept.start // NS + t
             ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
-            self.pilot.give(t, self._to_local)
-            self.supervised.give(t)
+            self.pilot.set_inputs(t, self._to_local)
+            self.supervised.set_inputs(t)
             began = monotonic_ns()
             self.pilot.step.step()
             stepped = monotonic_ns()
             if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
-                self._send(t, ahead)
-            self._look(t, now)
-            self._listen(now, book, tell)
+                self._send_command(t, ahead)
+            self._update_line(t, now)
+            self._report_silence(now, book, tell)
             if book is not None:
-                book.put(t, self._own(now, woke - kept.start - t * NS, stepped - began))
-            kept.done(k, woke, began, stepped)
-            k = self._next(k)
+                book.write_row(t, self._own_signals(now, woke - kept.start - t * NS, stepped - began))
+            kept.record_period(k, woke, began, stepped)
+            k = self._next_period(k)
         return t
 
-    def _send(self, t: int, ahead: int) -> None:
+    def _send_command(self, t: int, ahead: int) -> None:
         """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
         if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
             ahead = self._sent + 1 - t
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
-        for packet in self.pilot.commands(self.endpoint, ahead):
+        for packet in self.pilot.command_packets(self.endpoint, ahead):
             self.link.send(packet)
 
     def _disarm(self) -> None:
         """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
         self.remote.disarm()
-        given_up = monotonic_ns() + FAREWELL * NS
-        while self.remote.asking and monotonic_ns() < given_up:
+        given_up = monotonic_ns() + DISARM_TIMEOUT * NS
+        while self.remote.is_asking and monotonic_ns() < given_up:
             data = self.link.receive(0.02)
             if data is not None:
-                self._hear(data)
+                self._handle_data(data)
             self.remote.due(monotonic_ns() // NS)
 
     def _to_local(self, t: int) -> int:
         """The vehicle's time as the loop's."""
         return self.remote.sync.to_local(t) - self.deadlines.start // NS
 
-    def _wait(self, k: int) -> int:
+    def _receive_until(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
         taken = 0
         while True:
             left = self.deadlines.remaining(k)
             data = self.link.receive(max(left, 0.0))
             if data is not None:
-                self._hear(data)
+                self._handle_data(data)
             taken += 1
-            if left <= 0 and (data is None or taken > MOST):
+            if left <= 0 and (data is None or taken > MOST_PACKETS):
                 return monotonic_ns()
 
-    def _next(self, k: int) -> int:
+    def _next_period(self, k: int) -> int:
         """The period after k: the next one, or, far behind, the one that is due now."""
         behind = -round(self.deadlines.remaining(k + 1) * UNITS_PER_SECOND)
-        if behind < AHEAD:
+        if behind < LONGEST_DELAY:
             return k + 1
         passed = behind // self.deadlines.period
         self.skipped += passed
         return k + 1 + passed
 
-    def _look(self, t: int, now: int) -> None:
+    def _update_line(self, t: int, now: int) -> None:
         """Arm when there is something to fly with; keep the line."""
         if self.armed_at is None and self.remote.armed:
             self.armed_at = t
-        elif self.armed_at is None and self.pilot.ready:
+        elif self.armed_at is None and self.pilot.has_command:
             self.remote.arm()
-        self._watch()
+        self._report_supervisor()
         self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
 
-    def _watch(self) -> None:
+    def _report_supervisor(self) -> None:
         """Say what the supervisor has decided, and pass it what it is asked."""
         self.remote.mode = self.supervised.mode
         if self.remote.requests:
             self.supervised.ask(self.remote.requests.popleft())
-        news = self.supervised.news()
+        news = self.supervised.describe_changes()
         if news:
             self.remote.tell(news)
 
-    def _listen(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _report_silence(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
         """Say when nothing comes any more, and when it does again."""
         accepted, silence = self.endpoint.counts.accepted, now - self._heard
         if accepted != self._accepted:
             if self._silent:
-                self._say(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
+                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
             self._accepted, self._heard, self._silent = accepted, now, False
         elif silence >= SILENCE and not self._silent:
             self._silent = True
-            self._say(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
+            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
 
-    def _own(self, now: int, late: int, step: int) -> tuple[float, ...]:
+    def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
         remote, kept, counts = self.remote, self.deadlines, self.endpoint.counts
         return (
             late * 1e-9,
@@ -333,7 +335,7 @@ class Flyer:
             self.pilot.overtaken,
             (now - self._heard) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
-            counts.refused,
+            counts.refusals,
             counts.lost,
             counts.checksum,
             counts.garbage,
@@ -341,17 +343,19 @@ class Flyer:
             remote.armed,
         )
 
-    def _say(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _report(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
         tell(text)
         if book:
-            book.event(text)
+            book.write_event(text)
 
-    def _open(self, path: Path) -> FlightLog:
+    def _open_log(self, path: Path) -> FlightLog:
         step = self.pilot.step
         sources = [
-            Source(step.inputs, step.exported.inputs, frame_name),
-            Source(step.outputs, step.exported.outputs, lambda p: p),
+            LogSource(step.inputs, step.exported.inputs, frame_log_path),
+            LogSource(step.outputs, step.exported.outputs, lambda p: p),
         ]
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         period = to_seconds(self.scenario.autopilot.period)
-        return FlightLog(path, sources, OWN, described(self.scenario) | about | {"log_period_s": period})
+        return FlightLog(
+            path, sources, OWN_SIGNALS, describe_scenario(self.scenario) | about | {"log_period_s": period}
+        )

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.compiler.block import Exported, export_step
+from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.float64 import jax
-from trimtab.core.record import leaves, numeric, part, quantity, record
+from trimtab.core.record import leaves, part, quantity, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.time import ms, seconds
 from trimtab.live.virtual_vehicle import VirtualVehicle
@@ -26,13 +26,13 @@ from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
 from trimtab.wire import telemetry
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Channels, Event
-from trimtab.wire.streams import Stream, Streams
-from trimtab.wire.telemetry import Health, Seen
+from trimtab.wire.protocol import ReceiverChannels, VehicleEvent
+from trimtab.wire.streams import Streams, TelemetryStream
+from trimtab.wire.telemetry import Health, VehicleMotion
 
 
 @record
-class Posture:
+class MotionInput:
     """What the motion is told of. Source: docs page, Vehicle."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
@@ -40,9 +40,9 @@ class Posture:
     u: Any = part("What acts on it.")
 
 
-def motion_step(scenario: Scenario, *, name: str = "motion") -> Exported:
+def motion_step(scenario: Scenario, *, name: str = "motion") -> ExportedBlock:
     """The text of a vehicle's motion; its inputs are named as in a world's outputs, but for "actuators."."""
-    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
     key = Key(np.uint32(0), np.uint32(0))
     s, _ = jax.eval_shape(lambda: start(world, autopilot, x, key))
     state, u = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), (s.x, s.actuated.u))
@@ -52,13 +52,13 @@ def motion_step(scenario: Scenario, *, name: str = "motion") -> Exported:
         world.vehicle,
         lambda p: (),
         lambda p, s, now: (s, p.motion(now.t, now.truth, now.u)),
-        Posture(t=np.int64(0), truth=state, u=u),
+        MotionInput(t=np.int64(0), truth=state, u=u),
         "f64",
     )
 
 
 QUICK, MEDIUM, SLOW = ms(250), ms(500), seconds(1)
-WIDEST = 1e100
+WIDEST_SPAN = 1e100
 """A range of a command that is wider is none: nothing is known of it."""
 RADIO_SILENT = ms(500)
 FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
@@ -73,59 +73,61 @@ class Instruments:
         """Compile what is needed. flying: whether somebody commands it."""
         self._body, self._endpoint, self._flying = body, endpoint, flying
         self._motion = FastStep(motion_step(body.scenario))
-        self._pairs = _pairs(self._motion.reads, body.world.writes)
-        self._commanded = _commanded(failsafe, body.world.reads)
-        self._imu, self._magnetometer = (_sensor(body.world.writes, name) for name in (FORCE, FIELD))
+        self._pairs = _slot_pairs(self._motion.reads, body.world.writes)
+        self._commanded = _command_slots(failsafe, body.world.reads)
+        self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self._pulses: tuple[float, ...] = ()
         self._pulses_at = -2 * RADIO_SILENT
 
-    def streams(self) -> Streams:
+    def telemetry_streams(self) -> Streams:
         """Everything it tells, at the rates of a slow line."""
-        told: dict[str, Stream] = {
-            "ATTITUDE": Stream(lambda now: telemetry.attitude(now, self.seen()), QUICK),
-            "LOCAL_POSITION_NED": Stream(lambda now: telemetry.local_position(now, self.seen()), QUICK),
-            "VFR_HUD": Stream(lambda now: telemetry.head_up(self.seen()), MEDIUM),
-            "SERVO_OUTPUT_RAW": Stream(self._servos, MEDIUM),
-            "RC_CHANNELS": Stream(self._receiver, MEDIUM),
-            "SYS_STATUS": Stream(self._health, SLOW),
-            "EXTENDED_SYS_STATE": Stream(lambda now: telemetry.landed(not self._flying()), SLOW),
-            "SYSTEM_TIME": Stream(lambda now: telemetry.system_time(now, time.time()), SLOW),
+        told: dict[str, TelemetryStream] = {
+            "ATTITUDE": TelemetryStream(lambda now: telemetry.attitude(now, self.vehicle_motion()), QUICK),
+            "LOCAL_POSITION_NED": TelemetryStream(
+                lambda now: telemetry.local_position(now, self.vehicle_motion()), QUICK
+            ),
+            "VFR_HUD": TelemetryStream(lambda now: telemetry.vfr_hud(self.vehicle_motion()), MEDIUM),
+            "SERVO_OUTPUT_RAW": TelemetryStream(self._servo_fields, MEDIUM),
+            "RC_CHANNELS": TelemetryStream(self._receiver_fields, MEDIUM),
+            "SYS_STATUS": TelemetryStream(self._health_fields, SLOW),
+            "EXTENDED_SYS_STATE": TelemetryStream(lambda now: telemetry.landed_state(not self._flying()), SLOW),
+            "SYSTEM_TIME": TelemetryStream(lambda now: telemetry.system_time(now, time.time()), SLOW),
         }
         if self._imu is not None:
-            told["HIGHRES_IMU"] = Stream(self._inertial, MEDIUM)
+            told["HIGHRES_IMU"] = TelemetryStream(self._inertial_fields, MEDIUM)
         return Streams(self._endpoint, told)
 
-    def note(self, event: Event, now: int) -> None:
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Take note of what the safety pilot's receiver says."""
-        if isinstance(event, Channels):
+        if isinstance(event, ReceiverChannels):
             self._pulses, self._pulses_at = event.pulses, now
 
-    def seen(self) -> Seen:
+    def vehicle_motion(self) -> VehicleMotion:
         """How it moves now."""
         motion, world = self._motion, self._body.world
         motion.inputs[motion.reads["t"]] = self._body.t
         for into, out in self._pairs:
             motion.inputs[into] = world.outputs[out]
         motion.step()
-        return Seen(*(motion.result(name).tolist() for name in Seen._fields))
+        return VehicleMotion(*(motion.result(name).tolist() for name in VehicleMotion._fields))
 
-    def _servos(self, now: int) -> Mapping[str, Any]:
+    def _servo_fields(self, now: int) -> Mapping[str, Any]:
         at, low, span = self._commanded
-        return telemetry.servos(now, ((self._body.world.inputs[at] - low) / span).tolist())
+        return telemetry.servo_outputs(now, ((self._body.world.inputs[at] - low) / span).tolist())
 
-    def _receiver(self, now: int) -> Mapping[str, Any] | None:
-        return telemetry.receiver(now, self._pulses) if now - self._pulses_at <= RADIO_SILENT else None
+    def _receiver_fields(self, now: int) -> Mapping[str, Any] | None:
+        return telemetry.receiver_channels(now, self._pulses) if now - self._pulses_at <= RADIO_SILENT else None
 
-    def _inertial(self, now: int) -> Mapping[str, Any] | None:
+    def _inertial_fields(self, now: int) -> Mapping[str, Any] | None:
         assert self._imu is not None
         outputs, imu, field = self._body.world.outputs, self._imu, self._magnetometer
         if not outputs[imu.valid]:
             return None
         magnetic = outputs[field.at[FIELD]].tolist() if field and outputs[field.valid] else None
         force, rate = (outputs[imu.at[name]].tolist() for name in (FORCE, RATE))
-        return telemetry.inertial(int(outputs[imu.t]), force, rate, magnetic)
+        return telemetry.inertial_sample(int(outputs[imu.t]), force, rate, magnetic)
 
-    def _health(self, now: int) -> Mapping[str, Any]:
+    def _health_fields(self, now: int) -> Mapping[str, Any]:
         outputs, counts = self._body.world.outputs, self._endpoint.counts
         has = well = Health.MOTORS | Health.ARMING_CHECK
         for sensor, kind in (
@@ -137,10 +139,10 @@ class Instruments:
                 well |= kind if outputs[sensor.valid] else Health(0)
         if now - self._pulses_at <= RADIO_SILENT:
             has, well = has | Health.RECEIVER, well | Health.RECEIVER
-        return telemetry.health(has, well, counts.lost, counts.accepted, counts.refused)
+        return telemetry.system_health(has, well, counts.lost, counts.accepted, counts.refusals)
 
 
-class _Sensor(NamedTuple):
+class _SensorSlots(NamedTuple):
     """Where a sensor's newest sample stands in a world's outputs."""
 
     at: Mapping[str, Any]
@@ -148,22 +150,22 @@ class _Sensor(NamedTuple):
     valid: Any
 
 
-def _sensor(writes: Mapping[str, Any], quantity: str) -> _Sensor | None:
+def _find_sensor(writes: Mapping[str, Any], quantity: str) -> _SensorSlots | None:
     """The first sensor that measures a quantity."""
     for path in writes:
         sensor, dot, name = path.partition(".value.")
         if dot and name == quantity and sensor.startswith("sensors."):
             fields = {p.removeprefix(f"{sensor}.value."): at for p, at in writes.items() if p.startswith(sensor)}
-            return _Sensor(fields, writes[f"{sensor}.t"], writes[f"{sensor}.valid"])
+            return _SensorSlots(fields, writes[f"{sensor}.t"], writes[f"{sensor}.valid"])
     return None
 
 
-def _pairs(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
+def _slot_pairs(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
     """Where each number of the state, and of what acts, stands for the motion and in the world."""
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in reads.items() if p != "t"]
 
 
-def _commanded(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, Any, Any]:
+def _command_slots(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, Any, Any]:
     """Where the numbers that the actuators are given stand, their lowest value and their range; NaN for none."""
     every = np.arange(1 + max(at.stop if isinstance(at, slice) else at for at in reads.values()))
     at = [np.atleast_1d(every[reads[f"command.value.{p}"]]) for p, _, _ in leaves(failsafe.safe)]
@@ -171,4 +173,4 @@ def _commanded(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, Any, 
         np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)]) for r in (failsafe.low, failsafe.high)
     )
     span = high - low
-    return np.concatenate(at), low, np.where((span > 0) & (span < WIDEST), span, np.nan)
+    return np.concatenate(at), low, np.where((span > 0) & (span < WIDEST_SPAN), span, np.nan)

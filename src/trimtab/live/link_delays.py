@@ -6,17 +6,17 @@ import numpy as np
 
 from trimtab.core.time import ms
 from trimtab.links.bluetooth import BELOW_MIN_MS, SEND_PERIODS, Latencies
-from trimtab.links.fifo import slots_needed
+from trimtab.links.fifo import required_slots
 from trimtab.links.latency import gamma_table
 from trimtab.links.latency_trace import Trace
 
-QUICKEST = 0.05
+QUICKEST_SHARE = 0.05
 """Share of the round trips from which the offset of two clocks is taken."""
 LEAST_SD = 1e-5
 """Spread (s) of a model of a link that has none."""
 
 
-class Plan(NamedTuple):
+class LinkTestPlan(NamedTuple):
     """What to measure: load in kb/s each way (all that is sent, ten bits a byte), requests, and how many a second."""
 
     up: float
@@ -31,63 +31,63 @@ class Plan(NamedTuple):
 class Delays(NamedTuple):
     """What was measured, in s; one entry a request in the order sent, NaN where no reply came."""
 
-    plan: Plan
-    sent: np.ndarray[Any, Any]
+    plan: LinkTestPlan
+    send_times: np.ndarray[Any, Any]
     up: np.ndarray[Any, Any]
     down: np.ndarray[Any, Any]
     lost_up: int
     """Requests that did not arrive; the others without a reply were lost on the way down."""
-    shared: bool
+    has_one_clock: bool
     """Measured with one clock; else only the sum of up and down is certain."""
-    carried: tuple[float, float]
+    data_rates: tuple[float, float]
     """kb/s that were sent, and that arrived."""
 
     @property
-    def answered(self) -> np.ndarray[Any, Any]:
+    def has_reply(self) -> np.ndarray[Any, Any]:
         """Which requests were."""
         return np.isfinite(self.up)
 
 
-def offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
+def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
     """How far the far clock is ahead (s), were the quickest round trips as quick up as down."""
-    quickest = np.argsort(trip)[: max(1, int(QUICKEST * len(trip)))]
+    quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
     return float(np.median((up - trip / 2)[quickest]))
 
 
-def traces(delays: Delays) -> dict[str, Trace]:
+def link_traces(delays: Delays) -> dict[str, Trace]:
     """Recordings of both ways, for LatencyTrace; of those without a reply, which were lost on which way is not known.
 
     They count as lost up at even distances, as many as the far end has missed.
     """
-    missing = np.flatnonzero(~delays.answered)
-    lost_up = np.zeros(len(delays.sent), bool)
+    missing = np.flatnonzero(~delays.has_reply)
+    lost_up = np.zeros(len(delays.send_times), bool)
     count = min(delays.lost_up, len(missing))
     lost_up[missing[((np.arange(count) + 0.5) * len(missing) / max(count, 1)).astype(int)]] = True
-    mean = float(np.nanmean(delays.up)) if delays.answered.any() else 0.0
+    mean = float(np.nanmean(delays.up)) if delays.has_reply.any() else 0.0
     up, down = np.maximum(delays.up, 0.0), np.maximum(delays.down, 0.0)
     arrived_up = ~lost_up
-    left = (delays.sent + np.where(delays.answered, up, mean))[arrived_up]
+    left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
     order = np.argsort(left, kind="stable")
-    fell = ~delays.answered[arrived_up][order]
+    fell = ~delays.has_reply[arrived_up][order]
     # a request that was answered late or never did arrive: the mean stands for its unknown uplink
-    upward = Trace(delays.sent, np.where(lost_up, 0.0, np.where(delays.answered, up, mean)), lost_up)
+    upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
     return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
 
 
-def latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
+def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
     """Mean, standard deviation, smallest and largest in ms, of those that are not NaN; a row of the source's table."""
     found = 1e3 * seconds[np.isfinite(seconds)]
     sd = float(found.std(ddof=1)) if len(found) > 1 else 0.0
     return Latencies(float(found.mean()), sd, float(found.min()), float(found.max()))
 
 
-def rows(delays: Delays) -> dict[str, Latencies]:
+def latency_rows(delays: Delays) -> dict[str, Latencies]:
     """The rows "up", "down" and "round trip" of the source's table."""
     found = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
-    return {path: latencies(seconds) for path, seconds in found.items()}
+    return {path: summarise_latencies(seconds) for path, seconds in found.items()}
 
 
-class Model(NamedTuple):
+class DelayModel(NamedTuple):
     """A shifted gamma distribution of latencies (s) with the moments that were measured, and the share lost."""
 
     mean: float
@@ -100,14 +100,14 @@ class Model(NamedTuple):
         table, period = np.round(gamma_table(self.mean, self.sd, self.shift), 6), SEND_PERIODS[path]
         where = f"world.{path}link"
         values = ",".join(f"{value:.6g}" for value in table)
-        slots = slots_needed(float(table[-1]), period, ms(1))
+        slots = required_slots(float(table[-1]), period, ms(1))
         return [f"{where}.latency=[{values}]", f"{where}.loss={self.loss:.4g}", f"{where}.capacity={slots}"]
 
 
-def model(trace: Trace) -> Model:
+def fit_delay_model(trace: Trace) -> DelayModel:
     """Of one way: the distribution starts 2 ms below the smallest latency, as that of the source's table here."""
     found = trace.latency_s[~trace.lost]
-    row = latencies(found)
+    row = summarise_latencies(found)
     shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
     mean = max(row.mean_ms / 1e3, shift + LEAST_SD)
-    return Model(mean, max(row.sd_ms / 1e3, LEAST_SD), shift, float(trace.lost.mean()))
+    return DelayModel(mean, max(row.sd_ms / 1e3, LEAST_SD), shift, float(trace.lost.mean()))

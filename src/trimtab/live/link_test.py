@@ -19,23 +19,33 @@ import numpy as np
 
 from trimtab.core.interfaces import Link
 from trimtab.core.time import to_seconds
-from trimtab.live.clock_time import LOAD_DOWN, STATUS, UP, Hello, Parser, Reply, appended, hello_of, this_boot
-from trimtab.live.link_delays import Delays, Plan, offset
+from trimtab.live.clock_time import (
+    LOAD_DOWN,
+    STATUS,
+    UP,
+    ClockMessageParser,
+    Hello,
+    Reply,
+    boot_digest,
+    echo_request,
+    parse_hello,
+)
+from trimtab.live.link_delays import Delays, LinkTestPlan, clock_offset
 
 MOST_LOAD = 125_000
 """Bytes per second that it will send, whoever asks."""
-KEEPS = 3.0
+LOAD_TIMEOUT = 3.0
 """Seconds for which it sends load after the last request for it."""
 BURST = 4
 """Messages of load at once, at most, after a delay of the machine's own."""
 
 
-def now() -> int:
+def monotonic_time() -> int:
     """The time of this machine's monotonic clock, which all its processes share, in 100 ns."""
     return time.monotonic_ns() // 100
 
 
-class Pace:
+class LoadPace:
     """Says when a message of load is due, so that all that is sent makes a rate (byte/s)."""
 
     def __init__(self, size: int) -> None:
@@ -49,21 +59,21 @@ class Pace:
         """Whether a message is due at t (s), which is then counted as sent."""
         if self.rate <= 0 or t < self._due:
             return False
-        self.spent(self._size, t)
+        self.count_bytes(self._size, t)
         return True
 
-    def spent(self, size: int, t: float) -> None:
+    def count_bytes(self, size: int, t: float) -> None:
         """So many bytes were sent at t (s)."""
         if self.rate > 0:
             earliest = t - BURST * self._size / self.rate if self._due else t
             self._due = max(self._due, earliest) + size / self.rate
 
 
-def echo(
+def echo_requests(
     link: Link,
     *,
     stop: Callable[[], bool] = lambda: False,
-    clock: Callable[[], int] = now,
+    clock: Callable[[], int] = monotonic_time,
     boot: bytes | None = None,
 ) -> int:
     """Answer until `stop`, looked at ten times a second. Returns the number of requests echoed.
@@ -74,24 +84,24 @@ def echo(
         clock: in 100 ns.
         boot: what tells whose clock it is; None: this machine's.
     """
-    parser, pace, boot = Parser(UP), Pace(len(LOAD_DOWN)), this_boot() if boot is None else boot
+    parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
     while not stop():
         data = link.receive(min(0.1, pace.wait(time.monotonic())))
         arrived = clock()
         for message in parser.feed(data) if data else ():
-            link.vouch()
-            answer = appended(message, arrived)
-            hello = hello_of(message.data) if message.id == STATUS else None
+            link.accept_sender()
+            answer = echo_request(message, arrived)
+            hello = parse_hello(message.data) if message.id == STATUS else None
             if hello is not None:
                 heard = heard if hello.session == session else 0
-                session, pace.rate, until = hello.session, min(hello.number, MOST_LOAD), time.monotonic() + KEEPS
+                session, pace.rate, until = hello.session, min(hello.number, MOST_LOAD), time.monotonic() + LOAD_TIMEOUT
                 answer = Hello(boot, session, heard).pack()
             elif answer:
                 heard, echoed = heard + 1, echoed + 1
             if answer:
                 link.send(answer)
-                pace.spent(len(answer), time.monotonic())
+                pace.count_bytes(len(answer), time.monotonic())
         if time.monotonic() > until:
             pace.rate = 0.0
         if pace.due(time.monotonic()):
@@ -104,7 +114,7 @@ BITS_PER_BYTE = 10
 """On a serial line, with start and stop bit; the source's rates count them."""
 
 
-class Exchange(Protocol):
+class DelayExchange(Protocol):
     """The bytes of the experiment, at the measuring end."""
 
     shared: bool | None
@@ -116,20 +126,22 @@ class Exchange(Protocol):
         """Key and bytes of a request that leaves at t (100 ns)."""
         ...
 
-    def hello(self, rate: int) -> bytes:
+    def pack_hello(self, rate: int) -> bytes:
         """Asks the far end to speak, and for a load (byte/s); may be empty once it has."""
         ...
 
-    def load(self) -> bytes:
+    def pack_load(self) -> bytes:
         """A message of load on the uplink."""
         ...
 
-    def take(self, data: bytes) -> list[Reply]:
+    def read_replies(self, data: bytes) -> list[Reply]:
         """The replies in what came."""
         ...
 
 
-def measure(link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int] = now) -> Delays | None:
+def measure_delays(
+    link: Link, exchange: DelayExchange, plan: LinkTestPlan, clock: Callable[[], int] = monotonic_time
+) -> Delays | None:
     """Send requests under load and gather the replies; None where nobody answers.
 
     Args:
@@ -138,8 +150,8 @@ def measure(link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int]
         plan: load and number of requests.
         clock: in 100 ns.
     """
-    session = _Session(link, exchange, plan, clock)
-    if not session.meet():
+    session = _DelayMeasurement(link, exchange, plan, clock)
+    if not session.await_far_end():
         return None
     before, start = link.statistics, time.monotonic()
     session.ask()
@@ -150,26 +162,26 @@ def measure(link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int]
     return session.delays((up, down))
 
 
-class _Session:
+class _DelayMeasurement:
     """One measurement: when each request left and, by its key, what the reply to it said and when it came."""
 
-    def __init__(self, link: Link, exchange: Exchange, plan: Plan, clock: Callable[[], int]) -> None:
+    def __init__(self, link: Link, exchange: DelayExchange, plan: LinkTestPlan, clock: Callable[[], int]) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
         self._sent: dict[int, int] = {}
         self._back: dict[int, tuple[int, int]] = {}
-        self._hello = exchange.hello(round(plan.down * 1e3 / BITS_PER_BYTE))
+        self._hello = exchange.pack_hello(round(plan.down * 1e3 / BITS_PER_BYTE))
 
-    def meet(self) -> bool:
+    def await_far_end(self) -> bool:
         """Speak until the far end answers."""
         end = time.monotonic() + 10 * self._plan.patience
         while self._exchange.shared is None and time.monotonic() < end:
             self._link.send(self._hello)
-            self._gather(0.2)
+            self._gather_replies(0.2)
         return self._exchange.shared is not None
 
     def ask(self) -> None:
         """Send the requests, out of step with whatever else is periodic, and the load between them."""
-        draw, pace = random.Random(self._plan.seed), Pace(len(self._exchange.load()))
+        draw, pace = random.Random(self._plan.seed), LoadPace(len(self._exchange.pack_load()))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = time.monotonic()
         while len(self._sent) < self._plan.requests:
@@ -179,15 +191,15 @@ class _Session:
                 key, packet = self._exchange.request(departed)
                 self._link.send(packet)
                 self._sent[key] = departed
-                pace.spent(len(packet), t)
+                pace.count_bytes(len(packet), t)
                 at += draw.uniform(0.5, 1.5) / self._plan.rate
             if t >= hello_at:
                 self._link.send(self._hello)
-                pace.spent(len(self._hello), t)
+                pace.count_bytes(len(self._hello), t)
                 hello_at += HELLO_EVERY
             if pace.due(t):
-                self._link.send(self._exchange.load())
-            self._gather(min(at - t, hello_at - t, pace.wait(t)))
+                self._link.send(self._exchange.pack_load())
+            self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
 
     def finish(self) -> None:
         """Wait for the last replies, with the load going on, and hear how many requests arrived."""
@@ -196,13 +208,13 @@ class _Session:
             self._link.send(self._hello)
             until = time.monotonic() + 0.1
             while (left := until - time.monotonic()) > 0:
-                self._gather(left)
+                self._gather_replies(left)
 
-    def _gather(self, wait: float) -> None:
+    def _gather_replies(self, wait: float) -> None:
         """Take what comes within `wait` seconds; of two replies to one request the first counts."""
         data = self._link.receive(max(wait, 0.0))
         arrived = self._clock()
-        for key, uplink in self._exchange.take(data) if data else ():
+        for key, uplink in self._exchange.read_replies(data) if data else ():
             if key in self._sent:
                 self._back.setdefault(key, (uplink, arrived))
 
@@ -216,6 +228,6 @@ class _Session:
         trip[came] = to_seconds(np.array([arrived - t0 for (_, arrived), t0 in answered], np.float64))
         shared = bool(self._exchange.shared)
         if not shared and came.any():
-            up = up - offset(up[came], trip[came])
+            up = up - clock_offset(up[came], trip[came])
         lost_up = max(len(left) - max(self._exchange.heard, len(answered)), 0)
         return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, carried)

@@ -19,33 +19,33 @@ import numpy as np
 
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, to_seconds
-from trimtab.live.autopilot_end import Pilot, dialect_for, frame_name
-from trimtab.live.exchange import Taken
-from trimtab.live.flight_log import FlightLog, Source
+from trimtab.live.autopilot_end import AutopilotEnd, frame_log_path, scenario_dialect
+from trimtab.live.exchange import GroupSample
+from trimtab.live.flight_log import FlightLog, LogSource
 from trimtab.live.remote import HEARTBEAT
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compiled_world
-from trimtab.logs.stream import Written
+from trimtab.live.world_step import compile_world
+from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
-from trimtab.run.fast_step import fast_step
-from trimtab.run.program import described
+from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.program import describe_scenario
 from trimtab.wire.definitions import Message
-from trimtab.wire.dialect import INSTANT, Dialect, dialect_of
+from trimtab.wire.dialect import INSTANT, Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 
-AGAIN = 0.2
+RESEND_PERIOD = 0.2
 """Seconds after which what has not been answered is sent again."""
 PATIENCE = 10.0
 """Seconds of silence after which the other end is given up."""
-FIRST = 120.0
+START_PATIENCE = 120.0
 """Seconds that it may take to come up: it may have to be compiled."""
 
 
-class Silence(Exception):
+class NoAnswerError(Exception):
     """The other end has not answered for too long."""
 
 
-def lead(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each: Callable[[int], None]) -> None:
+def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each: Callable[[int], None]) -> None:
     """The vehicle's end, for the scenario's duration; `each(t)` is called after every instant and at the end.
 
     Raises Silence when nobody answers.
@@ -53,68 +53,68 @@ def lead(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each: Callable
     period, duration = vehicle.scenario.autopilot.period, vehicle.scenario.duration
     fresh = False
     for t in vehicle.instants():
-        vehicle.turn(min(t, duration), fresh=fresh)
+        vehicle.advance(min(t, duration), fresh=fresh)
         if t >= duration:
             each(duration)
             return
         fresh = t % period == 0
         if fresh:
-            _ask(vehicle, link, endpoint, t).write(vehicle.world.inputs)
+            _await_command(vehicle, link, endpoint, t).write(vehicle.world.inputs)
         each(t)
 
 
-def _ask(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> Taken:
+def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> GroupSample:
     """The command for instant t."""
-    given_up = monotonic() + (PATIENCE if t else FIRST)
-    changed = vehicle.changed()
+    given_up = monotonic() + (PATIENCE if t else START_PATIENCE)
+    changed = vehicle.changed_sensors()
     while monotonic() < given_up:
-        for packet in vehicle.packets(endpoint, changed):
+        for packet in vehicle.sample_packets(endpoint, changed):
             link.send(packet)
         link.send(endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": len(changed)}))
-        again = monotonic() + AGAIN
+        again = monotonic() + RESEND_PERIOD
         while (left := again - monotonic()) > 0:
-            for message in _heard(link, endpoint, left):
+            for message in _receive_messages(link, endpoint, left):
                 if message.name in vehicle.command.names:
-                    taken = vehicle.command.take(message)
+                    taken = vehicle.command.assemble(message)
                     if taken is not None and taken.t == t:
                         return taken
-    raise Silence(f"no command for {PATIENCE if t else FIRST:g} s")
+    raise NoAnswerError(f"no command for {PATIENCE if t else START_PATIENCE:g} s")
 
 
-def _heard(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
+def _receive_messages(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
     """What has come and was accepted; who sent it may be answered."""
     messages = endpoint.feed(link.receive(timeout))
     if messages:
-        link.vouch()
+        link.accept_sender()
     return messages
 
 
-def follow(pilot: Pilot, link: Link, endpoint: Endpoint, duration: int, period: int) -> Iterator[int]:
+def follow_lockstep(pilot: AutopilotEnd, link: Link, endpoint: Endpoint, duration: int, period: int) -> Iterator[int]:
     """The autopilot's end, for a duration: yields each instant after its step, before it is answered.
 
     Raises Silence when the vehicle says nothing more.
     """
     instant = endpoint.dialect.groups[INSTANT][0]
     done = -period
-    given_up, quiet = monotonic() + FIRST, 0.0
+    given_up, quiet = monotonic() + START_PATIENCE, 0.0
     while done + period < duration:
         if monotonic() > quiet:  # on some lines the vehicle knows only those ends that it hears
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
-            quiet = monotonic() + AGAIN
-        for message in _heard(link, endpoint, AGAIN):
+            quiet = monotonic() + RESEND_PERIOD
+        for message in _receive_messages(link, endpoint, RESEND_PERIOD):
             if message.name != instant:
-                pilot.take(message)
+                pilot.handle_message(message)
                 continue
             t, samples = message.get("t"), message.get("samples")
-            if t == done + period and pilot.waiting == samples:
-                pilot.fly(t)
+            if t == done + period and pilot.queue_length == samples:
+                pilot.fly_period(t)
                 yield t
                 done = t
-            given_up, quiet = monotonic() + PATIENCE, monotonic() + AGAIN
-            for packet in pilot.commands(endpoint) if t == done else ():
+            given_up, quiet = monotonic() + PATIENCE, monotonic() + RESEND_PERIOD
+            for packet in pilot.command_packets(endpoint) if t == done else ():
                 link.send(packet)
         if monotonic() > given_up:
-            raise Silence(f"no instant after {done * 1e-7:g} s")
+            raise NoAnswerError(f"no instant after {done * 1e-7:g} s")
 
 
 MakeEndpoint = Callable[[Dialect], Endpoint]
@@ -125,63 +125,63 @@ class LockstepVehicle:
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the world. endpoint: makes the vehicle's end for a dialect."""
-        world, frame, command = compiled_world(scenario, seed=seed)
-        dialect = dialect_of(frame, command)
+        world, frame, command = compile_world(scenario, seed=seed)
+        dialect = derive_dialect(frame, command)
         self.scenario, self.seed = scenario, seed
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(scenario, dialect, world)
 
-    def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> Written | None:
+    def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
         """Lead through the scenario's duration; raises Silence where nobody follows."""
         body, world = self.body, self.body.world
-        about = described(self.scenario) | {"side": "vehicle", "seed": self.seed, "run": 0, "backend": "c"}
+        about = describe_scenario(self.scenario) | {"side": "vehicle", "seed": self.seed, "run": 0, "backend": "c"}
         about["log_period_s"] = to_seconds(log_period)
-        sources = [Source(body.row, world.exported.outputs, lambda p: p)]
+        sources = [LogSource(body.row, world.exported.outputs, lambda p: p)]
         book = FlightLog(log, sources, {}, about) if log else None
 
         def each(t: int) -> None:
             if book is not None and t and body.row_t % log_period == 0:
-                book.put(body.row_t)
+                book.write_row(body.row_t)
 
         written = None
         try:
-            lead(body, link, self.endpoint, each)
+            lead_lockstep(body, link, self.endpoint, each)
         finally:
             self.endpoint.close()
-            written = book.close(self._final()) if book else None
+            written = book.close(self._final_truth()) if book else None
         return written
 
-    def _final(self) -> dict[str, Any]:
+    def _final_truth(self) -> dict[str, Any]:
         world = self.body.world
         return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}
 
 
-class LockstepPilot:
+class LockstepAutopilot:
     """The autopilot's end: it follows."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the autopilot. endpoint: makes its end for a dialect."""
         scenario.check()
-        dialect = dialect_for(scenario)
+        dialect = scenario_dialect(scenario)
         self.scenario, self.seed = scenario, seed
         self.endpoint = endpoint(dialect)
-        self.pilot = Pilot(scenario, dialect, fast_step(scenario, seed=seed))
+        self.pilot = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
-    def run(self, link: Link, log: Path | None = None) -> Written | None:
+    def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
         """Follow through the scenario's duration; raises Silence where nobody leads."""
         step, period = self.pilot.step, self.scenario.autopilot.period
-        about = described(self.scenario) | {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
+        about = describe_scenario(self.scenario) | {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         about["log_period_s"] = to_seconds(period)
         sources = [
-            Source(step.inputs, step.exported.inputs, frame_name),
-            Source(step.outputs, step.exported.outputs, lambda p: p),
+            LogSource(step.inputs, step.exported.inputs, frame_log_path),
+            LogSource(step.outputs, step.exported.outputs, lambda p: p),
         ]
         book = FlightLog(log, sources, {}, about) if log else None
         written = None
         try:
-            for t in follow(self.pilot, link, self.endpoint, self.scenario.duration, period):
+            for t in follow_lockstep(self.pilot, link, self.endpoint, self.scenario.duration, period):
                 if book is not None:
-                    book.put(t)
+                    book.write_row(t)
         finally:
             self.endpoint.close()
             written = book.close() if book else None

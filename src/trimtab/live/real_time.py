@@ -23,14 +23,14 @@ from time import monotonic_ns, thread_time_ns
 from typing import NamedTuple
 
 from trimtab.core.interfaces import Link
-from trimtab.core.time import show
+from trimtab.core.time import format_time
 
 NS = 100
 """Nanoseconds in a unit of time."""
-MOST = 64
+MOST_PACKETS = 64
 """Packets taken at one instant, so that a flood can't stop the clock."""
 
-QUEUE = 10_000
+DISCARD_LIMIT = 10_000
 """Packets thrown away at most."""
 
 
@@ -54,24 +54,24 @@ class WallClock:
             if data is not None:
                 hear(data)
             late += left <= 0
-            if (left <= 0 and data is None) or late > MOST:
+            if (left <= 0 and data is None) or late > MOST_PACKETS:
                 return monotonic_ns()
 
 
-def discard(link: Link) -> int:
+def discard_packets(link: Link) -> int:
     """Throw away what lies waiting, of a time when nobody looked; returns how many packets."""
     found = 0
-    while found < QUEUE and link.receive(0.0) is not None:
+    while found < DISCARD_LIMIT and link.receive(0.0) is not None:
         found += 1
     return found
 
 
-HALF = 5
+SUB_BUCKET_BITS = 5
 """Each doubling is cut into 2**HALF buckets: 3 % wide."""
-BUCKETS = (64 - HALF) << HALF
+BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 
 
-class Summary(NamedTuple):
+class TimeSummary(NamedTuple):
     """Times in seconds; a quantile is the upper end of its bucket."""
 
     n: int
@@ -92,8 +92,8 @@ class Histogram:
         """Count one; below 0 counts as 0."""
         ns = max(ns, 0)
         self.longest = max(self.longest, ns)
-        shift = max(ns.bit_length() - HALF - 1, 0)
-        self.counts[min((shift << HALF) + (ns >> shift), BUCKETS - 1)] += 1
+        shift = max(ns.bit_length() - SUB_BUCKET_BITS - 1, 0)
+        self.counts[min((shift << SUB_BUCKET_BITS) + (ns >> shift), BUCKETS - 1)] += 1
 
     def quantile(self, share: float) -> float:
         """The time (s) that this share of all does not exceed; 0 when there is none."""
@@ -101,13 +101,13 @@ class Histogram:
         for bucket, count in enumerate(self.counts):
             seen += count
             if count and seen >= wanted:
-                return min(upper(bucket), self.longest) * 1e-9
+                return min(bucket_end(bucket), self.longest) * 1e-9
         return 0.0
 
-    def summary(self) -> Summary:
+    def summary(self) -> TimeSummary:
         """Count, median, tails."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
-        return Summary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
+        return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
     def decades(self) -> list[tuple[float, float, int]]:
         """(from, to, count) over times doubling from 1 us on: for a table or a picture."""
@@ -115,23 +115,23 @@ class Histogram:
         found = [0] * (len(edges) - 1)
         for bucket, count in enumerate(self.counts):
             if count:
-                middle = upper(bucket) * 1e-9
+                middle = bucket_end(bucket) * 1e-9
                 found[max(i for i, e in enumerate(edges[:-1]) if middle > e or i == 0)] += count
         rows = zip(edges, edges[1:], found, strict=False)
         return [(low, high, count) for low, high, count in rows if count]
 
 
-def upper(bucket: int) -> int:
+def bucket_end(bucket: int) -> int:
     """The longest time (ns) that falls into a bucket."""
-    shift = max((bucket >> HALF) - 1, 0)
-    return ((bucket - (shift << HALF) + 1) << shift) - 1
+    shift = max((bucket >> SUB_BUCKET_BITS) - 1, 0)
+    return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 
 
 PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
 
-class Granted(NamedTuple):
+class RealTimeGrant(NamedTuple):
     """What the system granted: scheduler "fifo" or "ordinary", memory locked or not."""
 
     scheduler: str
@@ -143,7 +143,7 @@ class Granted(NamedTuple):
 
 
 @contextlib.contextmanager
-def real_time(wanted: bool = True) -> Iterator[Granted]:
+def real_time(wanted: bool = True) -> Iterator[RealTimeGrant]:
     """Within it this process is scheduled before ordinary ones and stays in memory, where that is allowed.
 
     The collector of cycles rests: the loop makes none, and a collection takes milliseconds.
@@ -159,7 +159,7 @@ def real_time(wanted: bool = True) -> Iterator[Granted]:
             scheduler = "fifo"
         locked = libc.mlockall(MCL_CURRENT_AND_FUTURE) == 0
     try:
-        yield Granted(scheduler, locked)
+        yield RealTimeGrant(scheduler, locked)
     finally:
         gc.enable()
         if locked:
@@ -186,7 +186,7 @@ class Deadlines:
         """Seconds until deadline k; negative when it has passed."""
         return (self.start + k * self.period * NS - monotonic_ns()) * 1e-9
 
-    def done(self, k: int, woke: int, began: int, stepped: int) -> bool:
+    def record_period(self, k: int, woke: int, began: int, stepped: int) -> bool:
         """Account for period k: when it woke, and when the step began and ended (ns). Returns whether it overran."""
         deadline = self.start + k * self.period * NS
         ended = monotonic_ns()
@@ -209,4 +209,4 @@ class Deadlines:
         """All of it, times in seconds, for a report."""
         tables = {name: getattr(self, name).summary()._asdict() for name in ("late", "step", "work")}
         overruns = {"own_work": self.own, "scheduler": self.scheduler}
-        return {"period": show(self.period), **tables, "overruns": overruns}
+        return {"period": format_time(self.period), **tables, "overruns": overruns}

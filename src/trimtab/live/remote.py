@@ -10,13 +10,13 @@ from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, seconds
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import ModeFlag, Order, Result, VehicleType, Wanted, requested
+from trimtab.wire.protocol import CommandCode, CommandResult, FlightCommand, ModeFlag, VehicleType, parse_request
 from trimtab.wire.time_sync import TimeSync
 
 NO_AUTOPILOT = 8
 HEARTBEAT = {"type": VehicleType.ONBOARD_COMPUTER, "autopilot": NO_AUTOPILOT, "system_status": 4}
 """Of an onboard computer that is no flight controller, running."""
-VERSION = 148
+VERSION_MESSAGE = 148
 """The number of AUTOPILOT_VERSION."""
 MOST_ASKS = 4
 """Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
@@ -25,11 +25,11 @@ HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ASKS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
-SHORT = ms(300)
+QUICK_ROUND_TRIP = ms(300)
 """At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
 
 
-class Remote:
+class RemoteVehicle:
     """Keeps the line to a vehicle: heartbeats, time synchronisation, arming. Times `now` are this end's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link) -> None:
@@ -53,15 +53,15 @@ class Remote:
         self._version_asks, self._compared = 0, False
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether there is a vehicle whose clock is known."""
-        return self.heard is not None and self._known and self._compared and not self.misfit
+        return self.heard is not None and self._is_clock_known and self._compared and not self.misfit
 
     @property
-    def _known(self) -> bool:
-        return self._asks >= QUICK_ASKS and self.sync.shortest <= SHORT
+    def _is_clock_known(self) -> bool:
+        return self._asks >= QUICK_ASKS and self.sync.shortest <= QUICK_ROUND_TRIP
 
-    def why_not(self) -> str:
+    def reason_not_ready(self) -> str:
         """Why it is not ready, for people."""
         counts, carried = self._endpoint.counts, self._link.statistics
         if self.misfit:
@@ -78,24 +78,24 @@ class Remote:
         """The vehicle's clock minus this end's (100 ns), as it is applied now: it turns, and does not jump."""
         return self.sync.to_remote(now) - now
 
-    def take(self, message: Message, now: int) -> None:
+    def handle_message(self, message: Message, now: int) -> None:
         """Follow a message that is no sample."""
         if message.name == "HEARTBEAT" and message.get("autopilot") != NO_AUTOPILOT:
-            self._beat(message, now)
+            self._handle_heartbeat(message, now)
         elif (message.system, message.component) != (self.system, self.component):
             return  # of a ground station, or of another vehicle, passed on by a router
         elif message.name == "TIMESYNC":
-            self._synchronise(message, now)
+            self._handle_time_sync(message, now)
         elif message.name == "STATUSTEXT":
             self.tell("vehicle: " + "".join(c if c.isprintable() else "?" for c in message.get("text")))
         elif message.name == "COMMAND_ACK":
-            self._acknowledged(message)
+            self._handle_acknowledgement(message)
         elif message.name == "COMMAND_LONG":
-            self._requested(message)
+            self._handle_request(message)
         elif message.name == "AUTOPILOT_VERSION":
-            self._compare(bytes(message.get("flight_custom_version")))
+            self._compare_dialects(bytes(message.get("flight_custom_version")))
 
-    def _beat(self, message: Message, now: int) -> None:
+    def _handle_heartbeat(self, message: Message, now: int) -> None:
         if self.heard is None:
             self.system, self.component = message.system, message.component
         if (message.system, message.component) != (self.system, self.component):
@@ -105,38 +105,38 @@ class Remote:
             self.tell("the vehicle is not armed any more")
         self.heard, self.armed = now, armed
 
-    def _synchronise(self, message: Message, now: int) -> None:
-        if not self.sync.answered(message.get("tc1"), message.get("ts1"), now):
+    def _handle_time_sync(self, message: Message, now: int) -> None:
+        if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             return
         if self.sync.jumps != self._jumps:  # it was started anew, say
             self._jumps, self._asks = self.sync.jumps, 0
             self.tell("the vehicle's clock is another now")
         self._asks = min(self._asks + 1, QUICK_ASKS)
 
-    def _acknowledged(self, message: Message) -> None:
+    def _handle_acknowledgement(self, message: Message) -> None:
         ours = ("target_system", self._endpoint.system), ("target_component", self._endpoint.component)
         if any(message.get(field) not in (0, own) for field, own in ours):
             return
-        command, accepted = message.get("command"), message.get("result") == Result.ACCEPTED
-        if command == Order.ARM and accepted and self._wants is not None:
+        command, accepted = message.get("command"), message.get("result") == CommandResult.ACCEPTED
+        if command == CommandCode.ARM and accepted and self._wants is not None:
             self.armed, self._wants = bool(self._wants), None
-        elif command == Order.REQUEST_MESSAGE and not accepted:
+        elif command == CommandCode.REQUEST_MESSAGE and not accepted:
             self._compared = True
 
-    def _requested(self, message: Message) -> None:
+    def _handle_request(self, message: Message) -> None:
         """The vehicle passes on what a ground station wants; its own commands to others are none of this end's."""
         own = self._endpoint.system, self._endpoint.component
         if (message.get("target_system"), message.get("target_component")) != own:
             return
-        request = requested(Wanted(*(message.get(n) for n in ("command", "param1", "param2"))))
-        result = Result.ACCEPTED if request and self.mode is not None else Result.UNSUPPORTED
+        request = parse_request(FlightCommand(*(message.get(n) for n in ("command", "param1", "param2"))))
+        result = CommandResult.ACCEPTED if request and self.mode is not None else CommandResult.UNSUPPORTED
         if request and self.mode is not None:
             self.requests.append(request)
         answer = {"command": message.get("command"), "result": result}
         to = {"target_system": message.system, "target_component": message.component}
         self._link.send(self._endpoint.pack("COMMAND_ACK", answer | to))
 
-    def _compare(self, theirs: bytes) -> None:
+    def _compare_dialects(self, theirs: bytes) -> None:
         """Whether the vehicle has the same messages; one that doesn't say so is believed, for checksums tell too."""
         ours = self._endpoint.dialect.fingerprint
         self._compared = True
@@ -151,19 +151,19 @@ class Remote:
             mode = {} if self.mode is None else {"base_mode": ModeFlag.CUSTOM, "custom_mode": self.mode}
             self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode))
         if now >= self._next["sync"]:
-            self._next["sync"] = now + (SYNC_SLOW if self._known else SYNC_QUICK)
+            self._next["sync"] = now + (SYNC_SLOW if self._is_clock_known else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
         if self._wants is not None and now >= self._next["ask"]:
             self._next["ask"] = now + (ASK_PERIOD if self._wants else DISARM_PERIOD)
-            self._order(Order.ARM, self._wants)
+            self._send_command(CommandCode.ARM, self._wants)
         if self.heard is not None and not self._compared and now >= self._next["version"]:
             self._next["version"] = now + ASK_PERIOD
             self._version_asks += 1
             self._compared = self._version_asks > MOST_ASKS
-            self._order(Order.REQUEST_MESSAGE, VERSION)
+            self._send_command(CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE)
 
     @property
-    def asking(self) -> bool:
+    def is_asking(self) -> bool:
         """Whether it has been asked to arm or disarm and has not answered yet."""
         return self._wants is not None
 
@@ -176,6 +176,6 @@ class Remote:
         """Ask the vehicle to disarm, again and again until it has answered."""
         self._wants, self._next["ask"] = 0.0, 0
 
-    def _order(self, command: Order, first: float) -> None:
+    def _send_command(self, command: CommandCode, first: float) -> None:
         fields = {"command": command, "param1": first, "target_system": self.system, "target_component": 0}
         self._link.send(self._endpoint.pack("COMMAND_LONG", fields))

@@ -14,28 +14,28 @@ from trimtab.core.record import Quantity, replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
-from trimtab.live.exchange import Taken
-from trimtab.live.failsafe_step import failsafe_of
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, Source
+from trimtab.live.exchange import GroupSample
+from trimtab.live.failsafe_step import choose_failsafe
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource
 from trimtab.live.instruments import Instruments
-from trimtab.live.real_time import NS, Histogram, WallClock, discard, real_time
+from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
 from trimtab.live.uplink_step import uplink_step
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compiled_world
-from trimtab.logs.stream import Written
-from trimtab.loop.fault import DELAYED, slots_for
+from trimtab.live.world_step import compile_world
+from trimtab.logs.stream import LogFileSummary
+from trimtab.loop.fault import DELAYED, delay_slots
 from trimtab.loop.faulty_channel import FaultyChannel
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
-from trimtab.run.program import described
-from trimtab.wire.dialect import Dialect, dialect_of
+from trimtab.run.program import describe_scenario
+from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
-from trimtab.wire.protocol import ArmAsked, ParameterSet, Severity
+from trimtab.wire.protocol import ArmRequest, ParameterChange, Severity
 from trimtab.wire.station import Station
-from trimtab.wire.telemetry import type_of
+from trimtab.wire.telemetry import mav_type
 
-OWN: Mapping[str, tuple[str, Quantity]] = {
+OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
     "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
     "wire.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
@@ -44,39 +44,42 @@ OWN: Mapping[str, tuple[str, Quantity]] = {
     "wire.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
-LAST = ms(50)
+DISARM_DELAY = ms(50)
 """How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
 
 
-class Served(NamedTuple):
+class VehicleSummary(NamedTuple):
     """What became of a virtual vehicle. released: when it was first armed (100 ns), None if never."""
 
     t: int
-    released: int | None
+    release_time: int | None
     mode: str
     cause: str
-    late: Histogram
-    log: Written | None
+    lateness: Histogram
+    log: LogFileSummary | None
 
 
-def on_real_link(scenario: Scenario) -> Scenario:
+def replace_links(scenario: Scenario) -> Scenario:
     """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
 
     Their faults stay.
     """
     world = scenario.world
-    return replace(scenario, world=replace(world, downlink=_wired(world.downlink), uplink=_wired(world.uplink)))
+    return replace(
+        scenario,
+        world=replace(world, downlink=_replace_with_wire(world.downlink), uplink=_replace_with_wire(world.uplink)),
+    )
 
 
-def _wired(channel: Any) -> Any:
+def _replace_with_wire(channel: Any) -> Any:
     if not isinstance(channel, FaultyChannel):
         return Wire()
-    inner = _wired(channel.inner)
-    needed = slots_for(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    inner = _replace_with_wire(channel.inner)
+    needed = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
     return replace(channel, inner=inner, capacity=max(channel.capacity, needed))
 
 
-class Vehicle:
+class LiveVehicle:
     """A world, its duties and its end of a line; `serve` runs it."""
 
     def __init__(
@@ -85,61 +88,61 @@ class Vehicle:
         """Compile it. endpoint: makes the vehicle's end for a dialect."""
         self.scenario, self.link = scenario, link
         uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
-        world, frame, command = compiled_world(bare, seed=seed)
-        dialect = dialect_of(frame, command)
+        world, frame, command = compile_world(bare, seed=seed)
+        dialect = derive_dialect(frame, command)
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(bare, dialect, world)
-        failsafe = failsafe_of(scenario, command)
+        failsafe = choose_failsafe(scenario, command)
         received = None if isinstance(uplink, Wire) else FastStep(uplink_step(uplink, command, seed=seed))
         self.duties = Duties(failsafe, command, world, received)
-        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.flying)
+        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded)
         self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
         parameters = Parameters(scenario.world, "world")
-        self._declared = {p.path: p.declared for p in parameters.listed}
-        kind, streams = type_of(scenario.world.vehicle), self.instruments.streams()
+        self._declared = {p.path: p.declaration for p in parameters.listed}
+        kind, streams = mav_type(scenario.world.vehicle), self.instruments.telemetry_streams()
         self.station = Station(self.endpoint, parameters, STATION_MODES, vehicle=kind, streams=streams)
         self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
         self.clock = WallClock()
         self.late = Histogram()
         self.released: int | None = None
-        self._newest: Taken | None = None
+        self._newest: GroupSample | None = None
         self._book: FlightLog | None = None
         self._people: Callable[[str], None] = lambda _: None
 
-    def _hear(self, data: bytes) -> None:
+    def _handle_data(self, data: bytes) -> None:
         now, messages = self.clock.now(), self.endpoint.feed(data)
         if messages:
-            self.link.vouch()
+            self.link.accept_sender()
         for message in messages:
             if message.name in self._command.names:
-                taken = self._command.take(message)
+                taken = self._command.assemble(message)
                 if taken is not None and (self._newest is None or taken.t >= self._newest.t):
                     self._newest = taken
                 continue
-            self.requests.hear(message, now)
-            handled = self.station.handle(message, now)
+            self.requests.handle_message(message, now)
+            handled = self.station.handle_message(message, now)
             for packet in handled.replies:
                 self.link.send(packet)
             for event in handled.events:
-                if isinstance(event, ParameterSet):
-                    self._set(event)
+                if isinstance(event, ParameterChange):
+                    self._set_parameter(event)
                 else:
                     self.duties.ask(event, now)
                     self.requests.ask(event, now)
-                    self.instruments.note(event, now)
+                    self.instruments.handle_event(event, now)
 
-    def _set(self, event: ParameterSet) -> None:
+    def _set_parameter(self, event: ParameterChange) -> None:
         uplink, path = self.duties.uplink, event.path.removeprefix("world.")
         step = self.body.world if uplink is None or path not in uplink.parameters else uplink
         step.parameters[event.path if step is self.body.world else path].flat[event.slot] = event.value
-        self._say(f"{event.path} = {shown(self._declared[event.path], event.value)}")
+        self._report(f"{event.path} = {format_value(self._declared[event.path], event.value)}")
 
-    def _say(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         """A line into the log and to people."""
         now = self.clock.now()
         self._people(f"{now * 1e-7:9.3f} s  {text}")
         if self._book is not None:
-            self._book.event(text)
+            self._book.write_event(text)
 
     def serve(
         self,
@@ -150,7 +153,7 @@ class Vehicle:
         wanted_real_time: bool = False,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
-    ) -> Served:
+    ) -> VehicleSummary:
         """Run until `duration` (100 ns) after its release, or until stop() says so; it disarms first.
 
         Args:
@@ -162,58 +165,58 @@ class Vehicle:
             tell: is given lines for people.
         """
         self._people = tell
-        book = self._book = self._open(log) if log else None
-        discard(self.link)
+        book = self._book = self._open_log(log) if log else None
+        discard_packets(self.link)
         try:
             with real_time(wanted_real_time):
-                self._run(duration, log_period, stop)
+                self._run_loop(duration, log_period, stop)
         finally:
             self._book = None
-            written = book.close(self._final()) if book else None
+            written = book.close(self._final_truth()) if book else None
         if book is not None and written is None:
             tell(WRITER_DIED)
-        return Served(self.body.t, self.released, *self.duties.mode, self.late, written)
+        return VehicleSummary(self.body.t, self.released, *self.duties.mode, self.late, written)
 
-    def _run(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
+    def _run_loop(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
         self.clock, last = WallClock(), None
         for t in self.body.instants():
-            why = self._over(t, duration, stop) if last is None else ""
+            why = self._end_reason(t, duration, stop) if last is None else ""
             if why:
-                self._say(why)
-                last = t + (LAST if self.duties.flying else 0)
-                self.duties.ask(ArmAsked(False, (self.endpoint.system, self.endpoint.component)), t)
+                self._report(why)
+                last = t + (DISARM_DELAY if self.duties.is_commanded else 0)
+                self.duties.ask(ArmRequest(False, (self.endpoint.system, self.endpoint.component)), t)
             if last is not None and t >= last:
                 break
-            self._instant(t, log_period)
+            self._run_instant(t, log_period)
 
-    def _over(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
+    def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
         """Why it is to end now; empty: it isn't."""
         if stop():
             return "ended by request"
         over = duration is not None and self.released is not None and t - self.released >= duration
         return "ended, its time is over" if over else ""
 
-    def _instant(self, t: int, log_period: int) -> None:
+    def _run_instant(self, t: int, log_period: int) -> None:
         book = self._book
-        woke = self.clock.wait(t, self.link, self._hear)
+        woke = self.clock.wait(t, self.link, self._handle_data)
         late = woke - self.clock.start - t * NS
         self.late.add(late)
-        self.body.turn(t, fresh=True, held=self.released is None)
-        for packet in self.body.packets(self.endpoint, self.body.changed()):
+        self.body.advance(t, fresh=True, held=self.released is None)
+        for packet in self.body.sample_packets(self.endpoint, self.body.changed_sensors()):
             self.link.send(packet)
         if book is not None and t and self.body.row_t % log_period == 0:
             counts = self.endpoint.counts
-            own = (self.released is None, late * 1e-9, counts.refused, counts.lost, counts.checksum, counts.garbage)
-            book.put(self.body.row_t, own)
+            own = (self.released is None, late * 1e-9, counts.refusals, counts.lost, counts.checksum, counts.garbage)
+            book.write_row(self.body.row_t, own)
         taken, self._newest = self._newest, None
         if self.duties.act(t, taken):
-            self._tell(t)
+            self._announce_mode(t)
         self.station.status = self.requests.status(self.duties.status, t)
         for packet in self.station.due(t) + self.requests.due(t):
             self.link.send(packet)
 
-    def _tell(self, t: int) -> None:
-        if self.released is None and self.duties.flying:
+    def _announce_mode(self, t: int) -> None:
+        if self.released is None and self.duties.is_commanded:
             self.released = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
@@ -221,22 +224,24 @@ class Vehicle:
 
     def _announce(self, severity: Severity, text: str) -> None:
         """A line to ground stations, into the log and to people."""
-        self.station.say(severity, text)
-        self._say(text)
+        self.station.queue_text(severity, text)
+        self._report(text)
 
-    def _open(self, path: Path) -> FlightLog:
+    def _open_log(self, path: Path) -> FlightLog:
         world, failsafe = self.body.world, self.duties.step
         sources = [
-            Source(self.body.row, world.exported.outputs, lambda p: p),
-            Source(failsafe.outputs, failsafe.exported.outputs, lambda p: f"firmware.{p}"),
+            LogSource(self.body.row, world.exported.outputs, lambda p: p),
+            LogSource(failsafe.outputs, failsafe.exported.outputs, lambda p: f"firmware.{p}"),
         ]
-        return FlightLog(path, sources, OWN, described(self.scenario) | {"side": "vehicle", "backend": "c"})
+        return FlightLog(
+            path, sources, OWN_SIGNALS, describe_scenario(self.scenario) | {"side": "vehicle", "backend": "c"}
+        )
 
-    def _final(self) -> dict[str, Any]:
+    def _final_truth(self) -> dict[str, Any]:
         world = self.body.world
         return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}
 
 
-def shown(declared: Quantity, value: float) -> str:
+def format_value(declared: Quantity, value: float) -> str:
     """A number as people read it: a mode by its name."""
     return declared.modes[int(value)] if declared.modes else f"{value:g}"

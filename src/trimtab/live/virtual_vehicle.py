@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.live.exchange import Group, command_group, sample_groups
+from trimtab.live.exchange import MessageGroup, command_group, sample_groups
 from trimtab.live.world_step import instants
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
-ACTING = ("uplink.", "actuators.")
+ACTUATION_PREFIXES = ("uplink.", "actuators.")
 """Outputs of a world that tell of the time before an instant."""
-NOWHERE = np.iinfo(np.int64).min
+NO_TIME = np.iinfo(np.int64).min
 
 
 class VirtualVehicle:
@@ -26,19 +26,23 @@ class VirtualVehicle:
     def __init__(self, scenario: Scenario, dialect: Dialect, world: FastStep) -> None:
         """world: the compiled world of this scenario."""
         self.world, self.scenario = world, scenario
-        self.command: Group = command_group(dialect, lambda p: world.reads[p])
-        self.samples: dict[str, Group] = sample_groups(dialect, lambda p: world.writes[f"downlink{p[7:]}"])
+        self.command: MessageGroup = command_group(dialect, lambda p: world.reads[p])
+        self.samples: dict[str, MessageGroup] = sample_groups(dialect, lambda p: world.writes[f"downlink{p[7:]}"])
         reads, writes = world.reads, world.writes
         self._turn: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "held", "fresh"))
         self._seen: dict[str, tuple[Any, Any]] = {
             s: (writes[f"downlink.{s}.t"], writes[f"downlink.{s}.valid"]) for s in self.samples
         }
-        self._sent: dict[str, Any] = dict.fromkeys(self.samples, NOWHERE)
+        self._sent: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
         """What was at `row_t`, the instant before t, acting included: as a log of `simulate` has it."""
         self._acting = np.concatenate(
-            [np.atleast_1d(np.arange(len(world.outputs))[at]) for p, at in writes.items() if p.startswith(ACTING)]
+            [
+                np.atleast_1d(np.arange(len(world.outputs))[at])
+                for p, at in writes.items()
+                if p.startswith(ACTUATION_PREFIXES)
+            ]
         )
         self._seen_then: Any = np.zeros(len(world.outputs))
         self._began = False
@@ -48,7 +52,7 @@ class VirtualVehicle:
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
-    def turn(self, t: int, *, fresh: bool, held: bool = False) -> None:
+    def advance(self, t: int, *, fresh: bool, held: bool = False) -> None:
         """On to integer time t, with the command that stands in the world's inputs, issued at the last turn.
 
         fresh: that command is a new one.  held: the vehicle is held, its true state stays as it is.
@@ -64,7 +68,7 @@ class VirtualVehicle:
         self._seen_then[:] = outputs
         self.row_t, self.t, self._began = self.t, t, True
 
-    def changed(self) -> list[str]:
+    def changed_sensors(self) -> list[str]:
         """The sensors whose sample has changed since this was last asked."""
         outputs, found = self.world.outputs, list[str]()
         for sensor, (time, valid) in self._seen.items():
@@ -73,6 +77,6 @@ class VirtualVehicle:
                 found.append(sensor)
         return found
 
-    def packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
+    def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
         """The packets of these sensors' samples, as they are now."""
         return [packet for s in sensors for packet in self.samples[s].pack(endpoint, self.world.outputs)]

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.compiler.block import Exported, export_step
+from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric, part, quantity, record, replace
+from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame
 from trimtab.core.time import Clock, to_seconds
@@ -22,7 +22,7 @@ from trimtab.run.fast_step import FastStep
 
 
 @record
-class Turn:
+class WorldInput:
     """What a world is given at each instant. Source: docs page, World step."""
 
     t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
@@ -34,7 +34,7 @@ class Turn:
 
 
 @record
-class Sight:
+class WorldOutput:
     """What a world gives. Source: docs page, World step."""
 
     truth: Any = part("State of the vehicle, now.")
@@ -44,16 +44,16 @@ class Sight:
     actuators: Any = part("What the actuators did from the last instant on.")
 
 
-class Built(NamedTuple):
+class WorldBlock(NamedTuple):
     """An exported world. text: its C.  frame, command: structures of the two messages, every number zero."""
 
-    text: Exported
+    text: ExportedBlock
     frame: Frame
     command: Command
 
 
 @record
-class Given:
+class WorldParameters:
     """Parameters of an exported world. Source: docs page, World step."""
 
     world: Any = part("Vehicle, sensors, links and actuators.")
@@ -62,56 +62,58 @@ class Given:
     key: Any = part("Seed and run of the random numbers.")
 
 
-def messages(scenario: Scenario) -> tuple[Frame, Command]:
+def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
-    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
     s, a = jax.eval_shape(lambda: start(world, autopilot, x, Key(np.uint32(0), np.uint32(0))))
     seen = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=s.received)
     frame, command = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), (seen, a.command))
     return frame, command
 
 
-def world_step(scenario: Scenario, *, name: str = "world", real: str = "f64", seed: int = 0, run: int = 0) -> Built:
+def world_step(
+    scenario: Scenario, *, name: str = "world", real: str = "f64", seed: int = 0, run: int = 0
+) -> WorldBlock:
     """The text of a checked scenario's world. real: "f64" or "f32"."""
     scenario.check()
-    frame, command = messages(scenario)
-    whole = Given(
-        world=numeric(scenario.world),
-        autopilot=numeric(scenario.autopilot),
-        initial=numeric(scenario.initial),
+    frame, command = message_structures(scenario)
+    whole = WorldParameters(
+        world=to_arrays(scenario.world),
+        autopilot=to_arrays(scenario.autopilot),
+        initial=to_arrays(scenario.initial),
         key=Key(np.uint32(seed), np.uint32(run)),
     )
     none = np.bool_(False)
-    given = Turn(t=np.int64(0), h=np.int64(0), first=none, held=none, fresh=none, command=command)
+    given = WorldInput(t=np.int64(0), h=np.int64(0), first=none, held=none, fresh=none, command=command)
 
-    def init(p: Given) -> Any:
+    def init(p: WorldParameters) -> Any:
         return start(p.world, p.autopilot, p.initial, p.key)[0]
 
-    def passed(p: Given, s: Any, turn: Turn) -> Any:
+    def passed(p: WorldParameters, s: Any, turn: WorldInput) -> Any:
         s = p.world.act(Clock(turn.t), s, turn.command, turn.fresh)
         return replace(s, x=tree_where(turn.held, s.x, p.world.advance(turn.t, s, turn.h).x))
 
-    def step(p: Given, s: Any, turn: Turn) -> Any:
-        after = jax.lax.cond(turn.first, lambda: s, lambda: _typed(passed(p, s, turn), s))
+    def step(p: WorldParameters, s: Any, turn: WorldInput) -> Any:
+        after = jax.lax.cond(turn.first, lambda: s, lambda: _cast_like(passed(p, s, turn), s))
         after, _ = p.world.sense(Clock(turn.t + turn.h), after)
-        sight = Sight(
+        sight = WorldOutput(
             truth=after.x,
             sensors=after.sampled,
             downlink=after.received,
             uplink=after.commanded,
             actuators=after.actuated,
         )
-        return _typed(after, s), sight
+        return _cast_like(after, s), sight
 
     doc = f"World of {scenario.name}: one step an instant, at most {to_seconds(scenario.world.max_step) * 1e3:g} ms."
-    return Built(export_step(name, doc, whole, init, step, given, real), frame, command)
+    return WorldBlock(export_step(name, doc, whole, init, step, given, real), frame, command)
 
 
-def _typed(tree: Any, pattern: Any) -> Any:
+def _cast_like(tree: Any, pattern: Any) -> Any:
     return jax.tree.map(lambda new, old: jax.numpy.asarray(new, old.dtype), tree, pattern)
 
 
-def compiled_world(scenario: Scenario, *, seed: int = 0, run: int = 0) -> tuple[FastStep, Frame, Command]:
+def compile_world(scenario: Scenario, *, seed: int = 0, run: int = 0) -> tuple[FastStep, Frame, Command]:
     """The compiled world of a scenario, and the structures of its two messages; refused without a C compiler."""
     built = world_step(scenario, seed=seed, run=run)
     return FastStep(built.text), built.frame, built.command

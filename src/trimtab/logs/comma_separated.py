@@ -42,10 +42,10 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     if not chosen:
         problem = f"has no column {time!r}" if time else "has no column of times"
         raise InputError(where, problem, choices=names, fix="name it time (in seconds), or say --time NAME")
-    paths = _paths(where, names, chosen[0])
-    rows = _numbers(where, lines[1:], len(names))
+    paths = _signal_paths(where, names, chosen[0])
+    rows = _parse_numbers(where, lines[1:], len(names))
     seconds = rows[:, names.index(chosen[0])]
-    since = (seconds - seconds[0]) * _scale(where, chosen[0], units[names.index(chosen[0])])
+    since = (seconds - seconds[0]) * _time_scale(where, chosen[0], units[names.index(chosen[0])])
     ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
     signals = {path: rows[:, names.index(n)] for n, path in paths.items()}
     declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
@@ -53,10 +53,12 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
         at = int(np.argmax(np.diff(ticks) <= 0))
         problem = f"its times do not rise after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
         raise InputError(where, problem, fix="sort it, leave out repeated rows, and give times to at least 100 ns")
-    return Log(t=to_seconds(ticks), ticks=ticks, signals=signals, declared=declared, metadata={"file": Path(path).name})
+    return Log(
+        t=to_seconds(ticks), ticks=ticks, signals=signals, declarations=declared, metadata={"file": Path(path).name}
+    )
 
 
-def _scale(where: str, name: str, unit: str) -> float:
+def _time_scale(where: str, name: str, unit: str) -> float:
     """Seconds of one unit of the column of times."""
     if unit not in TIME_UNITS:
         problem = f"its column of times {name!r} is in {unit!r}"
@@ -65,7 +67,7 @@ def _scale(where: str, name: str, unit: str) -> float:
     return TIME_UNITS[unit]
 
 
-def _paths(where: str, names: list[str], time: str) -> dict[str, str]:
+def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
     """Signal of each column but the times; two columns of one signal would hide each other."""
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
@@ -79,7 +81,7 @@ def _paths(where: str, names: list[str], time: str) -> dict[str, str]:
     return paths
 
 
-def _numbers(where: str, lines: list[str], columns: int) -> np.ndarray:
+def _parse_numbers(where: str, lines: list[str], columns: int) -> np.ndarray:
     cells = [line.split(",") for line in lines]
     for i, row in enumerate(cells):
         if len(row) != columns:

@@ -86,7 +86,7 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
     return float(low), float(high)
 
 
-def gate(dof: int, probability: float) -> float:
+def gate_threshold(dof: int, probability: float) -> float:
     """The NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
     return float(chi_square_quantile(probability, dof))
 
@@ -110,9 +110,9 @@ def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
         dof: dimension of the error.
         probability: of the bounds.
     """
-    values = _finite("nees", nees, 2)
+    values = _check_finite("nees", nees, 2)
     low, high = chi_square_bounds(dof, values.shape[0], probability)
-    return _judged(values.mean(axis=0), dof, low, high)
+    return _consistency(values.mean(axis=0), dof, low, high)
 
 
 def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
@@ -123,12 +123,12 @@ def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
         dof: dimension of the measurement.
         probability: of the bounds.
     """
-    values = np.atleast_2d(_finite("nis", nis))
+    values = np.atleast_2d(_check_finite("nis", nis))
     low, high = chi_square_bounds(dof, values.size, probability)
     one = chi_square_bounds(dof, values.shape[0], probability)
     at_each = values.mean(axis=0)
     inside = float(np.mean((at_each >= one[0]) & (at_each <= one[1])))
-    return _judged(at_each, dof, low, high)._replace(inside=inside)
+    return _consistency(at_each, dof, low, high)._replace(inside=inside)
 
 
 def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Whiteness:
@@ -139,7 +139,7 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
         lags: how far to look; fewer than there are updates.
         probability: of the bounds.
     """
-    y = _finite("innovations", innovations)
+    y = _check_finite("innovations", innovations)
     y = y[:, None] if y.ndim == 1 else y
     n, m = y.shape
     if not 0 < lags < n:
@@ -162,7 +162,7 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
         sigma: what the filter said of it (n,).
         wanted: the sigma that counts as converged.
     """
-    t, error, sigma = (_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
+    t, error, sigma = (_check_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
     above = np.flatnonzero(sigma >= wanted)
     first = int(above[-1]) + 1 if len(above) else 0
     final = float(error[-1] / sigma[-1])
@@ -171,14 +171,14 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
     return Convergence(float(t[first]), final, float(np.mean(np.abs(error[first:]) <= 2 * sigma[first:])))
 
 
-def _judged(at_each: Any, dof: int, low: float, high: float) -> Consistency:
+def _consistency(at_each: Any, dof: int, low: float, high: float) -> Consistency:
     mean = float(at_each.mean())
     inside = float(np.mean((at_each >= low) & (at_each <= high)))
     verdict = OPTIMISTIC if mean > high else PESSIMISTIC if mean < low else CONSISTENT
     return Consistency(mean, dof, low, high, inside, verdict)
 
 
-def _finite(name: str, values: Any, dimensions: int | None = None) -> Any:
+def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
     found = np.asarray(values, float)
     if not found.size or not np.isfinite(found).all() or (dimensions is not None and found.ndim != dimensions):
         problem = f"{name} of shape {found.shape} has no numbers, some that are not finite, or the wrong axes"
@@ -195,7 +195,7 @@ WINDOW = 6
 """Correlations are summed over so many times the correlation time that they sum to."""
 
 
-class Judged(NamedTuple):
+class SingleRunConsistency(NamedTuple):
     """An average of squares of normalised numbers, against the bounds of a consistent filter.
 
     mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: of a consistent filter.
@@ -233,7 +233,7 @@ def effective_draws(z: Any) -> Any:
     return np.where(sums[0] > 0, draws, 1.0)
 
 
-def judge_average(mean: Any, draws: Any, dof: int, tail: float) -> Judged:
+def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunConsistency:
     """What the average of a sum of squares of normalised numbers says.
 
     Args:
@@ -256,4 +256,4 @@ def judge_average(mean: Any, draws: Any, dof: int, tail: float) -> Judged:
     elif least > 1 / TELLING and most < TELLING:
         verdict = CONSISTENT
     numbers = (mean, dof, low * dof, high * dof, N, factor, least, most)
-    return Judged(*(float(x) if i != 1 else x for i, x in enumerate(numbers)), verdict)  # pyright: ignore
+    return SingleRunConsistency(*(float(x) if i != 1 else x for i, x in enumerate(numbers)), verdict)  # pyright: ignore

@@ -22,29 +22,29 @@ RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"),
 class Contents:
     """Metadata records by name, and times (ns) and texts of the messages by topic. cut: the file has no end."""
 
-    cut: bool
+    is_truncated: bool
     metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     times: dict[str, list[int]] = dataclasses.field(default_factory=dict)
     texts: dict[str, list[bytes]] = dataclasses.field(default_factory=dict)
     channels: dict[int, str] = dataclasses.field(default_factory=dict)
 
 
-class _Damaged(Exception):
+class _DamagedFileError(Exception):
     """Something is there that no writer writes."""
 
 
-def contents_of(path: Any, data: bytes) -> Contents:
+def parse_contents(path: Any, data: bytes) -> Contents:
     """All of a file that begins as MCAP files do; refused where it is damaged and not merely cut."""
-    found = Contents(cut=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
+    found = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     try:
         for opcode, start, stop in _records(data, len(MAGIC)):
             if opcode == DATA_END:
-                _check_sum(data, start)
+                _verify_check_sum(data, start)
             if opcode == FOOTER:
                 break
-            _add(found, opcode, data[start:stop], whole=stop <= len(data))
+            _add_record(found, opcode, data[start:stop], whole=stop <= len(data))
     except Exception as error:  # of a cut file the rest is the rest; decoders raise what they like
-        if not found.cut:
+        if not found.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
             raise InputError(f"log file '{path}'", problem, fix="make it again, or copy it again") from None
     return found
@@ -59,19 +59,19 @@ def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
-def _check_sum(data: bytes, start: int) -> None:
+def _verify_check_sum(data: bytes, start: int) -> None:
     (wanted,) = struct.unpack_from("<I", data, start)
     if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
-        raise _Damaged("its check sum is another")
+        raise _DamagedFileError("its check sum is another")
 
 
-def _add(found: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
+def _add_record(found: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
     """Take in a record; of one that is cut off only a chunk has something to give."""
     if opcode == CHUNK:
-        inner = _unpacked(content) if whole else _begun(content)
+        inner = _decompress_chunk(content) if whole else _decompress_partial_chunk(content)
         for kind, start, stop in _records(inner, 0):
             if stop <= len(inner):
-                _add(found, kind, inner[start:stop], whole=True)
+                _add_record(found, kind, inner[start:stop], whole=True)
         return
     if not whole:
         return
@@ -81,10 +81,10 @@ def _add(found: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
         found.times[topic].append(time)
         found.texts[topic].append(content[MESSAGE_HEAD.size :])
     elif opcode in (CHANNEL, METADATA):
-        _describe(found, opcode, content)
+        _add_description(found, opcode, content)
 
 
-def _describe(found: Contents, opcode: int, content: bytes) -> None:
+def _add_description(found: Contents, opcode: int, content: bytes) -> None:
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Metadata
 
@@ -99,7 +99,7 @@ def _describe(found: Contents, opcode: int, content: bytes) -> None:
         found.times[channel.topic], found.texts[channel.topic] = [], []
 
 
-def _unpacked(content: bytes) -> bytes:
+def _decompress_chunk(content: bytes) -> bytes:
     """The records in a chunk."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
@@ -109,7 +109,7 @@ def _unpacked(content: bytes) -> bytes:
     return stream.read(length)
 
 
-def _begun(content: bytes) -> bytes:
+def _decompress_partial_chunk(content: bytes) -> bytes:
     """Of a chunk that is cut off, what its first bytes still say; no check sum covers that."""
     at = CHUNK_HEAD.size
     (length,) = struct.unpack_from("<I", content, at)

@@ -50,16 +50,16 @@ class GrowingFile:
             records.Channel(id=k, topic=t.name, message_encoding="json", metadata={}, schema_id=k) for k, t in numbered
         ]
         self._first = self._last = 0
-        self._append(MAGIC + _bytes([records.Header(profile="", library="trimtab")]))
-        self.describe(metadata)
-        self._append(_bytes([*self._schemas, *self._channels]))
+        self._append(MAGIC + _encode_record([records.Header(profile="", library="trimtab")]))
+        self.add_metadata(metadata)
+        self._append(_encode_record([*self._schemas, *self._channels]))
 
-    def describe(self, metadata: dict[str, dict[str, str]]) -> None:
+    def add_metadata(self, metadata: dict[str, dict[str, str]]) -> None:
         """Add metadata records; of two with one name the later counts. Raises OSError where there is no room."""
         from mcap.records import Metadata, MetadataIndex
 
         for name, content in metadata.items():
-            text, at = _bytes([Metadata(name=name, metadata=content)]), self._size
+            text, at = _encode_record([Metadata(name=name, metadata=content)]), self._size
             self._append(text)
             self._metadata.append(MetadataIndex(offset=at, length=len(text), name=name))
 
@@ -67,7 +67,7 @@ class GrowingFile:
         """Add messages as one chunk; raises OSError, with the file as it was, where it can't."""
         from mcap.records import ChunkIndex
 
-        parts = list(starmap(_record, messages))
+        parts = list(starmap(_encode_message, messages))
         raw = b"".join(parts)
         packed = _compressor()(raw)
         times = [time for _, _, time, _ in messages]
@@ -75,7 +75,7 @@ class GrowingFile:
         head = CHUNK_HEAD.pack(first, last, len(raw), zlib.crc32(raw)) + struct.pack("<I", 4) + b"zstd"
         head += struct.pack("<Q", len(packed))
         chunk = RECORD.pack(CHUNK, len(head) + len(packed)) + head + packed
-        indices, offsets = _indices(messages, parts, self._size + len(chunk))
+        indices, offsets = _message_indices(messages, parts, self._size + len(chunk))
         at, inside = self._size, sum(map(len, indices))
         self._append(chunk + b"".join(indices))
         index = ChunkIndex(
@@ -100,7 +100,7 @@ class GrowingFile:
         from mcap import records
         from mcap.opcode import Opcode
 
-        end = _bytes([records.DataEnd(data_section_crc=self._sum)])
+        end = _encode_record([records.DataEnd(data_section_crc=self._sum)])
         start = self._size + len(end)
         counted = records.Statistics(
             attachment_count=0,
@@ -122,13 +122,13 @@ class GrowingFile:
         ]
         text, places = b"", []
         for opcode, held in groups:
-            part = _bytes(held)
+            part = _encode_record(held)
             place = {"group_start": start + len(text), "group_length": len(part)}
             places.append(records.SummaryOffset(group_opcode=opcode, **place))
             text += part
         offsets = start + len(text)
-        text += _bytes(places)
-        footer = _bytes([records.Footer(summary_start=start, summary_offset_start=offsets, summary_crc=0)])[:-4]
+        text += _encode_record(places)
+        footer = _encode_record([records.Footer(summary_start=start, summary_offset_start=offsets, summary_crc=0)])[:-4]
         footer += struct.pack("<I", zlib.crc32(text + footer))
         self._append(end + text + footer + MAGIC)
 
@@ -158,11 +158,11 @@ def _compressor() -> Callable[[bytes], bytes]:
     return zstandard.ZstdCompressor(level=LEVEL).compress
 
 
-def _record(channel: int, sequence: int, time: int, text: bytes) -> bytes:
+def _encode_message(channel: int, sequence: int, time: int, text: bytes) -> bytes:
     return MESSAGE_RECORD.pack(MESSAGE, 22 + len(text), channel, sequence, time, time) + text
 
 
-def _bytes(held: Sequence[Any]) -> bytes:
+def _encode_record(held: Sequence[Any]) -> bytes:
     from mcap.data_stream import RecordBuilder
 
     builder = RecordBuilder()
@@ -171,7 +171,7 @@ def _bytes(held: Sequence[Any]) -> bytes:
     return builder.end()
 
 
-def _indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
+def _message_indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
     """The index of each channel in a chunk, and where in the file it will be; at: where the first will be."""
     channels = np.array([m[0] for m in messages])
     starts = np.cumsum([0, *map(len, parts[:-1])])

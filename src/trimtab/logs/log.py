@@ -45,24 +45,24 @@ class Log:
     t: np.ndarray
     ticks: np.ndarray
     signals: Mapping[str, np.ndarray]
-    declared: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
+    declarations: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     final: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        ticks = _ticks(self.ticks)
+        ticks = _check_ticks(self.ticks)
         t = np.asarray(self.t, np.float64)
         if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
             raise InputError("log", "t and ticks are not the same instants", fix="pass t=to_seconds(ticks)")
-        held = {str(path): _signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
+        held = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
         _check_paths(held)
         for name, value in (
             ("ticks", ticks),
-            ("t", _frozen(to_seconds(ticks))),
+            ("t", _freeze(to_seconds(ticks))),
             ("signals", MappingProxyType(held)),
-            ("declared", MappingProxyType(dict(self.declared))),
-            ("metadata", MappingProxyType(plain("log.metadata", dict(self.metadata)))),
-            ("final", MappingProxyType({p: _value(p, v) for p, v in self.final.items()})),
+            ("declared", MappingProxyType(dict(self.declarations))),
+            ("metadata", MappingProxyType(to_plain("log.metadata", dict(self.metadata)))),
+            ("final", MappingProxyType({p: _check_value(p, v) for p, v in self.final.items()})),
         ):
             object.__setattr__(self, name, value)
 
@@ -72,7 +72,7 @@ class Log:
         return tuple(self.signals)
 
     def __reduce__(self) -> Any:
-        held = (self.signals, self.declared, self.metadata, self.final)
+        held = (self.signals, self.declarations, self.metadata, self.final)
         return Log, (self.t, self.ticks, *map(dict, held))
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class Log:
     def unit(self, path: str) -> str:
         """The declared unit of a signal: "1" where it has none, "" where nothing was declared."""
         self[path]
-        return self.declared[path].unit if path in self.declared else ""
+        return self.declarations[path].unit if path in self.declarations else ""
 
     def between(self, t0: float, t1: float) -> "Log":
         """The instants t0 <= t < t1 (seconds, rounded to whole ticks); metadata and final stay those of the run."""
@@ -120,9 +120,9 @@ class Log:
         return xarray.Dataset(variables, coords={"time": time}, attrs=attributes)
 
     def _attributes(self, path: str) -> dict[str, Any]:
-        if path not in self.declared:
+        if path not in self.declarations:
             return {}
-        declared = self.declared[path]
+        declared = self.declarations[path]
         found: dict[str, Any] = {"units": declared.unit, "long_name": declared.doc}
         if declared.frame:
             found["frame"] = declared.frame
@@ -146,14 +146,14 @@ class Log:
 PLAIN = (float, int, str, bool)
 
 
-def plain(part: str, value: Any) -> Any:
+def to_plain(part: str, value: Any) -> Any:
     """The same value in plain Python (dict, list, str, float, int, bool, None); refused where JSON has none."""
     if isinstance(value, Mapping):
-        return {_key(part, k): plain(f"{part}.{k}", v) for k, v in value.items()}
+        return {_check_key(part, k): to_plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         if all(type(v) in PLAIN for v in value):  # a long table of numbers
             return list(value)
-        return [plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
+        return [to_plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
     if value is None or (isinstance(value, str | bool | int | float) and not isinstance(value, np.generic)):
         return value
     if isinstance(value, np.generic | np.ndarray) or hasattr(value, "__array__"):
@@ -165,47 +165,47 @@ def plain(part: str, value: Any) -> Any:
     raise InputError(part, problem, choices=choices, fix="pass its numbers or its name instead")
 
 
-def _key(part: str, key: Any) -> str:
+def _check_key(part: str, key: Any) -> str:
     if not isinstance(key, str):
         raise InputError(part, f"the key {key!r} is not text", fix=f"write {str(key)!r}")
     return key
 
 
-def _frozen(array: np.ndarray) -> np.ndarray:
+def _freeze(array: np.ndarray) -> np.ndarray:
     held = np.array(array)
     held.setflags(write=False)
     return held
 
 
-def _ticks(ticks: Any) -> np.ndarray:
+def _check_ticks(ticks: Any) -> np.ndarray:
     array = np.asarray(ticks)
     if array.ndim != 1 or array.dtype.kind not in "iu":
         found = f"ticks is an array {array.shape} of {array.dtype}"
         raise InputError("log", found, fix="pass whole numbers of 100 ns, int64, shape (n,)")
-    held = _frozen(array.astype(np.int64))
+    held = _freeze(array.astype(np.int64))
     if len(held) and (held[0] < 0 or (np.diff(held) <= 0).any()):
         raise InputError("log", "ticks do not rise strictly from 0 on", fix="pass each instant once, in order of time")
     return held
 
 
-def _numbers(part: str, values: Any) -> np.ndarray:
-    held = _frozen(np.asarray(values))
+def _check_numbers(part: str, values: Any) -> np.ndarray:
+    held = _freeze(np.asarray(values))
     if held.dtype.kind not in "biuf" or held.dtype.itemsize > 8:
         choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
         raise InputError(part, f"holds values of type {held.dtype}", choices=choices, fix="convert it to one of these")
     return held
 
 
-def _signal(path: str, values: Any, n: int) -> np.ndarray:
-    held = _numbers(f"log signal {path!r}", values)
+def _check_signal(path: str, values: Any, n: int) -> np.ndarray:
+    held = _check_numbers(f"log signal {path!r}", values)
     if held.ndim not in (1, 2) or len(held) != n:
         problem = f"has shape {held.shape}, the log has {n} instants"
         raise InputError(f"log signal {path!r}", problem, fix=f"give it shape ({n},) or ({n}, k)")
     return held
 
 
-def _value(path: str, value: Any) -> Any:
-    held = _numbers(f"log final value {path!r}", value)
+def _check_value(path: str, value: Any) -> Any:
+    held = _check_numbers(f"log final value {path!r}", value)
     return held[()] if held.ndim == 0 else held
 
 

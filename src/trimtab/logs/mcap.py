@@ -18,7 +18,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
-from trimtab.logs.contents import MAGIC, Contents, contents_of
+from trimtab.logs.contents import MAGIC, Contents, parse_contents
 from trimtab.logs.log import Log
 from trimtab.logs.messages import (
     EVENTS,
@@ -27,14 +27,14 @@ from trimtab.logs.messages import (
     NS_PER_TICK,
     RUN,
     Fields,
-    layout_of,
-    load,
+    group_by_topic,
+    layout_record,
+    load_json,
+    log_topics,
     message_texts,
-    quantity_of,
-    run_of,
-    topics,
-    topics_of,
-    values_of,
+    parse_quantity,
+    run_record,
+    signal_values,
 )
 
 if TYPE_CHECKING:  # the library is imported when a file is read or written, not by who only draws
@@ -50,13 +50,13 @@ def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
     """Write a log; the file appears whole or not at all. Returns its path."""
     from mcap.writer import CompressionType, Writer
 
-    with replacing(path) as stream:
+    with replace_file(path) as stream:
         writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(library="trimtab")
-        writer.add_metadata(RUN, run_of(log))
-        writer.add_metadata(LAYOUT, layout_of(log))
+        writer.add_metadata(RUN, run_record(log))
+        writer.add_metadata(LAYOUT, layout_record(log))
         channels: list[tuple[int, Fields]] = []
-        for topic in topics(log):
+        for topic in log_topics(log):
             schema_id = writer.register_schema(topic.schema, "jsonschema", topic.text)
             channels.append((writer.register_channel(topic.name, "json", schema_id), topic.fields))
         for first in range(0, len(log), BLOCK_ROWS):
@@ -71,22 +71,24 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     A file that was cut short (a full disk, a copy that broke off) gives the instants before the cut, and
     ``metadata["truncated"]`` is True; `final` is still that of the whole run.
     """
-    found = contents_of(path, _bytes(Path(path)))
+    found = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in found.metadata or RUN not in found.metadata:
-        raise InputError(f"log file '{path}'", _missing(found), fix="give a file that write_mcap or trimtab run wrote")
+        raise InputError(
+            f"log file '{path}'", _missing_content(found), fix="give a file that write_mcap or trimtab run wrote"
+        )
     written = found.metadata[LAYOUT].get("format")
     if written != FORMAT:
         problem = f"has format {written}, this version reads {FORMAT}"
         raise InputError(f"log file '{path}'", problem, fix="read it with the version of trimtab that wrote it")
     try:
-        return _log(found)
+        return _build_log(found)
     except Exception as error:  # whatever a foreign tool has changed, the answer names the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
         raise InputError(f"log file '{path}'", problem, fix="make it again") from None
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """A stream to a file that takes its name when all is written; after an error any old file is still there."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
@@ -104,7 +106,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             beside.unlink(missing_ok=True)
 
 
-def _bytes(path: Path) -> bytes:
+def _read_bytes(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -124,25 +126,25 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
             add(channel, time, messages[i], time, rows.start + i)
 
 
-def _missing(found: Contents) -> str:
+def _missing_content(found: Contents) -> str:
     """What is wrong with a file that does not say what it holds."""
-    if not found.cut:
+    if not found.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
-    known = {key: load(text) for key, text in found.metadata.get(RUN, {}).items()}
+    known = {key: load_json(text) for key, text in found.metadata.get(RUN, {}).items()}
     rest = [f"{key} {known[key]}" for key in ("scenario", "seed") if key in known]
     said = f"; all that is left says {', '.join(rest)}" if rest else ""
     return f"is cut before its first sample, within its own description{said}"
 
 
-def _log(found: Contents) -> Log:
+def _build_log(found: Contents) -> Log:
     layout = found.metadata[LAYOUT]
-    signals, declared, final = (load(layout[name]) for name in ("signals", "declared", "final"))
-    metadata = {key: load(text) for key, text in found.metadata[RUN].items()}
-    by_topic = topics_of(tuple(signals))
+    signals, declared, final = (load_json(layout[name]) for name in ("signals", "declared", "final"))
+    metadata = {key: load_json(text) for key, text in found.metadata[RUN].items()}
+    by_topic = group_by_topic(tuple(signals))
     if any(found.texts.values()):  # a tool may have taken topics out
         by_topic = {topic: fields for topic, fields in by_topic.items() if topic in found.texts}
     rows = min(len(found.texts.get(topic, ())) for topic in by_topic)
-    if found.cut or rows < load(layout["rows"]):
+    if found.is_truncated or rows < load_json(layout["rows"]):
         metadata["truncated"] = True
     events = [json.loads(text) for text in found.texts.get(EVENTS, [])]
     if events:
@@ -153,13 +155,13 @@ def _log(found: Contents) -> Log:
         messages = json.loads(b"[" + b",".join(found.texts.get(topic, [])[:rows]) + b"]")
         for path, keys in fields.items():
             dtype, shape = np.dtype(signals[path]["dtype"]), signals[path]["shape"]
-            arrays[path] = np.array(values_of(messages, keys), dtype).reshape(rows, *shape)
+            arrays[path] = np.array(signal_values(messages, keys), dtype).reshape(rows, *shape)
     ticks = np.array(found.times.get(next(iter(by_topic)), [])[:rows], np.int64) // NS_PER_TICK
     return Log(
         t=to_seconds(ticks),
         ticks=ticks,
         signals={path: arrays[path] for path in signals if path in arrays},
-        declared={path: quantity_of(d) for path, d in declared.items()},
+        declarations={path: parse_quantity(d) for path, d in declared.items()},
         metadata=metadata,
         final={path: np.array(v["value"], v["dtype"])[()] for path, v in final.items()},
     )

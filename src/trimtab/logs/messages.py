@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.record import Quantity
-from trimtab.logs.log import Log, plain
+from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
 """Path of a signal -> the keys that lead to it in a message."""
@@ -25,7 +25,7 @@ GROUPED = ("sensors", "downlink")
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 
 
-def topics_of(paths: tuple[str, ...]) -> dict[str, Fields]:
+def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
     """Topic -> path -> the keys that lead to the value in a message."""
     found: dict[str, Fields] = {}
     for path in paths:
@@ -35,7 +35,7 @@ def topics_of(paths: tuple[str, ...]) -> dict[str, Fields]:
     return found
 
 
-def schema_of(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
+def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
     """The JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
     title = f"trimtab{topic.replace('/', '.')}"
     root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
@@ -43,11 +43,11 @@ def schema_of(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
         node = root
         for key in keys[:-1]:
             node = node["properties"].setdefault(key, {"type": "object", "properties": {}})
-        node["properties"][keys[-1]] = _property(log.signals[path], log.declared.get(path))
+        node["properties"][keys[-1]] = _property_schema(log.signals[path], log.declarations.get(path))
     return root
 
 
-def _property(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
+def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
     """One type each: viewers refuse a schema with a union such as number or null."""
     kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
     found: dict[str, Any] = {"type": kind}
@@ -95,27 +95,27 @@ class Topic(NamedTuple):
     text: bytes
 
 
-def topics(log: Log) -> list[Topic]:
+def log_topics(log: Log) -> list[Topic]:
     """The topics of a log, in the order in which its messages are written."""
     found = []
-    for name, fields in topics_of(log.paths).items():
-        schema = schema_of(log, name, fields)
+    for name, fields in group_by_topic(log.paths).items():
+        schema = topic_schema(log, name, fields)
         found.append(Topic(name, fields, schema["title"], json.dumps(schema, ensure_ascii=False).encode()))
     return found
 
 
-def run_of(log: Log) -> dict[str, str]:
+def run_record(log: Log) -> dict[str, str]:
     """The metadata record of the run: each value as JSON text."""
-    return {key: dump(value) for key, value in log.metadata.items()}
+    return {key: dump_json(value) for key, value in log.metadata.items()}
 
 
-def layout_of(log: Log) -> dict[str, str]:
+def layout_record(log: Log) -> dict[str, str]:
     """The metadata record of the signals: types, shapes, declarations, last values and the number of instants."""
     signals = {p: {"dtype": a.dtype.str, "shape": list(a.shape[1:])} for p, a in log.signals.items()}
-    final = {p: {"dtype": np.asarray(v).dtype.str, "value": plain(p, v)} for p, v in log.final.items()}
-    declared = {p: plain(p, dataclasses.asdict(d)) for p, d in log.declared.items()}
+    final = {p: {"dtype": np.asarray(v).dtype.str, "value": to_plain(p, v)} for p, v in log.final.items()}
+    declared = {p: to_plain(p, dataclasses.asdict(d)) for p, d in log.declarations.items()}
     parts = {"rows": len(log), "signals": signals, "declared": declared, "final": final}
-    return {"format": FORMAT, **{name: dump(part) for name, part in parts.items()}}
+    return {"format": FORMAT, **{name: dump_json(part) for name, part in parts.items()}}
 
 
 def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
@@ -135,35 +135,35 @@ def event_text(ticks: int, text: str) -> bytes:
     return json.dumps(about | {"file": "", "line": 0}, ensure_ascii=False).encode()
 
 
-def dump(value: Any) -> str:
+def dump_json(value: Any) -> str:
     """JSON text of free-form values; a number that JSON lacks becomes {"$float": "nan"}, to be told from None."""
-    return json.dumps(_mark(value), allow_nan=False, ensure_ascii=False)
+    return json.dumps(_mark_non_finite(value), allow_nan=False, ensure_ascii=False)
 
 
-def load(text: str) -> Any:
+def load_json(text: str) -> Any:
     """The value of such a text."""
     return json.loads(text, object_hook=lambda d: float(d["$float"]) if d.keys() == {"$float"} else d)
 
 
-def quantity_of(fields: dict[str, Any]) -> Quantity:
+def parse_quantity(fields: dict[str, Any]) -> Quantity:
     """A declaration out of a layout."""
     given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     return Quantity(**given)
 
 
-def values_of(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
+def signal_values(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
     """One signal out of the decoded messages of its topic."""
     for key in keys:
         messages = [message[key] for message in messages]
     return messages
 
 
-def _mark(value: Any) -> Any:
+def _mark_non_finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return {"$float": str(value)}
     if isinstance(value, dict):
-        return {k: _mark(v) for k, v in value.items()}
-    return [_mark(v) for v in value] if isinstance(value, list) else value
+        return {k: _mark_non_finite(v) for k, v in value.items()}
+    return [_mark_non_finite(v) for v in value] if isinstance(value, list) else value
 
 
 def _tree(log: Log, fields: Fields) -> dict[str, Any]:

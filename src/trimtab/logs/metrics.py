@@ -58,12 +58,12 @@ def mode_switches(log: Log) -> int:
     return 0
 
 
-def turned(log: Log, target: Target) -> float:
+def nearest_target_value(log: Log, target: Target) -> float:
     """The target's value; for an angle, that equal of it which is nearest to where the signal ends."""
     path = full_path(target.path)
     x = log[path]
     ends = x[np.isfinite(x)]
-    if path in log.declared and log.declared[path].kind == "angle" and len(ends):
+    if path in log.declarations and log.declarations[path].kind == "angle" and len(ends):
         return float(target.value + 2 * np.pi * np.round((ends[-1] - target.value) / (2 * np.pi)))
     return float(target.value)
 
@@ -75,7 +75,7 @@ def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | Non
     t, x = log.t, log[path].astype(np.float64)
     found: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
     if target is not None and len(t):
-        error = x - turned(log, target)
+        error = x - nearest_target_value(log, target)
         found |= {
             "settling_s": _settling(t, error, target.band),
             "first_reach_s": _first_reach(t, error, target.band),

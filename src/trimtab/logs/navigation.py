@@ -22,9 +22,9 @@ from trimtab.logs.consistency import (
     OPTIMISTIC,
     PESSIMISTIC,
     UNDECIDED,
-    Judged,
+    SingleRunConsistency,
+    assess_average,
     effective_draws,
-    judge_average,
     whiteness,
 )
 from trimtab.logs.log import Log
@@ -35,7 +35,7 @@ BY_HEADING = ("heading", "gyro_bias")
 """What headings correct, and positions through the motion."""
 
 
-class Updates(NamedTuple):
+class AidingUpdates(NamedTuple):
     """Updates by one sensor: times (n,) s, NIS (n,), normalised innovations (n, dof).
 
     refused: how many the gate kept out.  unseen: those that came between two rows of the log with another after them.
@@ -43,18 +43,18 @@ class Updates(NamedTuple):
 
     t: Any
     nis: Any
-    normalised: Any
-    refused: int
-    unseen: int
+    normalised_innovations: Any
+    refusals: int
+    missed_updates: int
 
 
-def where_state(log: Log) -> str | None:
+def state_path(log: Log) -> str | None:
     """Path of the state that knows its sigmas; None where there is none."""
     found = [p.rpartition(".")[0] for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading")]
     return found[0] if found else None
 
 
-def fixes(log: Log) -> dict[str, str]:
+def fix_paths(log: Log) -> dict[str, str]:
     """Name of each aiding sensor -> path of its fix; "range" where each range counts by itself."""
     ends = ("nis", "normalised", "used", "rejected")
     found = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
@@ -62,19 +62,19 @@ def fixes(log: Log) -> dict[str, str]:
     return {"range" if log[f"{p}.nis"].ndim > 1 else p.rpartition(".")[2].removesuffix("_fix"): p for p in whole}
 
 
-def flag(log: Log, path: str, otherwise: bool) -> Any:
+def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
     """A signal (rows,) as booleans; the same everywhere where the log has none."""
     return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
 
 
-def unaided(log: Log) -> frozenset[str]:
+def unaided_states(log: Log) -> frozenset[str]:
     """States that no measurement corrected, though the estimate was valid.
 
     Of a vehicle without a position sensor the place is a guess that grows. Of a run without a valid estimate nothing
     can be said: there, an aid that was wanted did not come.
     """
-    base = where_state(log)
-    if not flag(log, "estimate.valid", True).any():
+    base = state_path(log)
+    if not flag_signal(log, "estimate.valid", True).any():
         return frozenset()
     counts = {n: f"{base}.{n}_fix.used" for n in ("position", "heading") if f"{base}.{n}_fix.used" in log}
     never = {n for n, path in counts.items() if not log[path].any()}
@@ -82,34 +82,34 @@ def unaided(log: Log) -> frozenset[str]:
     return frozenset((*alone, *BY_HEADING) if never and never == set(counts) else alone)
 
 
-def updates(log: Log, path: str, since: float) -> Updates:
+def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
     """A measurement counts where the number of those used and refused rises from one row to the next."""
     refused = log[f"{path}.rejected"].astype(np.int64)
     more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
     new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
     rows = (more > 0) & (log.t >= since)
     if nis.ndim > 1:
-        return _ranges(log, path, rows, more, new)
+        return _find_range_updates(log, path, rows, more, new)
     rows &= np.isfinite(nis)
     values = log[f"{path}.normalised"][rows]
     values = values[:, None] if values.ndim == 1 else values
-    return Updates(log.t[rows], nis[rows], values, int(new[rows].sum()), int((more[rows] - 1).sum()))
+    return AidingUpdates(log.t[rows], nis[rows], values, int(new[rows].sum()), int((more[rows] - 1).sum()))
 
 
-def _ranges(log: Log, path: str, rows: Any, more: Any, new: Any) -> Updates:
+def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
     """Of a RangeFix (rows, n): each range that was predicted is an update with one degree of freedom, in order.
 
     Not predicted are those that disagree with the rest, and all of a ping at which the filter waited for a start; then
     the last innovations are left standing.
     """
-    nis, ran = log[f"{path}.nis"], flag(log, f"{path}.tracking", True)
+    nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
     rows = rows & np.append(ran[:1], ran[:-1])
     came = rows[:, None] & np.isfinite(nis) & (log[f"{path}.innovation"] != 0)
     refusals = np.diff(log[f"{path}.refused_in_a_row"].astype(np.int64), axis=0, prepend=0) > 0
     shown = np.sum(came | log[f"{path}.accepted"].astype(bool) | refusals, axis=1)
     unseen = int(np.maximum(more - shown, 0)[rows].sum())
     t = np.broadcast_to(log.t[:, None], nis.shape)
-    return Updates(t[came], nis[came], log[f"{path}.normalised"][came][:, None], int(new[rows].sum()), unseen)
+    return AidingUpdates(t[came], nis[came], log[f"{path}.normalised"][came][:, None], int(new[rows].sum()), unseen)
 
 
 SETTLED = 1.5
@@ -137,12 +137,12 @@ class Aiding(NamedTuple):
     updates: int
     refused: int
     unseen: int
-    nis: Judged
+    nis: SingleRunConsistency
     white: bool | None
     p: float | None
 
 
-class Learned(NamedTuple):
+class SigmaConvergence(NamedTuple):
     """What the run taught about a state, as its sigma has it: observability along the trajectory.
 
     first, last: sigma at the first valid estimate, and its largest in the last quarter.  settled_s: from when on it
@@ -169,8 +169,8 @@ class Navigation(NamedTuple):
     since_s: float
     where: str
     aiding: dict[str, Aiding]
-    errors: dict[str, Judged]
-    learned: dict[str, Learned]
+    errors: dict[str, SingleRunConsistency]
+    learned: dict[str, SigmaConvergence]
 
     def plain(self) -> dict[str, Any]:
         """Dictionaries of plain numbers and words, for JSON."""
@@ -188,38 +188,38 @@ class Series(NamedTuple):
     sigma: Any
 
 
-def navigation(log: Log, probability: float = 0.95) -> Navigation | None:
+def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     """What a log says about its navigation; None where its estimate carries no innovations and sigmas.
 
     Args:
         log: of a run; signals as they are by default.
         probability: with which a consistent filter keeps within the bounds of all rows.
     """
-    aids, states = fixes(log), series(log)
+    aids, states = fix_paths(log), state_series(log)
     if not aids or not states:
         return None
-    learned = {name: _learned(s) for name, s in states.items() if len(s.t) > 3}
+    learned = {name: _assess_convergence(s) for name, s in states.items() if len(s.t) > 3}
     judged = [n for n in learned if states[n].error is not None] or list(learned)
     since = max((learned[n].settled_s for n in judged), default=0.0)
     errors = {
-        group: np.stack([_normalised(states[n], since) for n in names], axis=1)
+        group: np.stack([_normalised_errors(states[n], since) for n in names], axis=1)
         for group, names in GROUPS.items()
         if all(n in states and states[n].error is not None for n in names)
     }
     errors = {group: z[np.isfinite(z).all(axis=1)] for group, z in errors.items()}
     errors = {group: z for group, z in errors.items() if len(z) > 3}
-    came = {name: update for name, path in aids.items() if len((update := updates(log, path, since)).nis) > 3}
+    came = {name: update for name, path in aids.items() if len((update := find_updates(log, path, since)).nis) > 3}
     tail = (1 - probability) / (2 * max(len(errors) + len(came), 1))
-    aiding = {name: _aiding(update, tail) for name, update in came.items()}
+    aiding = {name: _assess_aiding(update, tail) for name, update in came.items()}
     found = {
-        group: judge_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
+        group: assess_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
         for group, z in errors.items()
     }
-    verdict = _together([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
-    return Navigation(verdict, probability, since, where_state(log) or "", aiding, found, learned)
+    verdict = _combine_verdicts([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
+    return Navigation(verdict, probability, since, state_path(log) or "", aiding, found, learned)
 
 
-def series(log: Log) -> dict[str, Series]:
+def state_series(log: Log) -> dict[str, Series]:
     """Every state that has a sigma, by name, where an estimate was made anew; with its error where the log has truth.
 
     Left out is what nothing aided in this run (`aiding.unaided`). Empty where no estimate was valid.
@@ -227,15 +227,15 @@ def series(log: Log) -> dict[str, Series]:
     An estimate is of the time of its newest measurement, so it is compared with the truth of that time, except while
     it coasts.
     """
-    base = where_state(log)
+    base = state_path(log)
     if base is None:
         return {}
-    valid = flag(log, "estimate.valid", True)
-    fresh = valid & flag(log, "estimate.fresh", True)
+    valid = flag_signal(log, "estimate.valid", True)
+    fresh = valid & flag_signal(log, "estimate.fresh", True)
     rows = fresh if fresh.any() else valid
-    alone = unaided(log)
+    alone = unaided_states(log)
     age = log["estimate.age"] if "estimate.age" in log else np.zeros(len(log))
-    of = (log.t - np.where(flag(log, f"{base}.coasting", False), 0.0, age))[rows]
+    of = (log.t - np.where(flag_signal(log, f"{base}.coasting", False), 0.0, age))[rows]
     found = {}
     for path in log.paths:
         name = path.rpartition(".")[2].removeprefix("sigma_")
@@ -250,26 +250,30 @@ def series(log: Log) -> dict[str, Series]:
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
     """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom; each range counts."""
-    found = {name: updates(log, path, -np.inf) for name, path in fixes(log).items()}
-    return {name: (u.t, u.nis, u.normalised.shape[1]) for name, u in found.items() if len(u.nis)}
+    found = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
+    return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in found.items() if len(u.nis)}
 
 
-def _aiding(u: Updates, tail: float) -> Aiding:
-    dof = u.normalised.shape[1]
-    draws = np.mean(effective_draws(u.normalised)) * np.ones(dof)
-    white = whiteness(u.normalised, LAGS, 1 - 2 * tail) if len(u.nis) > 3 * LAGS and u.normalised.any() else None
-    nis = judge_average(float(np.mean(u.nis)), draws, dof, tail)
+def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
+    dof = u.normalised_innovations.shape[1]
+    draws = np.mean(effective_draws(u.normalised_innovations)) * np.ones(dof)
+    white = (
+        whiteness(u.normalised_innovations, LAGS, 1 - 2 * tail)
+        if len(u.nis) > 3 * LAGS and u.normalised_innovations.any()
+        else None
+    )
+    nis = assess_average(float(np.mean(u.nis)), draws, dof, tail)
     p = None if white is None else white.p
-    return Aiding(len(u.nis), u.refused, u.unseen, nis, None if white is None else white.white, p)
+    return Aiding(len(u.nis), u.refusals, u.missed_updates, nis, None if white is None else white.white, p)
 
 
-def _normalised(s: Series, since: float) -> Any:
+def _normalised_errors(s: Series, since: float) -> Any:
     """Errors over sigmas, only where both are numbers."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
 
 
-def _learned(s: Series) -> Learned:
+def _assess_convergence(s: Series) -> SigmaConvergence:
     n = len(s.t)
     late, third = np.max(s.sigma[3 * n // 4 :]), np.max(s.sigma[n // 2 : 3 * n // 4])
     above = np.flatnonzero(~(s.sigma <= SETTLED * np.max(s.sigma[n // 2 :])))
@@ -277,9 +281,9 @@ def _learned(s: Series) -> Learned:
     first = s.sigma[0]
     trend = "growing" if late > 1.1 * third else "converging" if late < 0.9 * third else "converged"
     trend = "unseen" if trend == "converged" and late > 0.8 * first else trend
-    return Learned(float(first), float(late), float(settled), trend)
+    return SigmaConvergence(float(first), float(late), float(settled), trend)
 
 
-def _together(verdicts: list[str]) -> str:
+def _combine_verdicts(verdicts: list[str]) -> str:
     """Too sure anywhere is too sure; a run is consistent where something says so and nothing contradicts."""
     return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

@@ -16,7 +16,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 
-COLUMNS, ROWS, EVENTS, WRITTEN, TAKEN, DROPPED, TOLD, HEARD, UNTOLD = range(9)
+COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ, TEXTS_DROPPED = range(9)
 """Places in the head: the sizes; then what the writing side (written, dropped, told, untold) and the reading side
 (taken, heard) have counted."""
 HEAD = 128
@@ -27,7 +27,7 @@ SETTLE = 1e-4
 SHARED = Path("/dev/shm")
 
 
-class Event(NamedTuple):
+class TextEvent(NamedTuple):
     """A text. before: sequence number of the first row that was put after it."""
 
     before: int
@@ -52,7 +52,7 @@ class Ring:
         self._sequences, self._numbers = block[:, 0].view(np.int64), block[:, 1:]
         self._marks = buffer[HEAD:start].cast("q")
         self._texts = buffer[start : start + TEXT * events]
-        self._written = self._sequence = self._head[WRITTEN]
+        self._written = self._sequence = self._head[ROWS_WRITTEN]
 
     @classmethod
     def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
@@ -87,7 +87,7 @@ class Ring:
     def attach(cls, name: str) -> "Ring":
         """The ring of a name, from another process."""
         try:
-            memory = _join(name)
+            memory = _open_memory(name)
         except FileNotFoundError:
             raise InputError("ring", f"there is none named {name!r}", fix="create it first") from None
         with _buffer(memory)[:HEAD].cast("q") as head:
@@ -100,66 +100,66 @@ class Ring:
         return self._memory.name
 
     @property
-    def dropped(self) -> int:
+    def dropped_rows(self) -> int:
         """Rows for which there was no room."""
-        return self._head[DROPPED]
+        return self._head[ROWS_DROPPED]
 
     @property
-    def untold(self) -> int:
+    def dropped_texts(self) -> int:
         """Texts for which there was no room."""
-        return self._head[UNTOLD]
+        return self._head[TEXTS_DROPPED]
 
     @property
-    def waiting(self) -> int:
+    def waiting_rows(self) -> int:
         """Rows that were put and not yet taken."""
-        return self._head[WRITTEN] - self._head[TAKEN]
+        return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
-    def put(self, row: Any) -> bool:
+    def write_row(self, row: Any) -> bool:
         """Hand a row over, float64 (columns,); False where it had to be dropped. Waits for nobody."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
-        if n - head[TAKEN] >= self.rows:
-            head[DROPPED] += 1
+        if n - head[ROWS_READ] >= self.rows:
+            head[ROWS_DROPPED] += 1
             return False
         k = n % self.rows
         self._numbers[k] = row
         self._marks[k * (self.columns + 1)] = sequence
-        self._written = head[WRITTEN] = n + 1
+        self._written = head[ROWS_WRITTEN] = n + 1
         return True
 
-    def event(self, text: str) -> bool:
+    def write_text(self, text: str) -> bool:
         """Hand a text over, cut at TEXT_BYTES; False where it had to be dropped."""
         head = self._head
-        n = head[TOLD]
-        if n - head[HEARD] >= self.events:
-            head[UNTOLD] += 1
+        n = head[TEXTS_WRITTEN]
+        if n - head[TEXTS_READ] >= self.events:
+            head[TEXTS_DROPPED] += 1
             return False
         data = text.encode("utf-8", "replace")[:TEXT_BYTES]
         at = n % self.events * TEXT
         self._texts[at : at + 16] = self._sequence.to_bytes(8, "little") + len(data).to_bytes(8, "little")
         self._texts[at + 16 : at + 16 + len(data)] = data
-        head[TOLD] = n + 1
+        head[TEXTS_WRITTEN] = n + 1
         return True
 
-    def take(self) -> tuple[Any, Any]:
+    def read_rows(self) -> tuple[Any, Any]:
         """All rows that wait: their sequence numbers (n,) int64, and copies of the rows (n, columns)."""
-        first, last = self._head[TAKEN], self._head[WRITTEN]
+        first, last = self._head[ROWS_READ], self._head[ROWS_WRITTEN]
         time.sleep(SETTLE)
         places = np.arange(first, last) % self.rows
         taken = self._sequences[places], self._numbers[places]
-        self._head[TAKEN] = last
+        self._head[ROWS_READ] = last
         return taken
 
-    def hear(self) -> list[Event]:
+    def read_texts(self) -> list[TextEvent]:
         """All texts that wait."""
-        first, last = self._head[HEARD], self._head[TOLD]
+        first, last = self._head[TEXTS_READ], self._head[TEXTS_WRITTEN]
         time.sleep(SETTLE)
         found = []
         for n in range(first, last):
             at = n % self.events * TEXT
             before, size = (int.from_bytes(self._texts[at + i : at + i + 8], "little") for i in (0, 8))
-            found.append(Event(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
-        self._head[HEARD] = last
+            found.append(TextEvent(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
+        self._head[TEXTS_READ] = last
         return found
 
     def close(self) -> None:
@@ -186,7 +186,7 @@ def _buffer(memory: shared_memory.SharedMemory) -> Any:
     return memory.buf
 
 
-def _join(name: str) -> shared_memory.SharedMemory:
+def _open_memory(name: str) -> shared_memory.SharedMemory:
     """Shared memory of another process, which that process alone will tidy away."""
     if sys.version_info >= (3, 13):
         return shared_memory.SharedMemory(name, track=False)

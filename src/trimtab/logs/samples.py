@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.time import UNITS_PER_SECOND, show, to_seconds
+from trimtab.core.time import UNITS_PER_SECOND, format_time, to_seconds
 from trimtab.logs.log import Log
 
 
@@ -31,7 +31,7 @@ def samples(log: Log, path: str) -> Samples:
         path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; of other signals the rows are the samples.
     """
     values, ticks = log[path], log.ticks
-    sample = sample_of(log, path)
+    sample = sample_path(log, path)
     if sample is not None:
         valid = log[f"{sample}.valid"].astype(bool) if f"{sample}.valid" in log else np.ones(len(log), bool)
         values, ticks = values[valid], log[f"{sample}.t"][valid].astype(np.int64)
@@ -40,34 +40,34 @@ def samples(log: Log, path: str) -> Samples:
     if len(ticks) < 3:
         raise InputError(f"signal {path!r}", f"has {len(ticks)} samples in this log", fix="log it for longer")
     gaps = np.diff(ticks)
-    usual = _usual(log, sample, gaps)
+    usual = _usual_gap(log, sample, gaps)
     loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers come when they can
     uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
     if len(uneven):
-        _refuse(log, path, ticks, uneven, usual, sampled=sample is not None)
+        _refuse_gaps(log, path, ticks, uneven, usual, sampled=sample is not None)
     return Samples(values, ticks, float(to_seconds((ticks[-1] - ticks[0]) / (len(ticks) - 1))))
 
 
-def _usual(log: Log, sample: str | None, gaps: Any) -> float:
+def _usual_gap(log: Log, sample: str | None, gaps: Any) -> float:
     """The time between samples (ticks): as the run's settings have it, or the usual one."""
     settings = log.metadata.get("parameters", {})
     period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
     return float(period or np.median(gaps))
 
 
-def sample_of(log: Log, path: str) -> str | None:
+def sample_path(log: Log, path: str) -> str | None:
     """The path of the sample that a signal belongs to, e.g. ``sensors.imu``; None where it belongs to none."""
     before, value, _ = path.partition(".value.")
     return before if value and f"{before}.t" in log else None
 
 
-def _refuse(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
+def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
     at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
-    problem = f"its samples are not evenly spaced: usually {show(round(usual))}, but {show(int(gap))} at"
+    problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
     problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} such gaps more"
     fix = "cut the log to a stretch without gaps, or log again"
     rows = float(np.median(np.diff(log.ticks)))
     if sampled and rows > min(usual, np.diff(ticks).min()):
-        problem += f"; the rows of the log come each {show(round(rows))}, so it misses samples"
+        problem += f"; the rows of the log come each {format_time(round(rows))}, so it misses samples"
         fix = "log rows more often than there are samples, e.g. simulate(…, log_period=ms(1))"
     raise InputError(f"signal {path!r}", problem, fix=fix)

@@ -16,12 +16,12 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity
 from trimtab.logs.log import Log, provenance
-from trimtab.logs.messages import EVENTS, dump, layout_of, run_of
+from trimtab.logs.messages import EVENTS, dump_json, layout_record, run_record
 from trimtab.logs.ring import Ring
 
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
 """Path, shape of one instant's value, type, declaration."""
-COUNTS: dict[str, Quantity] = {
+COUNTER_SIGNALS: dict[str, Quantity] = {
     "log.dropped": Quantity("1", "Rows before this one for which the ring had no room.", kind="count"),
     "log.unwritten": Quantity("1", "Rows before this one for which the disk had no room.", kind="count"),
 }
@@ -30,7 +30,7 @@ START_S, END_S = 30.0, 30.0
 """How long the writer may take to start and to end."""
 
 
-class Written(NamedTuple):
+class LogFileSummary(NamedTuple):
     """What became of a log.
 
     rows: in the file.  dropped: the ring had no room.  unwritten: the disk had no room, or the row was not later than
@@ -45,7 +45,7 @@ class Written(NamedTuple):
     whole: bool
 
 
-class Stream:
+class LogStream:
     """The writer of a log, seen from the process that flies; nothing here waits, or fails, until `close`."""
 
     def __init__(self, path: Path, process: "subprocess.Popen[bytes]") -> None:
@@ -53,7 +53,7 @@ class Stream:
         self.path, self._process = path, process
 
     @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether the writer is running."""
         return self._process.poll() is None
 
@@ -62,17 +62,17 @@ class Stream:
         """Of the writer's process."""
         return self._process.pid
 
-    def close(self, final: Mapping[str, Any] | None = None) -> Written | None:
+    def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
         """End the log and wait until it is on the disk; None where the writer had died.
 
         Args:
             final: path -> value at the end, see `Log`.
         """
         values = {} if final is None else {p: np.asarray(v) for p, v in final.items()}
-        text = dump({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
+        text = dump_json({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
         try:
             said, _ = self._process.communicate(json.dumps({"final": text}).encode() + b"\n", timeout=END_S)
-            return Written(**json.loads(said.splitlines()[-1]))
+            return LogFileSummary(**json.loads(said.splitlines()[-1]))
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()
@@ -84,7 +84,7 @@ class Stream:
 
 def start_writer(
     path: str | os.PathLike[str], ring: Ring, *, signals: Sequence[Signal], metadata: Mapping[str, Any]
-) -> Stream:
+) -> LogStream:
     """Start a process that writes what is put into a ring to a log file, four times a second or more often.
 
     A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in order.
@@ -99,12 +99,12 @@ def start_writer(
     Raises:
         InputError: signals that don't fit the ring, a file that is there already or can't be written.
     """
-    target, empty = Path(path), _empty(signals, metadata)
+    target, empty = Path(path), _empty_log(signals, metadata)
     width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals)
     if width != ring.columns:
         problem = f"its rows have {ring.columns} numbers, the time and these signals have {width}"
         raise InputError("ring", problem, fix=f"Ring.create(columns={width})")
-    about = {"path": str(target), "ring": ring.name, "run": run_of(empty), "layout": layout_of(empty)}
+    about = {"path": str(target), "ring": ring.name, "run": run_record(empty), "layout": layout_record(empty)}
     process = subprocess.Popen(
         [sys.executable, "-m", "trimtab.logs.stream_writer"],
         stdin=subprocess.PIPE,
@@ -112,11 +112,11 @@ def start_writer(
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
         start_new_session=True,
     )
-    _wait(process, json.dumps(about).encode() + b"\n")
-    return Stream(target, process)
+    _await_start(process, json.dumps(about).encode() + b"\n")
+    return LogStream(target, process)
 
 
-def _empty(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
+def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
     """The log before its first row."""
     taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
     if taken:
@@ -129,13 +129,13 @@ def _empty(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
     return Log(
         t=nothing.astype(np.float64),
         ticks=nothing,
-        signals=arrays | dict.fromkeys(COUNTS, nothing),
-        declared=declared | COUNTS,
+        signals=arrays | dict.fromkeys(COUNTER_SIGNALS, nothing),
+        declarations=declared | COUNTER_SIGNALS,
         metadata=provenance() | began | dict(metadata),
     )
 
 
-def _wait(process: "subprocess.Popen[bytes]", about: bytes) -> None:
+def _await_start(process: "subprocess.Popen[bytes]", about: bytes) -> None:
     """Give the writer its orders; refuses what it refuses."""
     said = b""
     with contextlib.suppress(OSError):

@@ -26,16 +26,16 @@ from trimtab.logs.messages import (
     NS_PER_TICK,
     RUN,
     Topic,
-    dump,
+    dump_json,
     event_text,
-    load,
+    load_json,
+    log_topics,
     message_texts,
-    quantity_of,
-    topics,
+    parse_quantity,
 )
-from trimtab.logs.ring import Event, Ring
+from trimtab.logs.ring import Ring, TextEvent
 
-LOOK_S, CHUNK_S = 0.05, 0.2
+POLL_S, CHUNK_S = 0.05, 0.2
 """How often the ring is emptied, and how often what came is put on the disk."""
 ROWS = 1000
 """At most in a chunk."""
@@ -54,10 +54,10 @@ class Recorder:
     def __init__(self, ring: Ring, file: int, run: dict[str, str], layout: dict[str, str]) -> None:
         """Write the head of the file; raises OSError where that can't be."""
         self._ring, self._run, self._layout = ring, run, layout
-        self._signals: dict[str, Any] = load(layout["signals"])
-        self._declared = {path: quantity_of(d) for path, d in load(layout["declared"]).items()}
-        empty = self._log(np.empty((0, ring.columns)), np.empty(0), np.empty(0))
-        self._topics = topics(empty)
+        self._signals: dict[str, Any] = load_json(layout["signals"])
+        self._declared = {path: parse_quantity(d) for path, d in load_json(layout["declared"]).items()}
+        empty = self._rows_as_log(np.empty((0, ring.columns)), np.empty(0), np.empty(0))
+        self._topics = log_topics(empty)
         events = Topic(EVENTS, {}, EVENT_SCHEMA["title"], json.dumps(EVENT_SCHEMA).encode())
         self._file = GrowingFile(file, {RUN: run, LAYOUT: layout}, [*self._topics, events])
         self._rows: list[Any] = []
@@ -66,14 +66,14 @@ class Recorder:
         self._last, self._taken, self._written, self._unwritten, self._lost = -1, 0, 0, 0, 0
         self._full = ""
 
-    def take(self) -> None:
+    def read_ring(self) -> None:
         """Empty the ring."""
-        heard = self._ring.hear()
-        sequences, rows = self._ring.take()
+        heard = self._ring.read_texts()
+        sequences, rows = self._ring.read_rows()
         later = np.maximum.accumulate(np.append(self._last, rows[:, 0]))
         good = rows[:, 0] > later[:-1]
         self._unwritten += int((~good).sum())
-        self._events += [(self._time(event, sequences, rows), event.text) for event in heard]
+        self._events += [(self._event_time(event, sequences, rows), event.text) for event in heard]
         dropped = sequences - np.arange(self._taken, self._taken + len(rows))
         self._taken += len(rows)
         if good.any():
@@ -81,7 +81,7 @@ class Recorder:
             self._rows.append(rows[good])
             self._dropped.append(dropped[good])
 
-    def _time(self, event: Event, sequences: Any, rows: Any) -> int:
+    def _event_time(self, event: TextEvent, sequences: Any, rows: Any) -> int:
         before = int(np.searchsorted(sequences, event.before))
         return int(rows[before - 1, 0]) if before else max(self._last, 0)
 
@@ -91,38 +91,38 @@ class Recorder:
         dropped = np.concatenate([np.empty(0, np.int64), *self._dropped])
         self._rows, self._dropped = [], []
         for first in range(0, len(rows), ROWS):
-            self._chunk(rows[first : first + ROWS], dropped[first : first + ROWS])
+            self._write_chunk(rows[first : first + ROWS], dropped[first : first + ROWS])
         if self._events:
-            self._chunk(rows[:0], dropped[:0])
+            self._write_chunk(rows[:0], dropped[:0])
 
-    def _chunk(self, rows: Any, dropped: Any) -> None:
-        log = self._log(rows, dropped, np.full(len(rows), self._unwritten))
+    def _write_chunk(self, rows: Any, dropped: Any) -> None:
+        log = self._rows_as_log(rows, dropped, np.full(len(rows), self._unwritten))
         said = [f"the log has a gap of {self._lost} rows: {self._full}"] if self._full else []
         events = [*self._events, *((int(rows[0, 0]), text) for text in said if len(rows))]
-        messages = [*self._messages(log), *self._told(events)]
+        messages = [*self._log_messages(log), *self._event_messages(events)]
         if not messages:
             return
         try:
             self._file.write(messages)
         except OSError as error:
-            self._fail(error, len(rows))
+            self._count_failure(error, len(rows))
             return
         self._written += len(rows)
         self._events = []
         if self._full and len(rows):
-            _say(f"writes again, after a gap of {self._lost} rows")
+            _report(f"writes again, after a gap of {self._lost} rows")
             self._full, self._lost = "", 0
 
-    def _fail(self, error: OSError, rows: int) -> None:
+    def _count_failure(self, error: OSError, rows: int) -> None:
         """Count what there was no room for; the flight goes on."""
         if not self._full:
-            _say(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
+            _report(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
         self._full = error.strerror or str(error)
         self._lost += rows
         self._unwritten += rows
         self._events = self._events[-self._ring.events :]
 
-    def _messages(self, log: Log) -> list[Message]:
+    def _log_messages(self, log: Log) -> list[Message]:
         texts = [message_texts(log, topic.fields, slice(None)) for topic in self._topics]
         times = (log.ticks * NS_PER_TICK).tolist()
         return [
@@ -131,11 +131,11 @@ class Recorder:
             for channel, held in enumerate(texts, 1)
         ]
 
-    def _told(self, events: list[tuple[int, str]]) -> list[Message]:
+    def _event_messages(self, events: list[tuple[int, str]]) -> list[Message]:
         channel = len(self._topics) + 1
         return [(channel, 0, ticks * NS_PER_TICK, event_text(ticks, text)) for ticks, text in events]
 
-    def _log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
+    def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
         """Rows as signals in their own types."""
         ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
         for path, about in self._signals.items():
@@ -147,30 +147,32 @@ class Recorder:
             arrays[path] = values.reshape(len(rows), *about["shape"])
             at += size
         arrays |= {"log.dropped": dropped.astype(np.int64), "log.unwritten": unwritten.astype(np.int64)}
-        return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declared=self._declared)
+        return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declarations=self._declared)
 
-    def end(self, final: str | None) -> dict[str, Any]:
+    def finish(self, final: str | None) -> dict[str, Any]:
         """Write all that is left, and the end. final: last values as JSON text; None where nobody said goodbye."""
         if final is None:
             self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
-        self.take()
+        self.read_ring()
         self.write()
-        counts = {"rows": self._written, "dropped": self._ring.dropped, "unwritten": self._unwritten}
-        about = {name: dump(value) for name, value in (counts | {"closed": final is not None}).items()}
-        layout = {**self._layout, "rows": dump(self._written), "final": final or "{}"}
+        counts = {"rows": self._written, "dropped": self._ring.dropped_rows, "unwritten": self._unwritten}
+        about = {name: dump_json(value) for name, value in (counts | {"closed": final is not None}).items()}
+        layout = {**self._layout, "rows": dump_json(self._written), "final": final or "{}"}
         whole = True
         try:
-            self._file.describe({RUN: {**self._run, "log": dump(counts), "closed": about["closed"]}, LAYOUT: layout})
+            self._file.add_metadata(
+                {RUN: {**self._run, "log": dump_json(counts), "closed": about["closed"]}, LAYOUT: layout}
+            )
             self._file.finish()
         except OSError as error:
             whole = False
-            _say(f"has no end ({error.strerror}); what was written can be read")
+            _report(f"has no end ({error.strerror}); what was written can be read")
         return counts | {"size": self._file.size, "cpu_s": time.process_time(), "whole": whole}
 
 
 def main() -> None:
     """Follow the orders on standard input."""
-    _behave()
+    _isolate_process()
     orders = json.loads(sys.stdin.buffer.readline())
     try:
         ring = Ring.attach(orders["ring"])
@@ -185,18 +187,18 @@ def main() -> None:
         print(json.dumps({"part": error.part, "problem": error.problem, "fix": error.fix}), flush=True)
         return
     print("{}", flush=True)
-    said = follow(recorder)
-    result = recorder.end(said)
+    said = record_until_stopped(recorder)
+    result = recorder.finish(said)
     with contextlib.suppress(OSError):  # whoever asked may be gone
         os.write(sys.stdout.fileno(), json.dumps(result).encode() + b"\n")
     ring.close()
 
 
-def follow(recorder: Recorder) -> str | None:
+def record_until_stopped(recorder: Recorder) -> str | None:
     """Write until there is a word on standard input, or its end; gives the last values that it names, or None."""
     due = time.monotonic() + CHUNK_S
-    while not select.select([sys.stdin.buffer], [], [], LOOK_S)[0]:
-        recorder.take()
+    while not select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
+        recorder.read_ring()
         if time.monotonic() >= due:
             recorder.write()
             due = time.monotonic() + CHUNK_S
@@ -207,7 +209,7 @@ def follow(recorder: Recorder) -> str | None:
     return json.loads(line)["final"] if line else None
 
 
-def _behave() -> None:
+def _isolate_process() -> None:
     """Outlive whoever stops the flight, and take no processor time from it."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
@@ -218,7 +220,7 @@ def _behave() -> None:
     os.nice(NICE)
 
 
-def _say(text: str) -> None:
+def _report(text: str) -> None:
     print(f"log: {text}", file=sys.stderr, flush=True)
 
 

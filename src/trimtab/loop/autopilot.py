@@ -63,7 +63,7 @@ class Autopilot:
         _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)
         if self.supervisor is not None:
-            self.supervisor.fitted(estimate, value, frame)
+            self.supervisor.fit_neutral(estimate, value, frame)
         return AutopilotState(
             estimator=states[0],
             law=states[1],
@@ -71,16 +71,18 @@ class Autopilot:
             estimate=estimate,
             output=output,
             command=command,
-            seen={name: np.int64(NEVER) for name in self._listens(frame)},
+            seen={name: np.int64(NEVER) for name in self._watched_samples(frame)},
             supervisor=() if self.supervisor is None else self.supervisor.init(),
-            supervised=() if self.supervisor is None else zeros_of("autopilot.supervisor", "", self._nothing, estimate),
+            supervised=()
+            if self.supervisor is None
+            else zeros_of("autopilot.supervisor", "", self._supervisor_output, estimate),
             first=() if self.supervisor is None else states[1],
         )
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
         """The command at integer time t. What came since the last step is fresh, whenever that was."""
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
-        renewed = {name: _renewed(frame.samples[name], state.seen[name]) for name in seen}
+        renewed = {name: _refresh_sample(frame.samples[name], state.seen[name]) for name in seen}
         frame = replace(frame, samples={**frame.samples, **renewed})
         estimator, estimate = self.estimator.step(t, state.estimator, frame)
         read = [getattr(estimate.state, name) for name in self.law.reads]
@@ -99,18 +101,16 @@ class Autopilot:
             seen=seen,
         )
         if self.supervisor is not None:
-            new = self._supervised(t, state, new, frame, finite)
+            new = self._supervise(t, state, new, frame, finite)
         return new, new.command
 
-    def _supervised(
-        self, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
-    ) -> AutopilotState:
+    def _supervise(self, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any) -> AutopilotState:
         """The same step, if the supervisor lets it be: else the command is neutral or not valid, and the law waits."""
         assert self.supervisor is not None
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
         given = SupervisorInput(new.estimate, arrived, finite, frame.samples.get(self.supervisor.pilot))
         state, said = self.supervisor.step(t, old.supervisor, given)
-        neutral = self.supervisor.fitted(new.estimate, new.command.value, frame)
+        neutral = self.supervisor.fit_neutral(new.estimate, new.command.value, frame)
         value = tree_where(said.law, new.command.value, neutral)
         valid = jnp.where(said.law, new.command.valid, said.sends)
         waiting = tree_where(said.sends, old.law, old.first)
@@ -123,17 +123,17 @@ class Autopilot:
             first=old.first,
         )
 
-    def _listens(self, frame: Frame) -> tuple[str, ...]:
+    def _watched_samples(self, frame: Frame) -> tuple[str, ...]:
         """Whose samples are told old from new: what the estimator reads, and the pilot's requests."""
         own = () if self.supervisor is None or self.supervisor.pilot not in frame.samples else (self.supervisor.pilot,)
         return (*self.estimator.listens, *(name for name in own if name not in self.estimator.listens))
 
-    def _nothing(self, estimate: Estimate) -> Any:
+    def _supervisor_output(self, estimate: Estimate) -> Any:
         """What the supervisor says, for its structure."""
         assert self.supervisor is not None
         return self.supervisor.step(0, self.supervisor.init(), SupervisorInput(estimate, True, True))[1]
 
-    def lean(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
+    def drop_derived_outputs(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
         """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
         if self.period not in always:
             return state
@@ -160,5 +160,5 @@ class Autopilot:
         raise InputError("autopilot.estimator", problem, choices=sent, fix=fix)
 
 
-def _renewed(sample: Sample, seen: Any) -> Sample:
+def _refresh_sample(sample: Sample, seen: Any) -> Sample:
     return replace(sample, fresh=is_new(sample, seen))

@@ -6,7 +6,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Option, Quantity, children, is_record, leaves
-from trimtab.core.time import show
+from trimtab.core.time import format_time
 
 
 def check_values(tree: Any, path: str = "") -> None:
@@ -43,12 +43,12 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{_in(unit)}") from None
+        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{_unit_suffix(unit)}") from None
     if declared.shape and array.shape != declared.shape:
         problem = f"has shape {array.shape}, declared is {declared.shape}"
-        raise InputError(where, problem, fix=f"give {declared.shape} numbers{_in(unit)}")
+        raise InputError(where, problem, fix=f"give {declared.shape} numbers{_unit_suffix(unit)}")
     if not np.isfinite(array).all():
-        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{_in(unit)}")
+        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{_unit_suffix(unit)}")
     for bound, wrong, text in (
         (declared.above, lambda b: array <= b, "above"),
         (declared.low, lambda b: array < b, "at least"),
@@ -59,7 +59,7 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
             raise InputError(where, f"{value}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
 
 
-def _in(unit: str) -> str:
+def _unit_suffix(unit: str) -> str:
     return f" in{unit}" if unit else ""
 
 
@@ -70,7 +70,7 @@ def _check_option(where: str, value: Any, declared: Option) -> None:
             fix = f"write e.g. ms(20) in Python or --set {where}='20 ms'"
             raise InputError(where, f"{value!r} is not an integer time of 100 ns units", fix=fix)
         if value < low:
-            problem = f"{show(value)} is too short: it must be at least {show(low)}"
+            problem = f"{format_time(value)} is too short: it must be at least {format_time(low)}"
             raise InputError(where, problem, fix=f"--set {where}='20 ms'")
     elif declared.choices and value not in declared.choices:
         choices = [str(c) for c in declared.choices]

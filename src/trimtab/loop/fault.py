@@ -56,16 +56,16 @@ class Fault:
             problem = f"{severity:g} is not possible for {WORDS[word]!r}, where it is {meaning}"
             raise InputError("severity", problem, fix="choose another, e.g. by 0.5, by 2")
 
-    def begins(self, t: Any, begun: Any, seen: Any) -> Any:
+    def begin_time(self, t: Any, begun: Any, seen: Any) -> Any:
         """When it began (100 ns), NEVER before; seen: what the part sees at integer time t."""
         if not self.watch:
             return jnp.where(t >= self.start, jnp.asarray(self.start, np.int64), NEVER)
-        number = jnp.asarray(signal(seen, self.watch), np.float64)
+        number = jnp.asarray(signal_value(seen, self.watch), np.float64)
         met = number > self.level if self.side == "above" else number < self.level
         waiting = begun == NEVER
         return jnp.where(t < self.start, NEVER, jnp.where(waiting & met, t, begun))
 
-    def acting(self, t: Any, begun: Any) -> Any:
+    def active_word(self, t: Any, begun: Any) -> Any:
         """The word that acts at integer time t."""
         acts = (begun != NEVER) & (t >= begun) & (t - begun < self.duration)
         return jnp.where(acts, self.word, NONE)
@@ -80,7 +80,7 @@ class Fault:
         n = jnp.maximum(jnp.round(self.severity), 1.0).astype(np.int32)
         return number % n != 0
 
-    def steps_back(self, step: int, capacity: int) -> Any:
+    def delay_steps(self, step: int, capacity: int) -> Any:
         """Delayed: by how many steps of this length (100 ns), as far as a ring of this capacity reaches."""
         return jnp.clip(jnp.round(self.severity / to_seconds(step)), 0, capacity - 1).astype(np.int32)
 
@@ -88,11 +88,11 @@ class Fault:
         """Refuse a delay that is longer than what a ring of this capacity holds, one slot a step (100 ns)."""
         longest = to_seconds(step) * (capacity - 1)
         if int(self.word) == DELAYED and float(self.severity) > longest + 1e-9:
-            needed = slots_for(float(self.severity), step)
+            needed = delay_slots(float(self.severity), step)
             problem = f"{float(self.severity):g} s is longer than the {longest:g} s that {capacity} slots hold"
             raise InputError("fault.severity", problem, fix=f"set capacity to {needed} or more")
 
-    def wrong(self, value: Any) -> Any:
+    def distort_value(self, value: Any) -> Any:
         """The value with every real number scaled by 1 + severity, and biased."""
 
         def leaf(v: Any) -> Any:
@@ -101,18 +101,18 @@ class Fault:
 
         return jax.tree.map(leaf, value)
 
-    def garbage(self, key: Key, index: Any, value: Any) -> Any:
+    def garbage_value(self, key: Key, index: Any, value: Any) -> Any:
         """Random numbers, `severity` times as large as the value or as 1, or NaN; random flags and integers."""
         flat, tree = jax.tree.flatten(value)
         shapes = [np.shape(v) for v in flat]
         draws, made, k = normals(key, index, sum(int(np.prod(s)) for s in shapes)), [], 0
         for v, shape in zip(flat, shapes, strict=True):
             size = int(np.prod(shape))
-            made.append(self._rubbish(jnp.asarray(v), jnp.reshape(draws[k : k + size], shape)))
+            made.append(self._garbage_leaf(jnp.asarray(v), jnp.reshape(draws[k : k + size], shape)))
             k += size
         return jax.tree.unflatten(tree, made)
 
-    def _rubbish(self, v: Any, z: Any) -> Any:
+    def _garbage_leaf(self, v: Any, z: Any) -> Any:
         if v.dtype == np.bool_:
             return z > 0
         if jnp.issubdtype(v.dtype, jnp.floating):
@@ -120,12 +120,12 @@ class Fault:
         return jnp.round(abs(z) * 1000).astype(v.dtype)
 
 
-def slots_for(delay: float, step: int) -> int:
+def delay_slots(delay: float, step: int) -> int:
     """How many slots of a ring, one a step (100 ns), hold what is `delay` (s) old."""
     return 1 + int(np.ceil(delay / to_seconds(step) - 1e-9))
 
 
-def signal(tree: Any, path: str) -> Any:
+def signal_value(tree: Any, path: str) -> Any:
     """The number at a dotted path of a tree of records and arrays, e.g. "p_WB.0"."""
     for name in path.split("."):
         if name.isdigit():

@@ -9,7 +9,7 @@ import numpy as np
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.signals import Sample
-from trimtab.links.fifo import NEVER, put, slots, take
+from trimtab.links.fifo import NEVER, empty_slots, read_slot, write_slot
 from trimtab.loop.fault import DELAYED, GARBAGE, INTERMITTENT, OFF, SLOW, STUCK, WRONG, Fault
 
 
@@ -54,7 +54,7 @@ class FaultyActuators:
     def init(self, key: Key) -> FaultyActuatorsState:
         """At rest."""
         neutral = jax.tree.map(jnp.asarray, self.inner.neutral())
-        rest = slots(neutral, self.capacity)
+        rest = empty_slots(neutral, self.capacity)
         return FaultyActuatorsState(
             inner=self.inner.init(key),
             key=key.at("fault"),
@@ -69,23 +69,23 @@ class FaultyActuators:
         fault, k = self.fault, t // self.period
         inner, output = self.inner.step(t, state.inner, command)
         output = jax.tree.map(lambda v, n: jnp.asarray(v, jnp.result_type(n)), output, state.given)
-        begun = fault.begins(t, state.begun, command)
-        word = fault.acting(t, begun)
-        ring = put(state.ring, k % self.capacity, output)
-        late = take(ring, (k - fault.steps_back(self.period, self.capacity)) % self.capacity)
+        begun = fault.begin_time(t, state.begun, command)
+        word = fault.active_word(t, begun)
+        ring = write_slot(state.ring, k % self.capacity, output)
+        late = read_slot(ring, (k - fault.delay_steps(self.period, self.capacity)) % self.capacity)
         dead = (word == OFF) | ((word == INTERMITTENT) & fault.is_off(state.key, t))
         holds = (word == STUCK) | ((word == SLOW) & fault.is_skipped(state.number))
-        u = _where(word == WRONG, fault.wrong(output.u), output.u)
-        out = replace(output, u=_where(word == GARBAGE, self._noise(state.key, k, output.u), u))
-        out = _where(word == DELAYED, late, out)
-        out = _where(holds, state.given, out)
-        out = _where(dead, jax.tree.map(lambda v, o: jnp.asarray(v, o.dtype), self.inner.neutral(), output), out)
+        u = _tree_where(word == WRONG, fault.distort_value(output.u), output.u)
+        out = replace(output, u=_tree_where(word == GARBAGE, self._random_input(state.key, k, output.u), u))
+        out = _tree_where(word == DELAYED, late, out)
+        out = _tree_where(holds, state.given, out)
+        out = _tree_where(dead, jax.tree.map(lambda v, o: jnp.asarray(v, o.dtype), self.inner.neutral(), output), out)
         new = FaultyActuatorsState(
             inner=inner, key=state.key, begun=begun, given=out, number=(state.number + 1) % 2**30, ring=ring
         )
         return new, out
 
-    def _noise(self, key: Key, index: Any, u: Any) -> Any:
+    def _random_input(self, key: Key, index: Any, u: Any) -> Any:
         """An input of the vehicle that changes at random, finite: `severity` is its standard deviation."""
         flat, tree = jax.tree.flatten(u)
         draws, made, k = normals(key, index, sum(int(np.size(v)) for v in flat)), [], 0
@@ -96,5 +96,5 @@ class FaultyActuators:
         return jax.tree.unflatten(tree, made)
 
 
-def _where(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -10,7 +10,7 @@ from trimtab.core.record import option, part, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.loop.fault import Fault
-from trimtab.loop.faulty_samples import FaultySamples, spoilt, unspoilt
+from trimtab.loop.faulty_samples import FaultySamples, apply_fault, initial_fault_memory
 
 STREAM = zlib.crc32(b"fault of a channel")
 """All that goes over a link is hit at the same time: the draws don't depend on what is carried."""
@@ -51,10 +51,12 @@ class FaultyChannel:
         """Nothing received."""
         inner = self.inner.init(key, like)
         sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, like)
-        return FaultyChannelState(inner=inner, samples=unspoilt(Key(key.seed, key.run, STREAM), sample, self.capacity))
+        return FaultyChannelState(
+            inner=inner, samples=initial_fault_memory(Key(key.seed, key.run, STREAM), sample, self.capacity)
+        )
 
     def step(self, t: Any, state: FaultyChannelState, sample: Sample) -> tuple[FaultyChannelState, Sample]:
         """What the receiving end holds at integer time t."""
         inner, arrived = self.inner.step(t, state.inner, sample)
-        samples, out = spoilt(t, state.samples, self.fault, arrived, arrived, step=self.period, checked=True)
+        samples, out = apply_fault(t, state.samples, self.fault, arrived, arrived, step=self.period, checked=True)
         return replace(state, inner=inner, samples=samples), out

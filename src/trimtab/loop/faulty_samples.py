@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.signals import Sample, held
-from trimtab.links.fifo import NEVER, put, slots, take
+from trimtab.core.signals import Sample, hold_sample
+from trimtab.links.fifo import NEVER, empty_slots, read_slot, write_slot
 from trimtab.loop.fault import DELAYED, GARBAGE, INTERMITTENT, OFF, SLOW, STUCK, WRONG, Fault
 
 
@@ -24,7 +24,7 @@ class FaultySamples:
     ring: Sample = part("The samples of the last steps; a leading axis of slots on every number.")
 
 
-def unspoilt(key: Any, like: Sample, capacity: int) -> FaultySamples:
+def initial_fault_memory(key: Any, like: Sample, capacity: int) -> FaultySamples:
     """Nothing seen yet, for samples of the structure of `like`."""
     none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), like)
     return FaultySamples(
@@ -33,11 +33,11 @@ def unspoilt(key: Any, like: Sample, capacity: int) -> FaultySamples:
         given=none,
         lost=np.int64(NEVER),
         number=np.int32(0),
-        ring=slots(none, capacity),
+        ring=empty_slots(none, capacity),
     )
 
 
-def spoilt(
+def apply_fault(
     t: Any, s: FaultySamples, fault: Fault, sample: Sample, seen: Any, *, step: int, checked: bool
 ) -> tuple[FaultySamples, Sample]:
     """One instant: the sample that comes out instead.
@@ -52,13 +52,13 @@ def spoilt(
         checked: what is spoilt is told by a checksum and refused, as on a wire; and stuck repeats the whole sample.
     """
     sample = replace(sample, fresh=jnp.asarray(sample.fresh), valid=jnp.asarray(sample.valid))
-    begun = fault.begins(t, s.begun, seen)
-    word = fault.acting(t, begun)
+    begun = fault.begin_time(t, s.begun, seen)
+    word = fault.active_word(t, begun)
     came = sample.fresh & sample.valid
     number = (s.number + came).astype(np.int32)
     k = t // step
     capacity = s.ring.t.shape[0]
-    ring = put(s.ring, k % capacity, sample)
+    ring = write_slot(s.ring, k % capacity, sample)
     repeats = (word == STUCK) & checked
     taken = (
         (word == OFF)
@@ -69,21 +69,21 @@ def spoilt(
     )
     lost = jnp.where((taken | (word == DELAYED)) & sample.valid, sample.t, s.lost)
     absent = taken | (sample.valid & (sample.t == lost))
-    late = take(ring, (k - fault.steps_back(step, capacity)) % capacity)
+    late = read_slot(ring, (k - fault.delay_steps(step, capacity)) % capacity)
     comes = (word == DELAYED) & late.valid & (late.t > jnp.where(s.given.valid, s.given.t, NEVER))
-    silent = held(t, s.given, fresh=repeats & came & s.given.valid)
-    out = _where(absent, silent, replace(sample, value=_value(word, fault, s, sample, k, checked)))
-    out = _where(comes, held(t, late, fresh=True), out)
+    silent = hold_sample(t, s.given, fresh=repeats & came & s.given.valid)
+    out = _tree_where_typed(absent, silent, replace(sample, value=_faulty_value(word, fault, s, sample, k, checked)))
+    out = _tree_where_typed(comes, hold_sample(t, late, fresh=True), out)
     return FaultySamples(key=s.key, begun=begun, given=out, lost=lost, number=number, ring=ring), out
 
 
-def _value(word: Any, fault: Fault, s: FaultySamples, sample: Sample, k: Any, checked: bool) -> Any:
-    value = _where(word == WRONG, fault.wrong(sample.value), sample.value)
+def _faulty_value(word: Any, fault: Fault, s: FaultySamples, sample: Sample, k: Any, checked: bool) -> Any:
+    value = _tree_where_typed(word == WRONG, fault.distort_value(sample.value), sample.value)
     if checked:
         return value
-    value = _where((word == STUCK) & s.given.valid, s.given.value, value)
-    return _where(word == GARBAGE, fault.garbage(s.key, k, sample.value), value)
+    value = _tree_where_typed((word == STUCK) & s.given.valid, s.given.value, value)
+    return _tree_where_typed(word == GARBAGE, fault.garbage_value(s.key, k, sample.value), value)
 
 
-def _where(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where_typed(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y).astype(jnp.result_type(y)), a, b)

@@ -10,7 +10,7 @@ from trimtab.core.record import option, part, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
 from trimtab.loop.fault import Fault
-from trimtab.loop.faulty_samples import FaultySamples, spoilt, unspoilt
+from trimtab.loop.faulty_samples import FaultySamples, apply_fault, initial_fault_memory
 
 
 @record
@@ -52,9 +52,9 @@ class FaultySensor:
     def init(self, key: Key) -> FaultySensorState:
         """Nothing measured."""
         inner = self.inner.init(key)
-        felt = _motion() if self.felt is None else self.felt
+        felt = _zero_motion() if self.felt is None else self.felt
         sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, felt)
-        return FaultySensorState(inner=inner, samples=unspoilt(key.at("fault"), sample, self.capacity))
+        return FaultySensorState(inner=inner, samples=initial_fault_memory(key.at("fault"), sample, self.capacity))
 
     def measure(self, motion: Any) -> Any:
         """The sensor's, without noise or fault."""
@@ -63,10 +63,10 @@ class FaultySensor:
     def step(self, t: Any, state: FaultySensorState, motion: Any) -> tuple[FaultySensorState, Sample]:
         """One sample at integer time t."""
         inner, sample = self.inner.step(t, state.inner, motion)
-        samples, out = spoilt(t, state.samples, self.fault, sample, motion, step=self.period, checked=False)
+        samples, out = apply_fault(t, state.samples, self.fault, sample, motion, step=self.period, checked=False)
         return replace(state, inner=inner, samples=samples), out
 
 
-def _motion() -> Motion:
+def _zero_motion() -> Motion:
     three = jnp.zeros(3)
     return Motion(np.int64(0), three, three, three, three, three, three)

@@ -58,7 +58,7 @@ class PilotScript:
         return state, Sample(value=value, t=at, age=age, fresh=fresh, valid=seen)
 
 
-def script(*requests: tuple[int, str]) -> PilotScript:
+def pilot_script(*requests: tuple[int, str]) -> PilotScript:
     """A script of (integer time, name of the request) pairs."""
     for _, name in requests:
         if name not in REQUESTS[1:]:
@@ -69,7 +69,7 @@ def script(*requests: tuple[int, str]) -> PilotScript:
     )
 
 
-def listening(scenario: Scenario) -> Scenario:
+def add_pilot_sensor(scenario: Scenario) -> Scenario:
     """The same with room in its frame for what its supervisor is asked in flight; without a supervisor as it is."""
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:

@@ -10,8 +10,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import part, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
-from trimtab.core.time import show
-from trimtab.loop.structure import like, strong
+from trimtab.core.time import format_time
+from trimtab.loop.structure import cast_like, strengthen_types
 
 
 @record
@@ -49,8 +49,8 @@ class RelayedSensor:
             problem = f"{type(self.inner).__name__} feels {self.inner.FEELS!r}: there is nothing of it on a bus"
             raise InputError("RelayedSensor.inner", problem, fix="leave it as it is, without a bus")
         if self.bus.period != self.inner.period:
-            problem = f"looks each {show(self.bus.period)}, the sensor each {show(self.inner.period)}"
-            raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {show(self.inner.period)}")
+            problem = f"looks each {format_time(self.bus.period)}, the sensor each {format_time(self.inner.period)}"
+            raise InputError("RelayedSensor.bus", problem, fix=f"set bus.period to {format_time(self.inner.period)}")
 
     def init(self, key: Key) -> RelayedSensorState:
         """Nothing measured, nothing on the bus."""
@@ -58,7 +58,7 @@ class RelayedSensor:
         three = jnp.zeros(3)
         motion = Motion(np.int64(0), three, three, three, three, three, three)
         sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, motion)[1], inner)
-        return RelayedSensorState(inner=inner, bus=strong(self.bus.init(key.at("bus"), sample)))
+        return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))
 
     def measure(self, motion: Any) -> Any:
         """The sensor's, without noise or bus."""
@@ -68,4 +68,4 @@ class RelayedSensor:
         """What has come off the bus by integer time t."""
         inner, sample = self.inner.step(t, state.inner, motion)
         bus, out = self.bus.step(t, state.bus, sample)
-        return RelayedSensorState(inner=inner, bus=like(bus, state.bus)), out
+        return RelayedSensorState(inner=inner, bus=cast_like(bus, state.bus)), out

@@ -8,7 +8,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Option, Quantity, leaves, with_leaf
-from trimtab.core.time import parse
+from trimtab.core.time import parse_time
 
 T = TypeVar("T")
 
@@ -17,13 +17,15 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
     """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near."""
     for path, text in settings.items():
         try:
-            tree = with_leaf(tree, path, lambda old, declared, path=path, text=text: _value(path, text, old, declared))
+            tree = with_leaf(
+                tree, path, lambda old, declared, path=path, text=text: _parse_value(path, text, old, declared)
+            )
         except KeyError:
-            raise _unknown(tree, path) from None
+            raise _unknown_path_error(tree, path) from None
     return tree
 
 
-def _unknown(tree: Any, path: str) -> InputError:
+def _unknown_path_error(tree: Any, path: str) -> InputError:
     known = [p for p, _, _ in leaves(tree)]
     below = [p for p in known if p.startswith(path + ".")]
     near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
@@ -35,9 +37,9 @@ def _unknown(tree: Any, path: str) -> InputError:
     return InputError(f"--set {path}", "there is no such setting", choices=near, fix=fix)
 
 
-def _value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
+def _parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
     if isinstance(declared, Option):
-        return _option(path, text, old, declared)
+        return _parse_option(path, text, old, declared)
     try:
         number = json.loads(text)
         array = np.asarray(number, np.float64)
@@ -46,7 +48,7 @@ def _value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
             problem = f"{text!r} is not a list of finite numbers of shape {np.shape(old)}"
             fix = f"--set '{path}={json.dumps(np.asarray(old).tolist())}'"
             raise InputError(f"--set {path}", problem, fix=fix) from None
-        number = _float(path, text, declared)
+        number = _parse_float(path, text, declared)
         array = np.asarray(number)
     if array.shape != np.shape(old):
         problem = f"{text!r} has shape {array.shape}, wanted is {np.shape(old)}"
@@ -54,7 +56,7 @@ def _value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
     return number if array.ndim == 0 else array
 
 
-def _float(path: str, text: str, declared: Quantity) -> float:
+def _parse_float(path: str, text: str, declared: Quantity) -> float:
     try:
         return float(text)  # nan and inf are read here and refused by the checks, with the range
     except ValueError:
@@ -63,10 +65,10 @@ def _float(path: str, text: str, declared: Quantity) -> float:
         raise InputError(f"--set {path}", f"{text!r} is not a number", fix=fix) from None
 
 
-def _option(path: str, text: str, old: Any, declared: Option) -> Any:
+def _parse_option(path: str, text: str, old: Any, declared: Option) -> Any:
     if declared.kind == "period":
         try:
-            return parse(text)
+            return parse_time(text)
         except InputError as error:
             raise InputError(
                 f"--set {path}", error.problem, choices=error.choices, fix=f"--set {path}='20 ms'"

@@ -30,10 +30,10 @@ def step_if(due: Any, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
     """step() where due, else hold(); a plain call where due is known beforehand."""
     if due is True:
         return step()
-    return jax.lax.cond(due, lambda: strong(step()), lambda: strong(hold()))
+    return jax.lax.cond(due, lambda: strengthen_types(step()), lambda: strengthen_types(hold()))
 
 
-def strong(tree: Any) -> Any:
+def strengthen_types(tree: Any) -> Any:
     """The same tree with every number an array of a fixed type, as a loop's carry must be."""
 
     def fix(leaf: Any) -> Any:
@@ -42,7 +42,7 @@ def strong(tree: Any) -> Any:
     return jax.tree.map(fix, tree)
 
 
-def like(tree: Any, pattern: Any) -> Any:
+def cast_like(tree: Any, pattern: Any) -> Any:
     """tree with every number in the type of the pattern's."""
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 

@@ -17,7 +17,7 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Scalar, leaves, option, part, period, quantity, record
 from trimtab.core.signals import Estimate, Frame, Sample
-from trimtab.core.time import FOREVER, ms, seconds, show
+from trimtab.core.time import FOREVER, format_time, ms, seconds
 
 MODES = ("standby", "flying", "hold", "lost", "fault", "ended")
 STANDBY, FLYING, HOLD, LOST, FAULT, ENDED = range(len(MODES))
@@ -116,7 +116,7 @@ class Limit:
             problem = f"low, {float(self.low):g}, is not below high, {float(self.high):g}"
             raise InputError("low", problem, fix="exchange them")
 
-    def breached(self, state: Any) -> Any:
+    def is_breached(self, state: Any) -> Any:
         """Whether a state is outside."""
         numbers = [jnp.asarray(getattr(state, name)) for name in self.fields]
         x = numbers[0] if len(numbers) == 1 else jnp.sqrt(sum(n * n for n in numbers))
@@ -156,10 +156,10 @@ class Supervisor:
         for what in ("link", "stale"):
             goes_on, end = getattr(self, f"{what}_continue"), getattr(self, f"{what}_end")
             if end <= goes_on:
-                problem = f"{show(end)} is not later than {what}_continue, {show(goes_on)}"
+                problem = f"{format_time(end)} is not later than {what}_continue, {format_time(goes_on)}"
                 raise InputError(f"{what}_end", problem, fix="make it longer, so that neutral comes between")
 
-    def fitted(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
+    def fit_neutral(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
         """The neutral value in the types of the allocation's; refuses an autopilot that this supervisor doesn't fit."""
         if self.pilot not in frame.samples and not self.automatic:
             problem = f"nobody can ask it to arm: the frame has no sample {self.pilot!r}"
@@ -189,9 +189,9 @@ class Supervisor:
         silent = t - heard >= self.link_timeout
         stale = ~(given.estimate.age <= self.stale_age)
         sick = self._is_sick(given.estimate.state)
-        check = self._check(given.estimate, silent, stale, sick)
-        asked = _asked(given.pilot)
-        mode, cause = self._next(t, s, given, asked, silent, stale, sick, check)
+        check = self._first_failing_check(given.estimate, silent, stale, sick)
+        asked = _pilot_request(given.pilot)
+        mode, cause = self._next_mode(t, s, given, asked, silent, stale, sick, check)
         changed = mode != s.mode
         came = (s.mode == STANDBY) & (mode == FLYING)
         refused = ((asked == ARM) & ~came) | ((asked == RESUME) & ~((s.mode == HOLD) & (mode == FLYING)))
@@ -210,7 +210,7 @@ class Supervisor:
         )
         return new, self._output(t, new, check, given.estimate.valid)
 
-    def _next(
+    def _next_mode(
         self,
         t: Any,
         s: SupervisorState,
@@ -240,8 +240,8 @@ class Supervisor:
             (under_way & (asked == END), ENDED, ENDED_BY),
             (flying & sick, FAULT, HEALTH),
             (flying & ~valid, FAULT, NO_ESTIMATE),
-            (under_way & valid & self._breached("envelope", given.estimate.state), FAULT, SPEED),
-            (under_way & valid & self._breached("geofence", given.estimate.state), FAULT, FENCE),
+            (under_way & valid & self._is_breached("envelope", given.estimate.state), FAULT, SPEED),
+            (under_way & valid & self._is_breached("geofence", given.estimate.state), FAULT, FENCE),
             (flying & valid & ~jnp.asarray(given.finite), FAULT, NOT_FINITE),
         ]
         mode, cause = s.mode, s.cause
@@ -265,19 +265,19 @@ class Supervisor:
             sends=sends,
         )
 
-    def _check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
+    def _first_failing_check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
         """The first check that fails; 0 when all pass."""
-        outside = self._breached("envelope", estimate.state) | self._breached("geofence", estimate.state)
+        outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
         found = jnp.asarray(0)
         for k in range(len(failed), 0, -1):
             found = jnp.where(failed[k - 1], k, found)
         return found.astype(np.int32)
 
-    def _breached(self, kind: str, state: Any) -> Any:
+    def _is_breached(self, kind: str, state: Any) -> Any:
         found = jnp.asarray(False)
         for limit in self.limits:
-            found = found | (limit.breached(state) if limit.kind == kind else False)
+            found = found | (limit.is_breached(state) if limit.kind == kind else False)
         return found
 
     def _is_sick(self, state: Any) -> Any:
@@ -290,7 +290,7 @@ class Supervisor:
         return found
 
 
-def _asked(pilot: Sample | None) -> Any:
+def _pilot_request(pilot: Sample | None) -> Any:
     """The request of this instant; none from a sample that is not new."""
     if pilot is None:
         return jnp.asarray(NO_REQUEST)

@@ -14,7 +14,7 @@ from trimtab.core.record import Quantity, leaves, part, record
 from trimtab.core.rng import Key
 from trimtab.core.time import Clock
 from trimtab.loop.autopilot import Autopilot, AutopilotState
-from trimtab.loop.structure import like, step_if, strong, zeros_of
+from trimtab.loop.structure import cast_like, step_if, strengthen_types, zeros_of
 from trimtab.loop.world import World, WorldState
 
 
@@ -33,7 +33,7 @@ class Signals:
     supervisor: Any = part("What the supervisor says; nothing without one.", default=())
 
 
-class Walked(NamedTuple):
+class WalkResult(NamedTuple):
     """What a walk gives.
 
     rows: float64 (n, width), the logged signals flattened.  seen: signals with every number zero, for their structure.
@@ -41,7 +41,7 @@ class Walked(NamedTuple):
     """
 
     rows: Any
-    seen: Signals
+    template: Signals
     x: Any
     sensors: Any
 
@@ -52,7 +52,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
     s = world.init(key_world, x)
     _, frame = zeros_of("world", "the scenario", lambda s: world.sense(Clock(np.int64(0)), s), s)
     a = autopilot.init(key_autopilot, frame)
-    return strong(world.connect(key_world, s, a.command)), strong(a)
+    return strengthen_types(world.connect(key_world, s, a.command)), strengthen_types(a)
 
 
 def instant(
@@ -90,7 +90,7 @@ def walk(
     rows: int,
     always: frozenset[int],
     wanted: tuple[str, ...] = (),
-) -> Walked:
+) -> WalkResult:
     """Run the loop over all instants.
 
     Args:
@@ -101,26 +101,30 @@ def walk(
             row `rows` is scratch for instants that are not logged.
         rows: length of the log.
         always: periods that are due at every instant.
-        wanted: which signals are logged, see `logged`; all when empty.
+        wanted: which signals are logged, see `logged_signals`; all when empty.
     """
     s, a = start(world, autopilot, x, key)
     seen = signals(s, a)
-    width = pack(seen, wanted).shape[0]
+    width = pack_row(seen, wanted).shape[0]
 
     def body(carry: Any, at: Any) -> Any:
         s, a, log = carry
         t, h, row = at
         new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
-        log = jax.lax.dynamic_update_slice(log, pack(seen, wanted)[None], (row, jnp.zeros_like(row)))
-        new_s, new_a = world.lean(new_s, always), autopilot.lean(new_a, always)
-        return (like(new_s, s), like(new_a, a), log), None
+        log = jax.lax.dynamic_update_slice(log, pack_row(seen, wanted)[None], (row, jnp.zeros_like(row)))
+        new_s, new_a = world.drop_derived_outputs(new_s, always), autopilot.drop_derived_outputs(new_a, always)
+        return (cast_like(new_s, s), cast_like(new_a, a), log), None
 
-    carry = (world.lean(s, always), autopilot.lean(a, always), jnp.zeros((rows + 1, width)))
+    carry = (
+        world.drop_derived_outputs(s, always),
+        autopilot.drop_derived_outputs(a, always),
+        jnp.zeros((rows + 1, width)),
+    )
     (s, _, log), _ = jax.lax.scan(body, carry, instants)
-    return Walked(log[:rows], seen, s.x, s.sensors)
+    return WalkResult(log[:rows], seen, s.x, s.sensors)
 
 
-def logged(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
+def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
     """Path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
     return [
         (path, value, declared)
@@ -129,12 +133,12 @@ def logged(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, 
     ]
 
 
-def pack(seen: Signals, wanted: tuple[str, ...]) -> Any:
+def pack_row(seen: Signals, wanted: tuple[str, ...]) -> Any:
     """One row of the log, float64 (width,): integers below 2**53 are exact.
 
     Written as selects: concatenating that many scalars costs XLA's CPU backend more than all the rest of the loop.
     """
-    parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged(seen, wanted)]
+    parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged_signals(seen, wanted)]
     scalars = [part[i] for part in parts for i in range(part.shape[0])]
     column = np.arange(len(scalars))
     row = jnp.zeros(len(scalars))

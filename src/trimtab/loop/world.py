@@ -7,9 +7,9 @@ from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.record import part, period, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Command, Frame, Sample, held
+from trimtab.core.signals import Command, Frame, Sample, hold_sample
 from trimtab.core.time import Clock, ms, to_seconds
-from trimtab.loop.structure import like, step_if, zeros_of
+from trimtab.loop.structure import cast_like, step_if, zeros_of
 
 
 @record
@@ -44,7 +44,7 @@ class World:
 
     def __post_init__(self) -> None:
         if not isinstance(self.sensors, Mapping):
-            object.__setattr__(self, "sensors", _by_name(self.sensors))
+            object.__setattr__(self, "sensors", _sensors_by_name(self.sensors))
 
     def periods(self) -> list[int]:
         """The periods of everything in the world."""
@@ -59,7 +59,7 @@ class World:
         for name, sensor in self.sensors.items():
             states[name] = sensor.init(key.at(f"sensors.{name}"))
             where = f"world.sensors.{name}"
-            felt = _felt(where, sensor, lambda: motion, x, neutral.u)
+            felt = _sensor_input(where, sensor, lambda: motion, x, neutral.u)
             _, samples[name] = zeros_of(where, "world.vehicle", sensor.step, 0, states[name], felt)
             links[name] = self.downlink.init(key.at(f"downlink.{name}"), samples[name])
             _, received[name] = zeros_of("world.downlink", where, self.downlink.step, 0, links[name], samples[name])
@@ -83,7 +83,7 @@ class World:
         _, commanded = zeros_of("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
         act = self.actuators.step
         _, actuated = zeros_of("world.actuators", "world.uplink", act, 0, s.actuators, commanded)
-        actuated = like(s.actuated, actuated)
+        actuated = cast_like(s.actuated, actuated)
         return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
     def sense(self, clock: Clock, s: WorldState) -> tuple[WorldState, Frame]:
@@ -92,19 +92,19 @@ class World:
         states, samples, links, received = {}, {}, {}, {}
 
         def sampled(name: str, sensor: Any) -> Any:
-            felt = _felt(name, sensor, lambda: self.vehicle.motion(t, s.x, s.u), s.x, s.u)
+            felt = _sensor_input(name, sensor, lambda: self.vehicle.motion(t, s.x, s.u), s.x, s.u)
             return sensor.step(t, s.sensors[name], felt)
 
         for name, sensor in self.sensors.items():
             states[name], samples[name] = step_if(
                 clock.due(sensor.period),
                 lambda sensor=sensor, name=name: sampled(name, sensor),
-                lambda name=name: (s.sensors[name], held(t, s.sampled[name])),
+                lambda name=name: (s.sensors[name], hold_sample(t, s.sampled[name])),
             )
             links[name], received[name] = step_if(
                 clock.due(self.downlink.period),
                 lambda name=name: self.downlink.step(t, s.downlink[name], samples[name]),
-                lambda name=name: (s.downlink[name], held(t, s.received[name])),
+                lambda name=name: (s.downlink[name], hold_sample(t, s.received[name])),
             )
         s = replace(s, sensors=states, sampled=samples, downlink=links, received=received)
         return s, Frame(t=t, samples=received)
@@ -112,11 +112,11 @@ class World:
     def act(self, clock: Clock, s: WorldState, command: Command, fresh: Any) -> WorldState:
         """Uplink and actuators, from this instant on."""
         t = clock.t
-        sent = held(t, as_sample(command, fresh), fresh=fresh)
+        sent = hold_sample(t, as_sample(command, fresh), fresh=fresh)
         link, commanded = step_if(
             clock.due(self.uplink.period),
             lambda: self.uplink.step(t, s.uplink, sent),
-            lambda: (s.uplink, held(t, s.commanded)),
+            lambda: (s.uplink, hold_sample(t, s.commanded)),
         )
         state, actuated = step_if(
             clock.due(self.actuators.period),
@@ -125,7 +125,7 @@ class World:
         )
         return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
 
-    def lean(self, s: WorldState, always: frozenset[int]) -> WorldState:
+    def drop_derived_outputs(self, s: WorldState, always: frozenset[int]) -> WorldState:
         """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
         return replace(
             s,
@@ -144,7 +144,7 @@ class World:
         return replace(s, x=rk4(derivative, to_seconds(t), s.x, to_seconds(h)))
 
 
-def _felt(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
+def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
     """What this sensor gets: the motion, or what its class variable FEELS names."""
     given = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = getattr(sensor, "FEELS", "motion")
@@ -159,7 +159,7 @@ def as_sample(command: Command, fresh: Any) -> Sample:
     return Sample(value=command.value, t=command.t, age=0.0, fresh=fresh, valid=command.valid)
 
 
-def _by_name(pairs: Any) -> dict[str, Any]:
+def _sensors_by_name(pairs: Any) -> dict[str, Any]:
     named: dict[str, Any] = {}
     for name, sensor in pairs:
         if name in named:

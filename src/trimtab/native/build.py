@@ -7,8 +7,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trimtab.core.errors import InputError
-from trimtab.native.cache import MAKE_ROOM, alone, anywhere, find, lookup, store, work_folder
-from trimtab.native.compiler import NEEDED, REQUIRED, SUFFIX, Compiler, NoCompiler, Outcome, cpu, run_compiler, search
+from trimtab.native.cache import (
+    MAKE_ROOM_FIX,
+    find_in_folder,
+    find_library,
+    lock_key,
+    store_library,
+    try_folders,
+    work_folder,
+)
+from trimtab.native.compiler import (
+    NEEDED_VERSIONS,
+    REQUIRED,
+    SUFFIX,
+    Compiler,
+    CompilerOutcome,
+    NoCompilerError,
+    cpu_identity,
+    run_compiler,
+    search_compiler,
+)
 
 if TYPE_CHECKING:
     import ctypes
@@ -30,7 +48,7 @@ FLAGS = {
 """Per language. Of the scalar text only loops over arrays are vectorised, which changes no bit: nothing is summed in
 another order. The text over lanes is the compiler's to improve."""
 LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
-OLDER = {"-std=c++17": "-std=c++1z"}
+OLDER_FLAGS = {"-std=c++17": "-std=c++1z"}
 """What compilers of the time before a name was settled call it."""
 TIME_LIMIT = 300.0
 """Seconds that a compiler may take."""
@@ -38,15 +56,15 @@ LINES, WIDTH = 20, 160
 """Lines, and characters of each, that an error gives of what the compiler said."""
 
 
-class BuildFailed(InputError):
+class BuildError(InputError):
     """A compiler is there, but no library could be had; the problem has the first lines of what it said."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Rebuild from the parts, so that it passes from a worker process whole."""
-        return functools.partial(BuildFailed, choices=self.choices, fix=self.fix), (self.part, self.problem)
+        return functools.partial(BuildError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
-class _Job(NamedTuple):
+class _BuildJob(NamedTuple):
     """What is to be built, with what."""
 
     compiler: Compiler
@@ -58,7 +76,7 @@ class _Job(NamedTuple):
     def key(self) -> str:
         """What decides on the library: text, flags, compiler, CPU and this file's generation."""
         given = (GENERATION, self.language, *FLAGS[self.language], *LIBRARIES[self.language], *self.extra)
-        return sha256("\0".join((*given, self.compiler.identity, cpu(), self.source)).encode()).hexdigest()
+        return sha256("\0".join((*given, self.compiler.identity, cpu_identity(), self.source)).encode()).hexdigest()
 
     @property
     def part(self) -> str:
@@ -66,7 +84,7 @@ class _Job(NamedTuple):
         return f"compiler {self.compiler.path} ({self.compiler.identity})"
 
 
-def build(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
+def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
     """The shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, where it has been built before.
 
     Args:
@@ -76,78 +94,78 @@ def build(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> P
 
     Raises NoCompiler where there is none that works, BuildFailed where it makes no library or no folder takes it.
     """
-    found = search(language)
+    found = search_compiler(language)
     if found.compiler is None:
-        raise NoCompiler("compiled flight", found.problem, fix=found.fix)
-    job = _Job(found.compiler, language, source, extra)
-    if library := find(job.key):
+        raise NoCompilerError("compiled flight", found.problem, fix=found.fix)
+    job = _BuildJob(found.compiler, language, source, extra)
+    if library := find_library(job.key):
         return library
     try:
-        return anywhere(functools.partial(_built, job))
+        return try_folders(functools.partial(_build_in_folder, job))
     except OSError as reason:
-        raise BuildFailed(
+        raise BuildError(
             "cache of compiled programs",
             f"no folder took the library: {reason}",
-            fix=MAKE_ROOM,
+            fix=MAKE_ROOM_FIX,
         ) from reason
 
 
-def load(path: Path) -> "ctypes.CDLL":
+def load_library(path: Path) -> "ctypes.CDLL":
     """Load a library that build gave."""
     import ctypes
 
     try:
         return ctypes.CDLL(os.fspath(path))
     except OSError as reason:
-        raise BuildFailed(
+        raise BuildError(
             f"library {path}", f"it cannot be loaded: {reason}", fix="remove it, then it is built anew."
         ) from reason
 
 
-def _built(job: _Job, folder: Path) -> Path:
-    with alone(folder, job.key):
-        if library := lookup(folder, job.key):  # another process built it meanwhile
+def _build_in_folder(job: _BuildJob, folder: Path) -> Path:
+    with lock_key(folder, job.key):
+        if library := find_in_folder(folder, job.key):  # another process built it meanwhile
             return library
         with work_folder(folder) as work:
-            flags = _compiled(job, work)
+            flags = _compile_source(job, work)
             about = {"compiler": job.compiler.identity, "flags": " ".join((*flags, *job.extra))}
-            return store(folder, job.key, work / "program.so", about)
+            return store_library(folder, job.key, work / "program.so", about)
 
 
-def _compiled(job: _Job, work: Path) -> tuple[str, ...]:
+def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
     """Compile to program.so in the work folder; gives the flags that did it."""
     (work / f"program.{SUFFIX[job.language]}").write_text(job.source, encoding="utf-8")
-    first = _attempt(job, FLAGS[job.language], work)
+    first = _try_flags(job, FLAGS[job.language], work)
     if first.status == 0:
         return FLAGS[job.language]
-    accepted = _accepted(job, work)
+    accepted = _find_accepted_flags(job, work)
     # An assembler older than the CPU knows the flag, but not the instructions.
     tries = [accepted, tuple(flag for flag in accepted if flag != "-march=native")]
     for flags in dict.fromkeys(tries):
-        if flags != FLAGS[job.language] and _attempt(job, flags, work).status == 0:
+        if flags != FLAGS[job.language] and _try_flags(job, flags, work).status == 0:
             return flags
     said = "\n".join(f"    {line[:WIDTH]}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
-    raise BuildFailed(
+    raise BuildError(
         job.part,
         f"it refused the {job.language.upper()} text with status {first.status} and said\n{said}",
-        fix=f"try {NEEDED}, named in CC or CXX; if that refuses it too, the text is at fault.",
+        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that refuses it too, the text is at fault.",
     )
 
 
-def _attempt(job: _Job, flags: tuple[str, ...], work: Path, name: str = "program") -> Outcome:
+def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "program") -> CompilerOutcome:
     """Run the compiler to an end, with a library if the status is 0."""
     library = work / f"{name}.so"
     library.unlink(missing_ok=True)
     arguments = (*flags, "-shared", "-fPIC", "-o", library.name, f"{name}.{SUFFIX[job.language]}")
     command = (job.compiler.path, *job.compiler.options, *arguments, *job.extra, *LIBRARIES[job.language])
     outcome = run_compiler(command, work, TIME_LIMIT)
-    if outcome.interrupted:
+    if outcome.interruption:
         fix = "run it again; if that happens again, memory may be short, or another compiler be named in CC or CXX."
-        raise BuildFailed(job.part, f"{outcome.interrupted} before the library was made", fix=fix)
+        raise BuildError(job.part, f"{outcome.interruption} before the library was made", fix=fix)
     if outcome.status == 0 and not _is_library(library):
         said = " ".join(outcome.text.split())[:300]
         problem = f"it reported success, but made no library{f', and said {said!r}' if said else ''}"
-        raise BuildFailed(job.part, problem, fix="name another compiler in CC or CXX.")
+        raise BuildError(job.part, problem, fix="name another compiler in CC or CXX.")
     return outcome
 
 
@@ -163,12 +181,12 @@ def _is_library(path: Path) -> bool:
     return content[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
-def _accepted(job: _Job, work: Path) -> tuple[str, ...]:
+def _find_accepted_flags(job: _BuildJob, work: Path) -> tuple[str, ...]:
     """The flags that the compiler takes, found with one line of text; those that decide on numbers must be."""
     (work / f"flags.{SUFFIX[job.language]}").write_text("int nothing;\n")
 
     def takes(*flags: str) -> bool:
-        return _attempt(job._replace(extra=()), flags, work, "flags").status == 0
+        return _try_flags(job._replace(extra=()), flags, work, "flags").status == 0
 
     wanted = FLAGS[job.language]
     if takes(*wanted) or not takes():
@@ -177,12 +195,12 @@ def _accepted(job: _Job, work: Path) -> tuple[str, ...]:
     for flag in wanted:
         if takes(flag):
             taken.append(flag)
-        elif flag in OLDER and takes(OLDER[flag]):
-            taken.append(OLDER[flag])
-        elif flag in REQUIRED[job.language] or flag in OLDER:
-            raise BuildFailed(
+        elif flag in OLDER_FLAGS and takes(OLDER_FLAGS[flag]):
+            taken.append(OLDER_FLAGS[flag])
+        elif flag in REQUIRED[job.language] or flag in OLDER_FLAGS:
+            raise BuildError(
                 job.part,
                 f"it is too old: it refuses {flag}",
-                fix=f"install {NEEDED}, and name it in CC or CXX if another comes first.",
+                fix=f"install {NEEDED_VERSIONS}, and name it in CC or CXX if another comes first.",
             )
     return tuple(taken)

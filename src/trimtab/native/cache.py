@@ -15,30 +15,32 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
-from trimtab.core.cache_folder import cache_folder, is_ours
+from trimtab.core.cache_folder import cache_folder, is_owned_by_user
 
 LIMIT = 512 * 2**20
 """Bytes that the cache may hold; beyond, what was used longest ago goes."""
 PATIENCE = 300.0
 """Seconds to wait for another process that builds the same library."""
 DAY = 86400.0
-MAKE_ROOM = "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may hold programs."
+MAKE_ROOM_FIX = (
+    "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may hold programs."
+)
 """What to do where no folder will do."""
 
-_private: list[Path] = []
-_trouble: list[str] = []
+_private_folders: list[Path] = []
+_folder_problems: list[str] = []
 
 Result = TypeVar("Result")
 
 
-def kept() -> Path:
+def cached_library_folder() -> Path:
     """The folder of libraries that outlast the process; OSError where there is none that is safe."""
-    return _runnable(cache_folder("c"))
+    return _check_runnable(cache_folder("c"))
 
 
-def private() -> Path:
+def private_folder() -> Path:
     """A folder of this process alone, removed at its end."""
-    if not _private or not _private[-1].is_dir():
+    if not _private_folders or not _private_folders[-1].is_dir():
         import atexit
         import shutil
         import tempfile
@@ -46,41 +48,41 @@ def private() -> Path:
         folder, maker = Path(tempfile.mkdtemp(prefix="trimtab-")).absolute(), os.getpid()
         # A forked child inherits the registration, and mustn't remove what its parent still uses.
         atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == maker else None)
-        _private.append(folder)
-    return _runnable(_private[-1])
+        _private_folders.append(folder)
+    return _check_runnable(_private_folders[-1])
 
 
-def not_kept() -> str:
+def cache_problem() -> str:
     """Why this process couldn't use the user's cache, or nothing; then every process compiles anew."""
-    return _trouble[-1] if _trouble else ""
+    return _folder_problems[-1] if _folder_problems else ""
 
 
-def anywhere(action: Callable[[Path], Result]) -> Result:
+def try_folders(action: Callable[[Path], Result]) -> Result:
     """What action gives, in the first folder where no OSError stops it; OSError with all reasons where each did."""
     reasons: list[str] = []
-    for folder in (kept, private):
+    for folder in (cached_library_folder, private_folder):
         try:
             return action(folder())
         except OSError as reason:
             reasons.append(str(reason))
-            if folder is kept:
-                _trouble.append(str(reason))
+            if folder is cached_library_folder:
+                _folder_problems.append(str(reason))
     raise OSError("; ".join(dict.fromkeys(reasons)))
 
 
-def find(key: str) -> Path | None:
+def find_library(key: str) -> Path | None:
     """The library of that key, if one is whole."""
     with contextlib.suppress(OSError):
-        if library := lookup(kept(), key):
+        if library := find_in_folder(cached_library_folder(), key):
             return library
-    return lookup(_private[-1], key) if _private else None
+    return find_in_folder(_private_folders[-1], key) if _private_folders else None
 
 
-def lookup(folder: Path, key: str) -> Path | None:
+def find_in_folder(folder: Path, key: str) -> Path | None:
     """The library of that key in a folder, unless entry, owner, mode or checksum is wrong."""
     manifest, library = folder / f"{key}.txt", folder / f"{key}.so"
-    said = _entries(read_own(manifest))
-    content = read_own(library)
+    said = _parse_manifest(read_private_file(manifest))
+    content = read_private_file(library)
     if content is None or said.get("key") != key or said.get("sha256") != sha256(content).hexdigest():
         return None
     with contextlib.suppress(OSError):
@@ -89,7 +91,7 @@ def lookup(folder: Path, key: str) -> Path | None:
     return library
 
 
-def store(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
+def store_library(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
     """Take over a finished library, which lies in a work folder of that folder, as the entry of that key."""
     library.chmod(0o700)
     with library.open("rb+") as file:
@@ -97,12 +99,12 @@ def store(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
         os.fsync(file.fileno())
     taken = folder / f"{key}.so"
     os.replace(library, taken)
-    write_whole(folder / f"{key}.txt", "".join(f"{name} {value}\n" for name, value in said.items()))
-    _tidy(folder, spare=key)
+    write_atomically(folder / f"{key}.txt", "".join(f"{name} {value}\n" for name, value in said.items()))
+    _remove_old_entries(folder, spare=key)
     return taken
 
 
-def read_own(path: Path) -> bytes | None:
+def read_private_file(path: Path) -> bytes | None:
     """The content of a plain file of this user's that nobody else can write to; otherwise None."""
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
@@ -110,7 +112,7 @@ def read_own(path: Path) -> bytes | None:
         return None
     with open(descriptor, "rb") as file:
         about = os.fstat(descriptor)
-        if not stat.S_ISREG(about.st_mode) or not is_ours(about):
+        if not stat.S_ISREG(about.st_mode) or not is_owned_by_user(about):
             return None
         try:
             return file.read()
@@ -118,7 +120,7 @@ def read_own(path: Path) -> bytes | None:
             return None
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Write a file so that it is there whole or not at all."""
     with work_folder(path.parent) as work:
         draft = work / "draft"
@@ -144,7 +146,7 @@ def work_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def alone(folder: Path, key: str) -> Iterator[None]:
+def lock_key(folder: Path, key: str) -> Iterator[None]:
     """Wait while another process builds that key. A courtesy: where files can't be locked two may build, harmlessly."""
     name = folder / f"{key}.lock"
     try:
@@ -155,7 +157,7 @@ def alone(folder: Path, key: str) -> Iterator[None]:
         yield
         return
     try:
-        mine = _locked(fcntl.flock, fcntl.LOCK_EX | fcntl.LOCK_NB, descriptor)
+        mine = _wait_for_lock(fcntl.flock, fcntl.LOCK_EX | fcntl.LOCK_NB, descriptor)
         try:
             yield
         finally:
@@ -166,7 +168,7 @@ def alone(folder: Path, key: str) -> Iterator[None]:
         os.close(descriptor)  # and with it the lock; so does the end of the process
 
 
-def _locked(flock: Callable[[int, int], None], how: int, descriptor: int) -> bool:
+def _wait_for_lock(flock: Callable[[int, int], None], how: int, descriptor: int) -> bool:
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         try:
@@ -179,28 +181,28 @@ def _locked(flock: Callable[[int, int], None], how: int, descriptor: int) -> boo
     return False
 
 
-def _runnable(folder: Path) -> Path:
+def _check_runnable(folder: Path) -> Path:
     if hasattr(os, "ST_NOEXEC") and os.statvfs(folder).f_flag & os.ST_NOEXEC:
         raise PermissionError(f"{folder} is on a file system that runs no programs (mounted noexec)")
     return folder
 
 
-def _entries(content: bytes | None) -> dict[str, str]:
+def _parse_manifest(content: bytes | None) -> dict[str, str]:
     lines = (content or b"").decode("utf-8", "replace").splitlines()
     return {name: value for name, _, value in (line.partition(" ") for line in lines)}
 
 
-def _tidy(folder: Path, spare: str) -> None:
+def _remove_old_entries(folder: Path, spare: str) -> None:
     """Remove what killed builds left more than a day ago, and the entries used longest ago beyond the limit."""
     now, whole, total = time.time(), [], 0
-    for name, ends in _by_name(folder).items():
+    for name, ends in _files_by_key(folder).items():
         used = max(about.st_mtime for about in ends.values())
         if ends.keys() == {".so", ".txt"}:
             whole.append((used, name))
             total += ends[".so"].st_size
         elif now - used > DAY:
             for end in ends:
-                _remove(folder / f"{name}{end}")
+                _remove_path(folder / f"{name}{end}")
     for _, name in sorted(whole):
         if total <= LIMIT:
             break
@@ -208,11 +210,11 @@ def _tidy(folder: Path, spare: str) -> None:
             library = folder / f"{name}.so"
             with contextlib.suppress(OSError):
                 total -= library.stat().st_size
-            _remove(folder / f"{name}.txt")
-            _remove(library)
+            _remove_path(folder / f"{name}.txt")
+            _remove_path(library)
 
 
-def _by_name(folder: Path) -> dict[str, dict[str, os.stat_result]]:
+def _files_by_key(folder: Path) -> dict[str, dict[str, os.stat_result]]:
     found: dict[str, dict[str, os.stat_result]] = {}
     with contextlib.suppress(OSError), os.scandir(folder) as files:
         for file in files:
@@ -222,7 +224,7 @@ def _by_name(folder: Path) -> dict[str, dict[str, os.stat_result]]:
     return {name: ends for name, ends in found.items() if ends}
 
 
-def _remove(path: Path) -> None:
+def _remove_path(path: Path) -> None:
     import shutil
 
     with contextlib.suppress(OSError):

@@ -12,20 +12,27 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.core.errors import InputError
-from trimtab.native.cache import MAKE_ROOM, anywhere, kept, read_own, work_folder, write_whole
+from trimtab.native.cache import (
+    MAKE_ROOM_FIX,
+    cached_library_folder,
+    read_private_file,
+    try_folders,
+    work_folder,
+    write_atomically,
+)
 
-NO_ROOM = (
+NO_ROOM_MESSAGES = (
     "No space left on device",
     "Disk quota exceeded",
     "Read-only file system",
     "File too large",
     "File size limit exceeded",
 )
-KILLED = ("Killed signal terminated", "Terminated signal terminated", "unable to execute command: Killed")
+KILL_MESSAGES = ("Killed signal terminated", "Terminated signal terminated", "unable to execute command: Killed")
 """What gcc's and clang's drivers say, with an exit status of their own, when a program that they started was killed."""
 
 
-class Outcome(NamedTuple):
+class CompilerOutcome(NamedTuple):
     """How a run ended.
 
     Attributes:
@@ -37,29 +44,29 @@ class Outcome(NamedTuple):
     text: str
 
     @property
-    def interrupted(self) -> str:
+    def interruption(self) -> str:
         """How it was kept from judging the program, or nothing where it did judge."""
         if self.status is None:
             return self.text
         if self.status < 0:
             return f"it was killed by signal {-self.status}"
-        killed = self.status and any(words in self.text for words in KILLED)
+        killed = self.status and any(words in self.text for words in KILL_MESSAGES)
         return "a program that it started was killed" if killed else ""
 
 
-def run_compiler(command: tuple[str, ...], work: Path, limit: float) -> Outcome:
+def run_compiler(command: tuple[str, ...], work: Path, limit: float) -> CompilerOutcome:
     """Run a command in a work folder, where its own intermediate files go too; it ends after limit seconds.
 
     Raises OSError where the folder takes no more: another one may.
     """
-    outcome = _run(command, work, limit)
-    for words in NO_ROOM if outcome.status else ():
+    outcome = _run_process(command, work, limit)
+    for words in NO_ROOM_MESSAGES if outcome.status else ():
         if words in outcome.text:
             raise OSError(errno.ENOSPC, f"the compiler said '{words}'", str(work.parent))
     return outcome
 
 
-def _run(command: tuple[str, ...], work: Path, limit: float) -> Outcome:
+def _run_process(command: tuple[str, ...], work: Path, limit: float) -> CompilerOutcome:
     import signal
     import subprocess
 
@@ -75,12 +82,12 @@ def _run(command: tuple[str, ...], work: Path, limit: float) -> Outcome:
             start_new_session=True,
         )
     except OSError as reason:
-        return Outcome(127, f"it could not be started: {reason}")
+        return CompilerOutcome(127, f"it could not be started: {reason}")
     try:
         said, _ = started.communicate(timeout=limit)
-        return Outcome(started.returncode, said.decode("utf-8", "replace"))
+        return CompilerOutcome(started.returncode, said.decode("utf-8", "replace"))
     except subprocess.TimeoutExpired:
-        return Outcome(None, f"it had no end after {limit:g} s")
+        return CompilerOutcome(None, f"it had no end after {limit:g} s")
     finally:
         if started.returncode is None:  # stopped with all that it started, also when this process is interrupted
             os.killpg(started.pid, signal.SIGKILL)
@@ -94,7 +101,7 @@ NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c+
 SUFFIX = {"c": "c", "c++": "cpp"}
 REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-contract=off", "-fwrapv")}
 """Flags without which the numbers could differ: a compiler that refuses one is of no use."""
-NEEDED = "gcc 8, clang 10 or newer"
+NEEDED_VERSIONS = "gcc 8, clang 10 or newer"
 INSTALL = {
     "c": "install gcc (Debian: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
     "c++": "install g++ (Debian: apt install g++; Fedora: dnf install gcc-c++; macOS: xcode-select --install)",
@@ -107,12 +114,12 @@ PROBE_LIMIT = 30.0
 """Seconds that a compiler may take for next to nothing."""
 
 
-class NoCompiler(InputError):
+class NoCompilerError(InputError):
     """There is no compiler that works; the problem says what was tried, the fix what to install."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Rebuild from the parts, so that it passes from a worker process whole."""
-        return functools.partial(NoCompiler, choices=self.choices, fix=self.fix), (self.part, self.problem)
+        return functools.partial(NoCompilerError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 class Compiler(NamedTuple):
@@ -135,7 +142,7 @@ class Compiler(NamedTuple):
     width: int = 1
 
 
-class Search(NamedTuple):
+class CompilerSearch(NamedTuple):
     """What looking for a compiler gave: a compiler, or why there is none and what to do."""
 
     compiler: Compiler | None
@@ -149,26 +156,26 @@ def find_compiler(language: str = "c") -> Compiler | None:
     One works if it makes a shared library that loads and gives the right number. That is found out once per process,
     and remembered in the cache: the next process only looks whether the executable is still the same.
     """
-    return search(language).compiler
+    return search_compiler(language).compiler
 
 
-def search(language: str) -> Search:
+def search_compiler(language: str) -> CompilerSearch:
     """As find_compiler, with the reasons."""
     if language not in NAMES:
         raise InputError("build", f"there is no language {language!r}", choices=NAMES)
     try:
-        return _search(language, os.environ.get(NAMES[language][0], ""), os.environ.get("PATH", os.defpath))
+        return _search_on_path(language, os.environ.get(NAMES[language][0], ""), os.environ.get("PATH", os.defpath))
     except OSError as reason:
-        return Search(None, f"compilers could not be tried in any folder: {reason}", MAKE_ROOM)
+        return CompilerSearch(None, f"compilers could not be tried in any folder: {reason}", MAKE_ROOM_FIX)
 
 
-def lanes(compiler: Compiler) -> int:
+def lane_count(compiler: Compiler) -> int:
     """Doubles that one instruction takes under -march=native: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
     return compiler.width
 
 
 @functools.cache
-def cpu() -> str:
+def cpu_identity() -> str:
     """Identity of the CPU's model and features: code made for one isn't run on another."""
     for source in ("/sys/devices/system/cpu/modalias", "/proc/cpuinfo"):
         try:
@@ -185,28 +192,28 @@ def cpu() -> str:
 
 
 @functools.cache
-def _search(language: str, wished: str, path: str) -> Search:
+def _search_on_path(language: str, wished: str, path: str) -> CompilerSearch:
     variable, *usual = NAMES[language]
-    candidates = [_words(wished)] if wished.strip() else []
+    candidates = [_split_command(wished)] if wished.strip() else []
     reasons: list[str] = []
     for words in dict.fromkeys([*candidates, *((name,) for name in usual)]):
-        executable, name = _which(words[0], path), " ".join(words)
+        executable, name = _find_executable(words[0], path), " ".join(words)
         if executable is None:
             reasons.append(f"{name}: not found")
             continue
-        note = f"compiler-{_stamp(executable, words, language, path)}.note"
-        found = _remembered(note, executable, words)
+        note = f"compiler-{_cache_key(executable, words, language, path)}.note"
+        found = _load_from_cache(note, executable, words)
         if found is None:
-            found = anywhere(functools.partial(_tried, executable, words[1:], language))
-            _remember(note, found)
+            found = try_folders(functools.partial(_try_compiler, executable, words[1:], language))
+            _save_to_cache(note, found)
         if isinstance(found, Compiler):
-            return Search(found)
+            return CompilerSearch(found)
         reasons.append(f"{name}: {found}")
     problem = f"no {language.upper()} compiler works here ({'; '.join(reasons)})"
-    return Search(None, problem, f"{INSTALL[language]}, or name one in {variable}.")
+    return CompilerSearch(None, problem, f"{INSTALL[language]}, or name one in {variable}.")
 
 
-def _words(wished: str) -> tuple[str, ...]:
+def _split_command(wished: str) -> tuple[str, ...]:
     """CC may hold options, as in 'ccache gcc'."""
     import shlex
 
@@ -216,7 +223,7 @@ def _words(wished: str) -> tuple[str, ...]:
         return (wished,)
 
 
-def _which(name: str, path: str) -> str | None:
+def _find_executable(name: str, path: str) -> str | None:
     folders = [""] if os.sep in name else filter(None, path.split(os.pathsep))
     for candidate in (os.path.abspath(os.path.join(folder, name)) for folder in folders):
         if os.path.isfile(candidate) and os.access(candidate, os.X_OK):
@@ -224,18 +231,18 @@ def _which(name: str, path: str) -> str | None:
     return None
 
 
-def _stamp(executable: str, words: tuple[str, ...], language: str, path: str) -> str:
+def _cache_key(executable: str, words: tuple[str, ...], language: str, path: str) -> str:
     """Changes when an executable that is named does, or the CPU."""
-    parts = [language, cpu(), *words]
-    for file in filter(None, [executable, *(_which(word, path) for word in words[1:])]):
+    parts = [language, cpu_identity(), *words]
+    for file in filter(None, [executable, *(_find_executable(word, path) for word in words[1:])]):
         about = os.stat(file)
         parts += [file, str(about.st_mtime_ns), str(about.st_size)]
     return sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
-def _remembered(note: str, executable: str, words: tuple[str, ...]) -> Compiler | None:
+def _load_from_cache(note: str, executable: str, words: tuple[str, ...]) -> Compiler | None:
     try:
-        content = read_own(kept() / note) or b""
+        content = read_private_file(cached_library_folder() / note) or b""
         kind, version, width, identity, end = content.decode().splitlines()
         numbers = tuple(int(number) for number in version.split("."))
         return Compiler(executable, kind, numbers, identity, words[1:], int(width)) if end == "end" else None
@@ -243,32 +250,32 @@ def _remembered(note: str, executable: str, words: tuple[str, ...]) -> Compiler 
         return None
 
 
-def _remember(note: str, found: Compiler | str) -> None:
+def _save_to_cache(note: str, found: Compiler | str) -> None:
     if isinstance(found, Compiler):
         lines = (found.kind, ".".join(map(str, found.version)), str(found.width), found.identity, "end")
         with contextlib.suppress(OSError):  # then the next process tries again
-            write_whole(kept() / note, "\n".join(lines))
+            write_atomically(cached_library_folder() / note, "\n".join(lines))
 
 
-def _tried(executable: str, options: tuple[str, ...], language: str, folder: Path) -> Compiler | str:
+def _try_compiler(executable: str, options: tuple[str, ...], language: str, folder: Path) -> Compiler | str:
     """The compiler, or why it can't be used."""
     with work_folder(folder) as work:
         said = run_compiler((executable, *options, "--version"), work, PROBE_LIMIT)
         first = said.text.strip().splitlines()[:1]
         kind = "clang" if "clang version" in said.text else "gcc" if "Free Software Foundation" in said.text else ""
-        if said.status or said.interrupted or not first:
-            return said.interrupted or f"--version gives status {said.status}, '{said.text.strip()[:200]}'"
+        if said.status or said.interruption or not first:
+            return said.interruption or f"--version gives status {said.status}, '{said.text.strip()[:200]}'"
         if not kind:
             return f"neither gcc nor clang, but '{first[0]}'"
-        if unfit := _unfit((executable, *options), language, work):
+        if unfit := _find_defect((executable, *options), language, work):
             return f"{first[0]}: {unfit}"
         target = run_compiler((executable, *options, "-dumpmachine"), work, PROBE_LIMIT).text.strip().splitlines()[:1]
         identity = " ".join([*first, *target, *options])
-        width = _width((executable, *options), language, work)
-        return Compiler(executable, kind, _numbers(first[0]), identity, options, width)
+        width = _vector_width((executable, *options), language, work)
+        return Compiler(executable, kind, _parse_version(first[0]), identity, options, width)
 
 
-def _unfit(command: tuple[str, ...], language: str, work: Path) -> str:
+def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
     """Why a compiler makes no library that gives the right number; nothing, if it does."""
     import ctypes
 
@@ -276,9 +283,9 @@ def _unfit(command: tuple[str, ...], language: str, work: Path) -> str:
     (work / source).write_text(PROBE[language])
     arguments = (*REQUIRED[language], "-shared", "-fPIC", "-o", library.name, source, "-lm")
     said = run_compiler((*command, *arguments), work, PROBE_LIMIT)
-    if said.status or said.interrupted:
-        why = said.interrupted or " ".join(said.text.split())[:300]
-        return f"it makes no library with {' '.join(REQUIRED[language])} ({why}); needed is {NEEDED}"
+    if said.status or said.interruption:
+        why = said.interruption or " ".join(said.text.split())[:300]
+        return f"it makes no library with {' '.join(REQUIRED[language])} ({why}); needed is {NEEDED_VERSIONS}"
     try:
         probe = ctypes.CDLL(str(library)).probe
     except (OSError, AttributeError) as reason:
@@ -287,14 +294,14 @@ def _unfit(command: tuple[str, ...], language: str, work: Path) -> str:
     return "" if probe(41.5) == 42.0 else "what it makes gives wrong numbers"
 
 
-def _width(command: tuple[str, ...], language: str, work: Path) -> int:
+def _vector_width(command: tuple[str, ...], language: str, work: Path) -> int:
     arguments = ("-march=native", "-dM", "-E", "-x", language, os.devnull)
     said = run_compiler((*command, *arguments), work, PROBE_LIMIT)
     has = set(said.text.split()) if said.status == 0 else set()
     return 8 if {"__AVX512F__", "__AVX512DQ__", "__AVX512VL__"} <= has else 4 if "__AVX2__" in has else 1
 
 
-def _numbers(line: str) -> tuple[int, ...]:
+def _parse_version(line: str) -> tuple[int, ...]:
     """The version in a first line such as 'gcc (Debian 12.2.0-14) 12.2.0': not the packager's, in brackets."""
     import re
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.identify.allan import FLICKER, AllanFit, interval
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save
+from trimtab.identify.allan import FLICKER, AllanFit, confidence_interval
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -38,17 +38,17 @@ def plot_allan(
     figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
     every: Any = figure.subplots(rows, columns, squeeze=False)
     for axes, (name, fit) in zip(every.flat, fits.items(), strict=False):
-        _draw(axes, name, fit, (units or {}).get(name, ""))
+        _draw_fit(axes, name, fit, (units or {}).get(name, ""))
     for axes in every.flat[len(fits) :]:
         axes.set_axis_off()
     figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def _draw(axes: Any, name: str, fit: AllanFit, unit: str) -> None:
-    low, high = interval(fit)
+def _draw_fit(axes: Any, name: str, fit: AllanFit, unit: str) -> None:
+    low, high = confidence_interval(fit)
     bars = np.stack([fit.deviation - low, high - fit.deviation])
     axes.errorbar(fit.tau, fit.deviation, bars, fmt="o", ms=3.5, color=BLUE, lw=1, capsize=2, label="log, 95 %")
     axes.plot(fit.tau, fit.model, color=VERMILION, lw=1.5, label="fitted")

@@ -17,11 +17,11 @@ import numpy as np
 
 from trimtab.campaign.sampling.morris import Morris
 from trimtab.campaign.sampling.saltelli import NOISE
-from trimtab.campaign.statistics.quantiles import Quantile, column, quantile
-from trimtab.campaign.statistics.requirement import share
+from trimtab.campaign.statistics.quantiles import Quantile, as_column, quantile
+from trimtab.campaign.statistics.requirement import success_proportion
 from trimtab.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -49,15 +49,15 @@ def plot_parallel(
     """
     from matplotlib.figure import Figure
 
-    good = column(success, "plot_parallel") > 0
+    good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
-    place, low, high = _places(parameters, len(good))
+    place, low, high = _axis_positions(parameters, len(good))
     figure = Figure(figsize=(10.0, 5.2), dpi=DPI, facecolor="white", layout="constrained")
     figure.suptitle(title, fontsize="medium")
     axes: Any = figure.add_subplot()
     k = np.arange(len(names))
     for chosen, colour, word, order in ((good, BLUE, "succeeded", 1), (~good, VERMILION, "failed", 2)):
-        rows = thinned(np.flatnonzero(chosen), MOST_LINES)
+        rows = thin_rows(np.flatnonzero(chosen), MOST_LINES)
         _draw_lines(axes, place[:, rows].T, colour, order)
         axes.plot([], [], color=colour, label=f"{chosen.sum()} {word}, {len(rows)} of them drawn")
     for i in k:
@@ -70,20 +70,20 @@ def plot_parallel(
     axes.spines[:].set_visible(False)
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def thinned(rows: Any, most: int) -> Any:
+def thin_rows(rows: Any, most: int) -> Any:
     """Up to `most` of the rows, evenly spread over them, the first and the last included."""
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
 
 
-def _places(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
+def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
     """Where each run lies on each axis, 0 to 1, shape (parameters, runs); smallest and largest value of each."""
-    names, table = list(parameters), np.array([column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
+    names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = f"{len(names)} parameters of {table.shape[1:]} runs, success of {runs}: no finite value of each"
         raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
@@ -142,11 +142,11 @@ def plot_histogram(
         level: confidence of each band.
         limit: a required value, drawn as a line.
     """
-    figure, axes = _axes(7.0, 4.4, title)
-    x = column(values, "plot_histogram")
+    figure, axes = _new_axes(7.0, 4.4, title)
+    x = as_column(values, "plot_histogram")
     bands = [quantile(x, p, level) for p in shares]
     finite = np.sort(x[np.isfinite(x)])
-    left, right = _edges(finite)
+    left, right = _histogram_edges(finite)
     drawn = finite[(left <= finite) & (finite <= right)]
     count = int(np.clip(np.sqrt(len(drawn)), 10, 80))
     axes.hist(drawn, bins=np.linspace(left, right, count + 1), color=LIGHT, edgecolor="white", linewidth=0.4)
@@ -159,7 +159,7 @@ def plot_histogram(
     notes += [f"{len(x) - len(finite)} without a finite value, counted as +inf"] * (len(finite) < len(x))
     axes.set_title("; ".join(notes), fontsize=9, color=GREY, loc="right")
     axes.legend(fontsize=8, title=f"bands: {100 * level:g} %", title_fontsize=8)
-    return _saved(figure, path)
+    return _save_figure(figure, path)
 
 
 def plot_convergence(
@@ -182,10 +182,10 @@ def plot_convergence(
         level: confidence of the intervals.
         limit: a required value, drawn as a line.
     """
-    figure, axes = _axes(7.0, 4.4, title)
-    x = column(values, "plot_convergence")
+    figure, axes = _new_axes(7.0, 4.4, title)
+    x = as_column(values, "plot_convergence")
     runs = np.unique(np.geomspace(min(10, len(x)), len(x), LOOKS).round().astype(int))
-    fixed, anytime = (np.array([_interval(x[:n], p, level, every) for n in runs]) for every in (False, True))
+    fixed, anytime = (np.array([_quantile_interval(x[:n], p, level, every) for n in runs]) for every in (False, True))
     fixed, anytime = np.clip(fixed, -HUGE, HUGE), np.clip(anytime, -HUGE, HUGE)
     everywhere = f"{100 * level:g} %, at all numbers of runs at once"
     axes.fill_between(runs, anytime[:, 1], anytime[:, 2], color="#E4E4E4", linewidth=0, label=everywhere)
@@ -195,12 +195,12 @@ def plot_convergence(
     if limit is not None:
         axes.axhline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
     if p is not None:
-        axes.set_ylim(*_heights(np.where(np.abs(fixed) < HUGE, fixed, np.nan), limit))
+        axes.set_ylim(*_estimate_limits(np.where(np.abs(fixed) < HUGE, fixed, np.nan), limit))
     axes.set(xscale="log", xlabel="runs", xlim=(runs[0], max(runs[-1], runs[0] + 1)))
     axes.set_ylabel(label or ("success" if p is None else f"p{100 * p:g}"))
     axes.legend(fontsize=8)
     axes.grid(color="#DDDDDD", linewidth=0.5)
-    return _saved(figure, path)
+    return _save_figure(figure, path)
 
 
 def plot_sensitivity(
@@ -218,7 +218,7 @@ def plot_sensitivity(
         pair, label = (("mu_star", "mu*: size"), ("sigma", "sigma: spread")), "effect over the factor's range"
     order = [found.factors.index(name) for name in found.order]
     y = np.arange(len(order))
-    figure, axes = _axes(7.0, 1.5 + 0.34 * max(len(order), 3), title)
+    figure, axes = _new_axes(7.0, 1.5 + 0.34 * max(len(order), 3), title)
     for (field, name), colour, offset in zip(pair, (BLUE, "#E69F00"), (-0.19, 0.19), strict=True):
         value, low, high = (np.asarray(getattr(found, field + end))[order] for end in ("", "_low", "_high"))
         axes.barh(y + offset, value, height=0.36, color=colour, label=name)
@@ -233,10 +233,10 @@ def plot_sensitivity(
     axes.set_axisbelow(True)
     axes.set_title(found.note or f"{found.rows} runs, intervals {100 * found.level:g} %", fontsize=9, color=GREY)
     axes.legend(fontsize=8, loc="lower right")
-    return _saved(figure, path)
+    return _save_figure(figure, path)
 
 
-def _edges(finite: Any) -> tuple[float, float]:
+def _histogram_edges(finite: Any) -> tuple[float, float]:
     """From where to where a histogram goes, of sorted values: over all of them, but far outliers."""
     if not len(finite):
         return 0.0, 1.0
@@ -254,15 +254,15 @@ def _draw_band(axes: Any, band: Quantile, colour: str, left: float, right: float
     axes.plot([], [], color=colour, label=str(band))
 
 
-def _interval(x: Any, p: float | None, level: float, anytime: bool) -> tuple[float, float, float]:
+def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> tuple[float, float, float]:
     if p is None:
-        found = share(x, level, anytime=anytime)
+        found = success_proportion(x, level, anytime=anytime)
         return found.share, found.low, found.high
     band = quantile(x, p, level, anytime=anytime)
     return band.value, band.low, band.high
 
 
-def _heights(found: Any, limit: float | None) -> tuple[float, float]:
+def _estimate_limits(found: Any, limit: float | None) -> tuple[float, float]:
     """From where to where estimates and bands of the later half reach; a band without a bound goes to the edge."""
     shown = found[len(found) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
@@ -272,7 +272,7 @@ def _heights(found: Any, limit: float | None) -> tuple[float, float]:
     return float(shown.min()) - margin, float(shown.max()) + margin
 
 
-def _axes(width: float, height: float, title: str) -> tuple["Figure", Any]:
+def _new_axes(width: float, height: float, title: str) -> tuple["Figure", Any]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
@@ -280,7 +280,7 @@ def _axes(width: float, height: float, title: str) -> tuple["Figure", Any]:
     return figure, figure.add_subplot()
 
 
-def _saved(figure: "Figure", path: str | os.PathLike[str] | None) -> "Figure":
+def _save_figure(figure: "Figure", path: str | os.PathLike[str] | None) -> "Figure":
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.run.error_budget import Budget
+from trimtab.run.error_budget import ErrorBudget
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 ALONE, WITHOUT = "#0072B2", "#D55E00"
 
 
-def plot_error_budget(found: Budget, path: str | os.PathLike[str] | None = None, title: str = "") -> "Figure":
+def plot_error_budget(found: ErrorBudget, path: str | os.PathLike[str] | None = None, title: str = "") -> "Figure":
     """Draw the budget: for each measure the rms with an imperfection alone, and with all others but it.
 
     Args:
@@ -45,14 +45,14 @@ def plot_error_budget(found: Budget, path: str | os.PathLike[str] | None = None,
     panels[0][0].set_yticks(y, [cost.name for cost in found.costs])
     panels[0][0].invert_yaxis()
     marks = [("line", "black", "with all"), ("o", WITHOUT, "without it"), ("o", ALONE, "with it alone")]
-    figure.legend(handles=[_mark(*m) for m in marks], loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles=[_legend_mark(*m) for m in marks], loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(f"{title}  (grey: with none)" if title else "(grey: with none)", fontsize="medium")
     if path is not None:
         figure.savefig(path)
     return figure
 
 
-def _mark(kind: str, colour: str, label: str) -> Any:
+def _legend_mark(kind: str, colour: str, label: str) -> Any:
     from matplotlib.lines import Line2D
 
     if kind == "line":

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.search.falsify import Falsified
-from trimtab.plots.run import BLUE, DPI, GREY, SEVERAL, VERMILION, save
+from trimtab.campaign.search.falsify import FalsificationResult
+from trimtab.plots.run import BLUE, DPI, GREY, SEVERAL, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ WIDTH, HEIGHT, WORST = 13.0, 4.6, 60
 
 
 def plot_falsify(
-    found: Falsified, path: str | os.PathLike[str] | None = None, title: str = "Search for the worst case"
+    found: FalsificationResult, path: str | os.PathLike[str] | None = None, title: str = "Search for the worst case"
 ) -> "Figure":
     """Draw the search.
 
@@ -32,8 +32,8 @@ def plot_falsify(
     size = (WIDTH, max(HEIGHT, 1.6 + 0.32 * len(names)))
     figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
     axes: Any = figure.subplots(1, 2, gridspec_kw={"width_ratios": (3, 2)})
-    _margins(axes[0], found)
-    _box(axes[1], found, names)
+    _draw_margins(axes[0], found)
+    _draw_candidates(axes[1], found, names)
     for one in axes:
         one.grid(color="#d8d8d8", lw=0.6)
         one.set_axisbelow(True)
@@ -41,13 +41,13 @@ def plot_falsify(
     verdict = f"failure, margin {found.margin:.4g}" if found.fails else f"no failure, least margin {found.margin:.4g}"
     figure.suptitle(f"{title}: {verdict}", fontsize=13, weight="bold", x=0.01, ha="left")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def _margins(axes: Any, found: Falsified) -> None:
-    each = found.tried.shape[1]
-    least = found.tried.min(axis=1)
+def _draw_margins(axes: Any, found: FalsificationResult) -> None:
+    each = found.candidate_margins.shape[1]
+    least = found.candidate_margins.min(axis=1)
     at = each * np.arange(1, len(least) + 1)
     stages = np.unique(found.stages)
     for stage in stages:
@@ -65,10 +65,10 @@ def _margins(axes: Any, found: Falsified) -> None:
     axes.legend(fontsize=8, frameon=False, ncols=2)
 
 
-def _box(axes: Any, found: Falsified, names: list[str]) -> None:
+def _draw_candidates(axes: Any, found: FalsificationResult, names: list[str]) -> None:
     """Coordinates of the worst candidates; the worst of all is joined by a line."""
     _, once = np.unique(found.points, axis=0, return_index=True)
-    worst = once[np.argsort(found.tried.min(axis=1)[once], kind="stable")][:WORST][::-1]
+    worst = once[np.argsort(found.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
     for i in worst:
         axes.plot(found.points[i], rows, ".", color=GREY, ms=5, alpha=0.3)

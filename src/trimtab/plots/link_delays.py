@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.live.link_delays import Delays, Model, model, rows, traces
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save
+from trimtab.live.link_delays import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
+from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -32,12 +32,12 @@ def plot_link_delays(
     figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
     every: Any = figure.subplots(len(measured), 3, squeeze=False)
     for line, delays in zip(every, measured, strict=True):
-        recorded, table = traces(delays), rows(delays)
+        recorded, table = link_traces(delays), latency_rows(delays)
         trip = delays.up + delays.down
         line[0].set_ylabel("share per ms", fontsize=9)
         for axes, name, seconds in zip(line, table, (delays.up, delays.down, trip), strict=True):
-            fitted = model(recorded[name]) if name in recorded else None
-            _draw(axes, 1e3 * seconds[np.isfinite(seconds)], fitted)
+            fitted = fit_delay_model(recorded[name]) if name in recorded else None
+            _draw_histogram(axes, 1e3 * seconds[np.isfinite(seconds)], fitted)
             load = f"{delays.plan.up:g}/{delays.plan.down:g} kb/s"
             axes.set_title(f"{name}, {load}", loc="left", fontsize=10, weight="bold")
             axes.axvline(table[name].mean_ms, color=GREY, lw=1, ls="--")
@@ -45,23 +45,23 @@ def plot_link_delays(
         axes.set_xlabel("delay (ms)", fontsize=9)
     figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def _draw(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: Model | None) -> None:
+def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayModel | None) -> None:
     low, high = float(delays_ms.min()), float(delays_ms.max())
     edges = np.linspace(low, max(high, low + 0.1), BINS + 1)
     axes.hist(delays_ms, edges, density=True, color=BLUE, alpha=0.75)
     if fitted is not None:
         at = (edges[1:] + edges[:-1]) / 2
-        axes.plot(at, density(fitted, at / 1e3) / 1e3, color=VERMILION, lw=1.5)
+        axes.plot(at, gamma_density(fitted, at / 1e3) / 1e3, color=VERMILION, lw=1.5)
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
 
 
-def density(fitted: Model, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def gamma_density(fitted: DelayModel, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Of the shifted gamma distribution, in 1/s."""
     from scipy import special  # a fifth of a second to import, and only pictures need it
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.logs.consistency import gate
+from trimtab.logs.consistency import gate_threshold
 from trimtab.logs.log import Log
-from trimtab.logs.navigation import Series, innovations, navigation, series
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save
+from trimtab.logs.navigation import Series, assess_navigation, innovations, state_series
+from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -33,11 +33,11 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
     """
     from matplotlib.figure import Figure
 
-    states, aided = series(log), innovations(log)
+    states, aided = state_series(log), innovations(log)
     if not states:
         problem = "the estimate in it carries no sigmas"
         raise InputError("plot_navigation", problem, fix="log all signals of a run with an aided INS")
-    found = navigation(log)
+    found = assess_navigation(log)
     states = {name: one for name, one in states.items() if len(one.t)}
     known = [n for n in states if states[n].error is not None]
     names = [*known, *(n for n in states if n not in known)]
@@ -58,7 +58,7 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
     figure.suptitle(f"{title}{verdict}", fontsize=14, weight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.985, legend, fontsize=10, color=GREY, ha="right", va="top")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
@@ -92,21 +92,21 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
         axes.set_ylim(centre - ROOM * reach, centre + ROOM * reach)
     words = name.replace("_", " ")
     inside = "" if s.error is None else f"{100 * np.mean(np.abs(s.error) <= 2 * s.sigma):.0f} % within"
-    _dress(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
+    _style_axes(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
 
 
 def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
     """NIS of each update on a logarithmic scale, with what 95 % stay below, and the mean that is expected."""
-    limit = gate(dof, 0.95)
+    limit = gate_threshold(dof, 0.95)
     axes.plot(t, np.where(nis > 0, nis, np.nan), ".", color=BLUE, ms=3, alpha=0.5)
     axes.plot(t, np.where(nis > limit, nis, np.nan), ".", color=VERMILION, ms=3)
     axes.axhline(limit, color=GREY, lw=1, ls="--")
     axes.set_yscale("log")
     axes.set_ylim(1e-3, max(30.0, 2 * float(np.max(nis[np.isfinite(nis)], initial=1.0))))
-    _dress(axes, f"NIS of {name}", f"{100 * np.mean(nis <= limit):.0f} % below the 95 % line", "")
+    _style_axes(axes, f"NIS of {name}", f"{100 * np.mean(nis <= limit):.0f} % below the 95 % line", "")
 
 
-def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.set_title(note, loc="right", fontsize=8, color=GREY)
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)

@@ -11,23 +11,23 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save
+from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
-SHOWN = ("estimate.state.", "law.demand.", "command.value.")
+SHOWN_PREFIXES = ("estimate.state.", "law.demand.", "command.value.")
 
 
-def rows_of(recorded: Log, replayed: Log) -> list[str]:
+def common_signals(recorded: Log, replayed: Log) -> list[str]:
     """Real signals of one component that both have: estimated states without their sigmas, demands, commands."""
-    both = [p for p in recorded.paths if p in replayed and p.startswith(SHOWN)]
+    both = [p for p in recorded.paths if p in replayed and p.startswith(SHOWN_PREFIXES)]
     plain = [p for p in both if p.count(".") == 2 and not p.rpartition(".")[2].startswith("sigma_")]
     return [p for p in plain if recorded[p].dtype.kind == "f" and recorded[p].ndim == replayed[p].ndim == 1]
 
 
-def truth_of(log: Log, path: str, ticks: Any) -> Any:
+def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
     """The truth of an estimated state at the instants `ticks`, or None."""
     name = f"truth.{path.removeprefix('estimate.state.')}"
     if not path.startswith("estimate.state.") or name not in log:
@@ -48,7 +48,7 @@ def plot_replay(
     """
     from matplotlib.figure import Figure
 
-    names = rows_of(recorded, replayed)
+    names = common_signals(recorded, replayed)
     if not names:
         problem = "the two have no estimated state, demand or command in common"
         raise InputError("plot_replay", problem, fix="record estimate, law and command")
@@ -56,7 +56,7 @@ def plot_replay(
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white", layout="constrained")
     every: Any = figure.subplots(len(names), 2, sharex=True, squeeze=False)
     for (value, error), name in zip(every, names, strict=True):
-        truth = truth_of(log, name, recorded.ticks)
+        truth = interpolate_truth(log, name, recorded.ticks)
         _draw_values(value, recorded, replayed, name, truth)
         _draw_errors(error, recorded, replayed, name, truth)
     for axes in every[-1]:
@@ -67,7 +67,7 @@ def plot_replay(
     note = "blue: recorded; red, dashed: replayed; grey: truth"
     figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
@@ -76,7 +76,7 @@ def _draw_values(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
         axes.plot(*decimate(recorded.t, truth), color=GREY, lw=2.0, alpha=0.6)
     axes.plot(*decimate(recorded.t, recorded[name]), color=BLUE, lw=1.0)
     axes.plot(*decimate(replayed.t, replayed[name]), color=VERMILION, lw=1.0, ls="--")
-    _dress(axes, name, "", recorded.unit(name))
+    _style_axes(axes, name, "", recorded.unit(name))
 
 
 def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:
@@ -84,12 +84,12 @@ def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
     if truth is None:
         off = replayed[name] - recorded[name]
         axes.plot(*decimate(recorded.t, off), color=VERMILION, lw=0.9)
-        _dress(axes, "replayed minus recorded", f"rms {_rms(off):.3g}", unit)
+        _style_axes(axes, "replayed minus recorded", f"rms {_rms(off):.3g}", unit)
         return
     errors = recorded[name] - truth, replayed[name] - truth
     for off, colour, style in zip(errors, (BLUE, VERMILION), ("-", "--"), strict=True):
         axes.plot(*decimate(recorded.t, off), color=colour, lw=0.9, ls=style)
-    _dress(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
+    _style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
 
 
 def _rms(values: Any) -> float:
@@ -97,7 +97,7 @@ def _rms(values: Any) -> float:
     return float(np.sqrt(np.mean(kept * kept))) if len(kept) else float("nan")
 
 
-def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.set_title(note, loc="right", fontsize=8, color=GREY)
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)

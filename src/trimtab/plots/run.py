@@ -15,8 +15,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import replacing
-from trimtab.logs.metrics import Target, full_path, turned
+from trimtab.logs.mcap import replace_file
+from trimtab.logs.metrics import Target, full_path, nearest_target_value
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -37,8 +37,8 @@ class Panel:
     title: str
     paths: tuple[str, ...]
     kind: str = "line"
-    demanded: str = ""
-    ideal: bool = False
+    demand_path: str = ""
+    compares_ideal: bool = False
 
 
 def plot_run(
@@ -65,7 +65,7 @@ def plot_run(
     wanted = {full_path(t.path): t for t in targets}
     for target in wanted:
         real[target]
-    panels = panels_of(real)
+    panels = select_panels(real)
     rows = max(1, -(-len(panels) // COLUMNS))
     height = TOP + BOTTOM + rows * ROW_HEIGHT
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
@@ -76,8 +76,8 @@ def plot_run(
     for i, panel in enumerate(panels):
         axes: Any = figure.add_subplot(grid[i // COLUMNS, i % COLUMNS], sharex=first)
         first = first or axes
-        _draw(axes, panel, real, ideal, wanted.get(panel.paths[0]))
-        _dress(axes, panel, real, bottom=i + COLUMNS >= len(panels))
+        _draw_panel(axes, panel, real, ideal, wanted.get(panel.paths[0]))
+        _style_axes(axes, panel, real, bottom=i + COLUMNS >= len(panels))
     if first is not None and len(real) > 1:
         first.set_xlim(real.t[0], real.t[-1])
         first.xaxis.set_major_locator(MaxNLocator(6))
@@ -86,33 +86,36 @@ def plot_run(
     where = (right, 1 - 0.3 / height)
     figure.legend(handles=handles, loc="center right", bbox_to_anchor=where, ncols=5, frameon=False, fontsize=11)
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def panels_of(log: Log) -> list[Panel]:
+def select_panels(log: Log) -> list[Panel]:
     """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags."""
-    drawn = [p for p in log.paths if _kind(log, p) not in ("time", "flag")]
+    drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag")]
     goals = {p: f"law.{p.removeprefix('truth.')}_wanted" for p in drawn if p.startswith("truth.")}
-    found = [Panel(_words(p), (p,), demanded=goal if goal in drawn else "", ideal=True) for p, goal in goals.items()]
+    found = [
+        Panel(_title_of_path(p), (p,), demand_path=goal if goal in drawn else "", compares_ideal=True)
+        for p, goal in goals.items()
+    ]
     taken = set(goals.values())
     for path in [p for p in drawn if p.startswith("actuators.")]:
         name = path.rsplit(".", 1)[-1]
         pair = f"law.demand.{name}" if path.startswith("actuators.u.") else f"command.value.{name}"
         taken |= {path, pair}
-        kind = "mode" if _kind(log, path) == "mode" else "line"
-        found.append(Panel(_words(path), (path,), kind, demanded=pair if pair in drawn else ""))
+        kind = "mode" if _panel_kind(log, path) == "mode" else "line"
+        found.append(Panel(_title_of_path(path), (path,), kind, demand_path=pair if pair in drawn else ""))
     rest = [p for p in drawn if p not in taken]
-    for path in [p for p in rest if p.startswith(("law.", "command.value.")) and not _idle(log, p)]:
-        kind = "mode" if _kind(log, path) == "mode" else "log" if "lyapunov" in path else "line"
-        found.append(Panel(_words(path), (path,), kind, ideal=path.startswith("law.")))
+    for path in [p for p in rest if p.startswith(("law.", "command.value.")) and not _is_idle(log, p)]:
+        kind = "mode" if _panel_kind(log, path) == "mode" else "log" if "lyapunov" in path else "line"
+        found.append(Panel(_title_of_path(path), (path,), kind, compares_ideal=path.startswith("law.")))
     ages = [p for p in drawn if p.endswith(".age") and p.startswith(("downlink.", "uplink."))]
     if ages:
         found.append(Panel("Age of the newest sample", tuple(ages), "age"))
-    flags = [p for p in log.paths if p.startswith(("law.", "actuators.")) and _kind(log, p) == "flag"]
+    flags = [p for p in log.paths if p.startswith(("law.", "actuators.")) and _panel_kind(log, p) == "flag"]
     if flags:
         found.append(Panel("Flags", tuple(flags), "flags"))
-    return found or [Panel(_words(p), (p,), ideal=True) for p in drawn]
+    return found or [Panel(_title_of_path(p), (p,), compares_ideal=True) for p in drawn]
 
 
 def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray]:
@@ -133,24 +136,24 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
     return t[kept], x[kept]
 
 
-def _kind(log: Log, path: str) -> str:
-    if path in log.declared:
-        return log.declared[path].kind
+def _panel_kind(log: Log, path: str) -> str:
+    if path in log.declarations:
+        return log.declarations[path].kind
     return "flag" if log[path].dtype.kind == "b" else "real"
 
 
-def _idle(log: Log, path: str) -> bool:
+def _is_idle(log: Log, path: str) -> bool:
     """Whether it is a term of a law, of several numbers, that is switched off: zero all the time."""
     return path.startswith("law.") and log[path].ndim > 1 and not log[path].any()
 
 
-def _words(path: str) -> str:
+def _title_of_path(path: str) -> str:
     """A title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX or h stay."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
     return name if len(name) == 1 else name[0].upper() + name[1:]
 
 
-def _short(name: str) -> str:
+def _short_label(name: str) -> str:
     """A name that fits left of the axes, on several lines if need be."""
     return textwrap.fill(name, 13)
 
@@ -160,23 +163,23 @@ def _title(log: Log) -> str:
     return f"{name} · seed {log.metadata['seed']}" if "seed" in log.metadata else name
 
 
-def _draw(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: Target | None) -> None:
+def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: Target | None) -> None:
     if panel.kind == "flags":
         _draw_flags(axes, panel, real)
         return
     if target is not None:
-        value = turned(real, target)
+        value = nearest_target_value(real, target)
         axes.axhspan(value - target.band, value + target.band, color=GREEN, alpha=0.16, lw=0)
         axes.axhline(value, color=GREEN, lw=1, ls="--")
-    if panel.demanded:
-        _line(axes, panel, real, panel.demanded, [GREY], lw=0.8)
+    if panel.demand_path:
+        _draw_line(axes, panel, real, panel.demand_path, [GREY], lw=0.8)
     several = len(panel.paths) > 1 or any(real[p].ndim > 1 for p in panel.paths)
     for i, path in enumerate(panel.paths):
-        _line(axes, panel, real, path, SEVERAL[i:] if several else [BLUE], lw=1.0)
-        if ideal is not None and panel.ideal and path in ideal:
+        _draw_line(axes, panel, real, path, SEVERAL[i:] if several else [BLUE], lw=1.0)
+        if ideal is not None and panel.compares_ideal and path in ideal:
             style = {"ls": "--"} if several else {}
             low = 0.1 if panel.kind == "mode" else 0.0  # so that both can be seen where they agree
-            _line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
+            _draw_line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
     if len(panel.paths) > 1:
         from matplotlib.lines import Line2D
 
@@ -184,7 +187,7 @@ def _draw(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: Target 
         axes.legend(handles=handles, loc="lower right", fontsize=8, framealpha=0.8, handlelength=1.2)
 
 
-def _line(axes: Any, panel: Panel, log: Log, path: str, colours: Any, lower: float = 0.0, **style: Any) -> None:
+def _draw_line(axes: Any, panel: Panel, log: Log, path: str, colours: Any, lower: float = 0.0, **style: Any) -> None:
     values = log[path] if log[path].ndim > 1 else log[path][:, None]
     for k, column in enumerate(values.T):
         if panel.kind == "log":
@@ -203,16 +206,16 @@ def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
         ends = np.append(t, t[-1:])
         spans = [(ends[a], ends[b] - ends[a]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         axes.broken_barh(spans, (i - 0.3, 0.6), color=BLUE, label=path)
-    axes.set_yticks(range(len(panel.paths)), [_short(_words(p)) for p in panel.paths])
+    axes.set_yticks(range(len(panel.paths)), [_short_label(_title_of_path(p)) for p in panel.paths])
     axes.set_ylim(-0.6, len(panel.paths) - 0.4)
 
 
-def _dress(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
+def _style_axes(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
     path = panel.paths[0]
     axes.set_title(panel.title, loc="left", fontsize=10, weight="bold", y=1.02, pad=0)
-    where = f"{panel.demanded}, {path}" if panel.demanded else path
+    where = f"{panel.demand_path}, {path}" if panel.demand_path else path
     if len(panel.paths) == 1:
         axes.set_title(where, loc="right", fontsize=7, color=GREY, y=1.02, pad=0)
     unit = log.unit(path) if panel.kind in ("line", "log", "age") else ""
@@ -224,9 +227,9 @@ def _dress(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     if bottom:
         axes.set_xlabel("time (s)", fontsize=9)
-    modes = log.declared[path].modes if path in log.declared else ()
+    modes = log.declarations[path].modes if path in log.declarations else ()
     if panel.kind == "mode" and modes:
-        axes.set_yticks(range(len(modes)), [_short(mode) for mode in modes])
+        axes.set_yticks(range(len(modes)), [_short_label(mode) for mode in modes])
         axes.set_ylim(-0.4, len(modes) - 0.6)
     elif panel.kind == "log" and (log[path] > 0).any():
         axes.set_yscale("log")
@@ -246,7 +249,7 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
     handles: list[Any] = [Line2D([], [], color=BLUE, lw=2, label="real")]
     if ideal:
         handles.append(Line2D([], [], color=VERMILION, lw=2, label="ideal"))
-    if any(p.demanded for p in panels):
+    if any(p.demand_path for p in panels):
         handles.append(Line2D([], [], color=GREY, lw=2, label="demanded"))
     if targets:
         handles.append(Line2D([], [], color=GREEN, lw=1.5, ls="--", label="target"))
@@ -254,12 +257,12 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
     return handles
 
 
-def save(figure: "Figure", path: Path) -> None:
+def save_figure(figure: "Figure", path: Path) -> None:
     """Save a figure; the file appears whole or not at all."""
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
         raise InputError(f"plot '{path}'", f"cannot be saved as {kind!r}", choices=kinds, fix="name it something.png")
     fast: dict[str, Any] = {"pil_kwargs": {"compress_level": 3}} if kind == "png" else {}
-    with replacing(path) as stream:
+    with replace_file(path) as stream:
         figure.savefig(stream, format=kind, dpi=DPI, **fast)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trimtab.campaign.search.axes import Axis
-from trimtab.campaign.search.map_theory import Theory
+from trimtab.campaign.search.map_theory import StabilityCriterion
 from trimtab.campaign.search.stability_map import StabilityMap
-from trimtab.plots.run import save
+from trimtab.plots.run import save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -27,7 +27,7 @@ def plot_stability_map(
     path: str | os.PathLike[str] | None = None,
     title: str = "",
     *,
-    theory: Iterable[Theory] = (),
+    theory: Iterable[StabilityCriterion] = (),
 ) -> "Figure":
     """Draw a map: blue where runs succeed, orange where they fail, a dot for every point that was flown.
 
@@ -44,33 +44,33 @@ def plot_stability_map(
     figure = Figure(figsize=(6.4, 5.2), dpi=100, facecolor="white", layout="constrained")
     axes: Any = figure.subplots()
     colours = LinearSegmentedColormap.from_list("success", [UNSTABLE, "white", STABLE])
-    (x, y), share = found.points.T, found.share
-    image = axes.pcolormesh(found.at_x, found.at_y, _filled(found).T, cmap=colours, vmin=0, vmax=1, rasterized=True)
+    (x, y), share = found.flown_points.T, found.share
+    image = axes.pcolormesh(found.at_x, found.at_y, _cell_means(found).T, cmap=colours, vmin=0, vmax=1, rasterized=True)
     axes.scatter(x, y, s=4, c="#404040", linewidths=0)
     handles: list[Any] = [Line2D([], [], color="#404040", marker="o", markersize=3, linewidth=0, label="flown")]
-    if share.min() < found.traced.threshold <= share.max():
-        axes.tricontour(x, y, share, levels=[found.traced.threshold], colors="black", linewidths=1.6)
+    if share.min() < found.traced_boundary.threshold <= share.max():
+        axes.tricontour(x, y, share, levels=[found.traced_boundary.threshold], colors="black", linewidths=1.6)
         handles.append(Line2D([], [], color="black", linewidth=1.6, label="boundary"))
-    handles += [handle for one in theory for handle in _theory_lines(axes, one)]
+    handles += [handle for one in theory for handle in _draw_criterion(axes, one)]
     axes.set(xlabel=_label(found.x), ylabel=_label(found.y))
     axes.set_xlim(found.at_x[0], found.at_x[-1])
     axes.set_ylim(found.at_y[0], found.at_y[-1])
     figure.colorbar(image, label=f"share of {found.runs} runs that succeed" if found.runs > 1 else "success")
-    points = f"{found.traced.looked_at} points flown of {found.traced.of}"
+    points = f"{found.traced_boundary.evaluated_points} points flown of {found.traced_boundary.of}"
     axes.set_title(f"{title or found.scenario.name}: {points}", fontsize="medium")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def _theory_lines(axes: Any, one: Theory) -> list[Any]:
+def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
     """Draw the lines of a criterion; what the legend shows of it, if there are any."""
     from matplotlib.lines import Line2D
 
     look: tuple[str, Any] = LINES.get(one.name, ("#0072B2", ":"))
     colour, style = look
-    drawn = one.lines()
+    drawn = one.zero_lines()
     for line in drawn:
         axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
     return [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name)] if drawn else []
@@ -80,11 +80,11 @@ def _label(axis: Axis) -> str:
     return f"{axis.name} ({axis.unit})" if axis.unit not in ("", "1") else axis.name
 
 
-def _filled(found: StabilityMap) -> Any:
+def _cell_means(found: StabilityMap) -> Any:
     """The mean share at the corners of the cell that each of the finest cells lies in (nx - 1, ny - 1)."""
-    grid = found.traced.grid()
+    grid = found.traced_boundary.grid()
     whole = np.empty((grid.shape[0] - 1, grid.shape[1] - 1))
-    for i, j, size in found.traced.cells:
+    for i, j, size in found.traced_boundary.cells:
         corners = grid[[i, i, i + size, i + size], [j, j + size, j, j + size]]
         whole[i : i + size, j : j + size] = corners.mean()
     return whole

@@ -12,7 +12,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, decimate, save
+from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, decimate, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -24,18 +24,18 @@ WITHOUT = "estimate.state.without_measurement"
 """What the estimator's model gives without any measurement: an error that vanishes there too proves nothing."""
 
 
-class Row(NamedTuple):
+class SignalRow(NamedTuple):
     """One signal: its name, and whether the estimator has to find it (an estimate that differs from the truth)."""
 
     name: str
-    estimated: bool
+    is_estimated: bool
 
 
-def rows_of(log: Log) -> list[Row]:
+def tracking_rows(log: Log) -> list[SignalRow]:
     """Tracked signals first, in the order of the log, then those that are estimated."""
     wanted = [p.removeprefix("law.").removesuffix("_wanted") for p in log.paths if _is_wanted(log, p)]
-    rows = [Row(name, _differs(log, name)) for name in wanted]
-    return sorted(rows, key=lambda row: row.estimated)
+    rows = [SignalRow(name, _has_own_estimate(log, name)) for name in wanted]
+    return sorted(rows, key=lambda row: row.is_estimated)
 
 
 def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: str = "Tracking") -> "Figure":
@@ -48,12 +48,12 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
     """
     from matplotlib.figure import Figure
 
-    rows = rows_of(log)
+    rows = tracking_rows(log)
     if not rows:
         problem = "its law logs no signal X_wanted beside truth.X"
         raise InputError("plot_tracking", problem, fix="draw it with plot_run instead")
     inputs = [p for p in log.paths if p.startswith("actuators.u.")]
-    tracked = [r for r in rows if not r.estimated]
+    tracked = [r for r in rows if not r.is_estimated]
     count = len(rows) + -(-len(inputs) // 2)
     figure = Figure(figsize=(WIDTH, TOP + count * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
     every: Any = figure.subplots(count, 2, sharex=True, squeeze=False)
@@ -74,7 +74,7 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
     note = "blue: flown; green: wanted; red: estimated"
     figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
@@ -83,7 +83,7 @@ def _is_wanted(log: Log, path: str) -> bool:
     return path == f"law.{name}_wanted" and f"truth.{name}" in log and log[path].ndim == 1
 
 
-def _differs(log: Log, name: str) -> bool:
+def _has_own_estimate(log: Log, name: str) -> bool:
     """Whether there is an estimate of it that is not simply the truth, to rounding."""
     path = f"estimate.state.{name}"
     if path not in log:
@@ -92,42 +92,42 @@ def _differs(log: Log, name: str) -> bool:
     return bool(np.nanmax(error[1:], initial=0.0) > 1e-9 * max(np.nanmax(size, initial=0.0), 1e-9))
 
 
-def _draw_row(pair: Any, log: Log, row: Row) -> None:
+def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     value, error = pair
     path, unit = f"truth.{row.name}", log.unit(f"truth.{row.name}")
-    if row.estimated:
+    if row.is_estimated:
         value.plot(*decimate(log.t, log[f"estimate.state.{row.name}"]), color=VERMILION, lw=0.9)
     value.plot(*decimate(log.t, log[path]), color=BLUE, lw=1.0)
     value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
-    _dress(value, _words(row.name), "", unit)
-    if not row.estimated:
-        off = _apart(log, path, log[path], log[f"law.{row.name}_wanted"])
+    _style_axes(value, _title_of_name(row.name), "", unit)
+    if not row.is_estimated:
+        off = _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
         error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
-        _focus(error, log, off)
-        _dress(error, f"{_words(row.name)} minus wanted", _rms(log, off), unit)
+        _set_vertical_range(error, log, off)
+        _style_axes(error, f"{_title_of_name(row.name)} minus wanted", _rms(log, off), unit)
         return
-    off = _apart(log, path, log[f"estimate.state.{row.name}"], log[path])
+    off = _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
     note = _rms(log, off)
     alone, shown = f"{WITHOUT}.{row.name}", [off]
     if alone in log:
-        bare = _apart(log, path, log[alone], log[path])
+        bare = _signed_difference(log, path, log[alone], log[path])
         shown.append(bare)
         error.plot(*decimate(log.t, bare), color=GREY, lw=0.8)
         note += "; grey: without measurement"
     error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
-    _focus(error, log, *shown)
-    _focus(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
-    _dress(error, f"{_words(row.name)}: estimate minus truth", note, unit)
+    _set_vertical_range(error, log, *shown)
+    _set_vertical_range(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
+    _style_axes(error, f"{_title_of_name(row.name)}: estimate minus truth", note, unit)
 
 
-def _apart(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a - b, the short way round for angles."""
     off = a - b
-    angle = path in log.declared and log.declared[path].kind == "angle"
+    angle = path in log.declarations and log.declarations[path].kind == "angle"
     return np.angle(np.exp(1j * off)) if angle else off
 
 
-def _focus(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> None:
+def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> None:
     """The vertical range of what comes after the first twentieth of the run: a start far off would hide all else."""
     late = np.concatenate([x[len(log) // 20 :] for x in signals])
     late = late[np.isfinite(late)]
@@ -143,7 +143,7 @@ def _draw_input(axes: Any, log: Log, path: str) -> None:
     name = path.removeprefix("actuators.u.")
     axes.plot(*decimate(log.t, log[path]), color=BLUE, lw=0.9)
     x = log[path]
-    _dress(axes, _words(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
+    _style_axes(axes, _title_of_name(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
@@ -154,11 +154,11 @@ def _rms(log: Log, error: np.ndarray) -> str:
     return f"rms {np.sqrt(np.mean(late**2)):.3g} after {log.t[len(log) // 10]:.0f} s" if len(late) else ""
 
 
-def _words(name: str) -> str:
+def _title_of_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _dress(axes: Any, title: str, note: str, unit: str) -> None:
+def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
     from matplotlib.ticker import FuncFormatter
 
     axes.set_title(title, loc="left", fontsize=10, weight="bold")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.search.tune import Tuned
-from trimtab.plots.run import BLUE, DPI, GREY, SEVERAL, VERMILION, save
+from trimtab.campaign.search.tune import TuningResult
+from trimtab.plots.run import BLUE, DPI, GREY, SEVERAL, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 SIZE = (13.0, 4.2)
 
 
-def plot_tune(found: Tuned, path: str | os.PathLike[str] | None = None, title: str = "Tuning") -> "Figure":
+def plot_tune(found: TuningResult, path: str | os.PathLike[str] | None = None, title: str = "Tuning") -> "Figure":
     """Draw a tuning.
 
     Args:
@@ -27,7 +27,7 @@ def plot_tune(found: Tuned, path: str | os.PathLike[str] | None = None, title: s
 
     figure = Figure(figsize=SIZE, dpi=DPI, facecolor="white", layout="constrained")
     axes: Any = figure.subplots(1, 3, gridspec_kw={"width_ratios": (3, 3, 2)})
-    flown = np.array([s.flown for s in found.steps])
+    flown = np.array([s.flown_runs for s in found.steps])
     axes[0].plot(flown, [s.cost for s in found.steps], ".-", color=BLUE, lw=1.2)
     axes[0].set_ylabel(
         "mean cost of a generation's best" if found.method == "search" else "mean cost near by, each of new runs"
@@ -42,22 +42,22 @@ def plot_tune(found: Tuned, path: str | os.PathLike[str] | None = None, title: s
     axes[1].legend(fontsize=8, frameon=False)
     for one in axes[:2]:
         one.set_xlabel("runs flown", fontsize=9)
-    _worth(axes[2], found)
+    _draw_comparisons(axes[2], found)
     for one in axes:
         one.grid(color="#d8d8d8", lw=0.6)
         one.set_axisbelow(True)
         one.tick_params(labelsize=8)
         one.yaxis.label.set_size(9)
-    verdict = "helps" if found.helps else "does NOT help"
+    verdict = "helps" if found.is_improvement else "does NOT help"
     figure.suptitle(f"{title}: {verdict} in runs it did not see", fontsize=13, weight="bold", x=0.01, ha="left")
     if path is not None:
-        save(figure, Path(path))
+        save_figure(figure, Path(path))
     return figure
 
 
-def _worth(axes: Any, found: Tuned) -> None:
+def _draw_comparisons(axes: Any, found: TuningResult) -> None:
     """Mean paired differences with their intervals."""
-    bars = (("seen", found.seen, GREY), ("held out", found.held_out, BLUE))
+    bars = (("seen", found.seen_comparison, GREY), ("held out", found.held_out_comparison, BLUE))
     for i, (_, c, colour) in enumerate(bars):
         if np.isfinite(c.difference):
             axes.errorbar(
@@ -68,4 +68,4 @@ def _worth(axes: Any, found: Tuned) -> None:
     axes.axhline(0, color=VERMILION, lw=1.4)
     axes.set_xlim(-0.6, 1.6)
     axes.set_xticks((0, 1), [f"{name}\n{c.runs} runs" for name, c, _ in bars])
-    axes.set_ylabel(f"change of the cost, {100 * found.held_out.level:.0f} %")
+    axes.set_ylabel(f"change of the cost, {100 * found.held_out_comparison.level:.0f} %")

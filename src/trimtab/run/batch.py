@@ -10,14 +10,14 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.float64 import jax
 from trimtab.core.time import Timetable, ms
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import Walked, walk
-from trimtab.native.compiler import find_compiler, lanes
+from trimtab.loop.walk import WalkResult, walk
+from trimtab.native.compiler import find_compiler, lane_count
 from trimtab.run import compiled
-from trimtab.run.library import Flown, fly, rows_of, threads_of
-from trimtab.run.prepare import check_signals, inputs, prepared, use_c
-from trimtab.run.program import Column, check_seed, split, width_of
+from trimtab.run.library import RunResults, fly_runs, row_numbers, thread_count
+from trimtab.run.prepare import check_signals, choose_c, prepare_run, run_inputs
+from trimtab.run.program import Column, check_seed, row_width, split_columns
 
-ENOUGH = 64
+LEAST_LANE_RUNS = 64
 """From so many runs on it pays to compile the program over lanes as well."""
 
 
@@ -77,16 +77,16 @@ def simulate_batch(
         InputError: what `simulate` refuses; a spread of an unknown path or of another shape.
     """
     chosen = list(seeds)
-    scenario, table, written = prepared(scenario, chosen, duration, log_period)
-    whole = inputs(scenario, 0, 0)
+    scenario, table, written = prepare_run(scenario, chosen, duration, log_period)
+    whole = run_inputs(scenario, 0, 0)
     own = own_inputs(whole, chosen, None if runs is None else list(runs), dict(spread or {}))
-    job = _Job(whole, own, table, rows_of(written), signals, log, threads_of(threads), progress)
-    names = _fly_c(job) if use_c(backend, lambda: _ready(job)) else _fly_jax(job)
+    job = _BatchJob(whole, own, table, row_numbers(written), signals, log, thread_count(threads), progress)
+    names = _fly_c(job) if choose_c(backend, lambda: _prepare_library(job)) else _fly_jax(job)
     flown, columns, last, used = names
-    return _batch(chosen, table.t[written], flown, columns, last, used)
+    return _make_batch(chosen, table.t[written], flown, columns, last, used)
 
 
-class _Job(NamedTuple):
+class _BatchJob(NamedTuple):
     fly: Any
     own: dict[int, Any]
     table: Timetable
@@ -99,7 +99,7 @@ class _Job(NamedTuple):
 
 def own_inputs(whole: Any, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
     """Position of each input that differs -> its values, the run as first axis."""
-    known, found = compiled.paths(whole), jax.tree.leaves(whole)
+    known, found = compiled.input_paths(whole), jax.tree.leaves(whole)
     own: dict[int, Any] = {known.index("key.seed"): np.asarray(seeds, np.uint32)}
     if runs is not None:
         if len(runs) != len(seeds):
@@ -123,62 +123,62 @@ def own_inputs(whole: Any, seeds: list[int], runs: list[int] | None, spread: dic
     return dict(sorted(own.items()))
 
 
-def _lanes(job: _Job) -> int:
+def _choose_lanes(job: _BatchJob) -> int:
     compiler = find_compiler("c++")
     runs = len(next(iter(job.own.values())))
-    return lanes(compiler) if compiler is not None and runs >= ENOUGH else 1
+    return lane_count(compiler) if compiler is not None and runs >= LEAST_LANE_RUNS else 1
 
 
-def _ready(job: _Job) -> Any:
+def _prepare_library(job: _BatchJob) -> Any:
     """The library, scalar or over lanes, with the number of lanes."""
-    of = compiled.structure(job.fly, job.table.always, job.signals)
-    check_signals(compiled.lowered(of).signals, job.signals)
-    n = _lanes(job)
+    of = compiled.program_structure(job.fly, job.table.always, job.signals)
+    check_signals(compiled.lower_structure(of).signals, job.signals)
+    n = _choose_lanes(job)
     if n > 1:
         try:
-            return compiled.library(of, n, frozenset(job.own)), n
+            return compiled.build_walk_library(of, n, frozenset(job.own)), n
         except InputError:
             pass  # numbers that lanes don't carry: scalar code flies them
-    return compiled.library(of, 0, frozenset(job.own)), 1
+    return compiled.build_walk_library(of, 0, frozenset(job.own)), 1
 
 
-def _fly_c(job: _Job) -> Any:
-    of = compiled.structure(job.fly, job.table.always, job.signals)
-    flight = compiled.lowered(of)
-    path, n = _ready(job)
-    columns, last = compiled.columns(flight, job.signals), compiled.last(flight)
+def _fly_c(job: _BatchJob) -> Any:
+    of = compiled.program_structure(job.fly, job.table.always, job.signals)
+    flight = compiled.lower_structure(of)
+    path, n = _prepare_library(job)
+    columns, last = compiled.row_columns(flight, job.signals), compiled.final_columns(flight)
     runs = len(next(iter(job.own.values())))
     own = np.concatenate([v.reshape(runs, -1).astype(np.float64) for v in job.own.values()], axis=1)
-    shared = compiled.flat(job.fly, frozenset(job.own))
-    widths = width_of(columns), width_of(last)
+    shared = compiled.flat_inputs(job.fly, frozenset(job.own))
+    widths = row_width(columns), row_width(last)
     wanted: dict[str, Any] = {"log": job.log, "stats": True, "threads": job.threads, "progress": job.progress}
-    flown = fly(path, shared, own, job.table, job.row, widths, **wanted)
+    flown = fly_runs(path, shared, own, job.table, job.row, widths, **wanted)
     return flown, columns, last, "c lanes" if n > 1 else "c"
 
 
-def _fly_jax(job: _Job) -> Any:
-    of = compiled.structure(job.fly, job.table.always, job.signals)
-    flight = compiled.lowered(of)
+def _fly_jax(job: _BatchJob) -> Any:
+    of = compiled.program_structure(job.fly, job.table.always, job.signals)
+    flight = compiled.lower_structure(of)
     check_signals(flight.signals, job.signals)
-    columns, last = compiled.columns(flight, job.signals), compiled.last(flight)
+    columns, last = compiled.row_columns(flight, job.signals), compiled.final_columns(flight)
     rows = int((job.row < len(job.row)).sum())
     index = np.minimum(job.row, rows).astype(np.int32)
     timing = (job.table.t, job.table.h, index)
-    walked = _vmapped(job.fly, list(job.own.values()), timing, tuple(job.own), rows, job.table.always, job.signals)
+    walked = _walk_batch(job.fly, list(job.own.values()), timing, tuple(job.own), rows, job.table.always, job.signals)
     log = np.asarray(walked.rows)
     stats = np.stack([log.min(1), log.max(1), log.sum(1), (log**2).sum(1)], axis=-1)
     runs = len(log)
     ends = [np.asarray(v).reshape(runs, -1).astype(np.float64) for v in jax.tree.leaves((walked.x, walked.sensors))]
-    return Flown(log if job.log else None, stats, np.concatenate(ends, axis=1)), columns, last, "jax"
+    return RunResults(log if job.log else None, stats, np.concatenate(ends, axis=1)), columns, last, "jax"
 
 
 @functools.partial(jax.jit, static_argnums=(3, 4, 5, 6))
-def _vmapped(
+def _walk_batch(
     whole: Any, own: Any, timing: Any, at: tuple[int, ...], rows: int, always: frozenset[int], signals: tuple[str, ...]
-) -> Walked:
+) -> WalkResult:
     found, tree = jax.tree.flatten(whole)
 
-    def one(values: Any) -> Walked:
+    def one(values: Any) -> WalkResult:
         mine = list(found)
         for i, value in zip(at, values, strict=True):
             mine[i] = value
@@ -188,17 +188,19 @@ def _vmapped(
     return jax.vmap(one)(own)
 
 
-def _batch(seeds: list[int], ticks: Any, flown: Flown, columns: list[Column], last: list[Column], used: str) -> Batch:
+def _make_batch(
+    seeds: list[int], ticks: Any, flown: RunResults, columns: list[Column], last: list[Column], used: str
+) -> Batch:
     real = [c._replace(dtype="float64") for c in columns]
     count = max(len(ticks), 1)
-    reduced = [split(v, real) for v in (flown.stats[..., 2] / count, np.sqrt(flown.stats[..., 3] / count))]
-    final = {p: v for p, v in split(flown.final, last).items() if p.startswith("truth.")}
+    reduced = [split_columns(v, real) for v in (flown.stats[..., 2] / count, np.sqrt(flown.stats[..., 3] / count))]
+    final = {p: v for p, v in split_columns(flown.final, last).items() if p.startswith("truth.")}
     return Batch(
         seeds=np.asarray(seeds),
         ticks=ticks,
-        log=split(flown.log, columns) if flown.log is not None else {},
-        least=split(flown.stats[..., 0], columns),
-        most=split(flown.stats[..., 1], columns),
+        log=split_columns(flown.log, columns) if flown.log is not None else {},
+        least=split_columns(flown.stats[..., 0], columns),
+        most=split_columns(flown.stats[..., 1], columns),
         mean=reduced[0],
         rms=reduced[1],
         final=final,

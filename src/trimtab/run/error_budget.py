@@ -14,15 +14,15 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
-from trimtab.logs.navigation import series
+from trimtab.logs.navigation import state_series
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import start
-from trimtab.run.prepare import inputs
+from trimtab.run.prepare import run_inputs
 from trimtab.run.simulate import simulate_many
 
 ALL, NONE = "all", "none"
 """The rows with every imperfection, and with none."""
-NAVIGATED = {
+NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
@@ -44,7 +44,7 @@ class Cost(NamedTuple):
     alone: Mapping[str, tuple[float, float]]
 
 
-class Budget(NamedTuple):
+class ErrorBudget(NamedTuple):
     """All of it, the dearest imperfection first. As they work together, their costs need not add up to the whole.
 
     units: by measure.  whole, least: measures with all imperfections, and with none.
@@ -63,7 +63,7 @@ def error_budget(
     names: Iterable[str] = (),
     tell: Callable[[str], None] = lambda done: None,
     backend: str = "auto",
-) -> Budget:
+) -> ErrorBudget:
     """Fly a scenario with all its imperfections, without each, with each alone, and with none.
 
     Measured over the second half of each run: how far the truth is from the scenario's targets, and, where the
@@ -84,21 +84,21 @@ def error_budget(
     wanted = list(names) or sorted(known)
     for name in wanted:
         scenario.without(name)  # refuses names that it does not have
-    if not _measures(scenario):
-        _refuse(scenario)
+    if not _is_measurable(scenario):
+        _refuse_scenario(scenario)
 
     def flown(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
         changed = scenario
         for name in switched_off:
             changed = changed.without(name)
         logs = simulate_many(changed, seeds=chosen, signals=("truth", "estimate"), backend=backend)
-        found = _measured(logs, scenario)
+        found = _compute_measures(logs, scenario)
         tell(label)
         return found
 
     whole = flown(ALL, ())
     if not whole:
-        _refuse(scenario)
+        _refuse_scenario(scenario)
     least = flown(NONE, known)
     costs = [
         Cost(name, flown(f"without {name}", [name]), flown(f"{name} alone", [n for n in known if n != name]))
@@ -107,15 +107,15 @@ def error_budget(
     rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
     kept = [measure for measure in whole if all(measure in row for row in rows)]
     costs.sort(key=lambda cost: [cost.without[m][0] for m in kept[:1]])
-    return Budget(_units(scenario, kept), whole, least, tuple(costs))
+    return ErrorBudget(_measure_units(scenario, kept), whole, least, tuple(costs))
 
 
-def sets_of_flights(scenario: Scenario, names: Iterable[str] = ()) -> int:
+def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
     """How many times `error_budget` calls tell."""
     return 2 + 2 * len(list(names) or scenario.imperfections())
 
 
-def share(budget: Budget, cost: Cost, measure: str) -> float:
+def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
     """How much of the whole's mean square an imperfection costs; below 0 where it helps, NaN where nothing is known."""
     whole, without = budget.whole[measure][0], cost.without[measure][0]
     if not (np.isfinite(whole) and np.isfinite(without)):
@@ -123,28 +123,28 @@ def share(budget: Budget, cost: Cost, measure: str) -> float:
     return (whole**2 - without**2) / whole**2 if whole > 0 else 0.0
 
 
-def _measures(scenario: Scenario) -> bool:
+def _is_measurable(scenario: Scenario) -> bool:
     """Whether it has targets, or else an estimate with sigmas of what its truth has; nothing flies."""
     if scenario.targets:
         return True
-    _, autopilot = jax.eval_shape(start, *inputs(scenario, 0, 0))
+    _, autopilot = jax.eval_shape(start, *run_inputs(scenario, 0, 0))
     told = {path.rpartition(".")[2] for path, _, _ in leaves(autopilot.estimate)}
     true = {path for path, _, _ in leaves(scenario.initial)}
-    return any(all(s in true and {s, f"sigma_{s}"} <= told for s in signals) for signals in NAVIGATED.values())
+    return any(all(s in true and {s, f"sigma_{s}"} <= told for s in signals) for signals in NAVIGATION_FIELDS.values())
 
 
-def _refuse(scenario: Scenario) -> None:
+def _refuse_scenario(scenario: Scenario) -> None:
     problem = "has no targets, and no estimate with sigmas to hold against the truth: there is nothing to measure"
     fix = "give the scenario targets=(Target(…),), or take one with either: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 
-def _units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:
+def _measure_units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:
     declared = {path: d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
     return {m: UNITS.get(m) or declared[m] for m in measures}
 
 
-def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, float]]:
+def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, float]]:
     half = to_seconds(scenario.duration) / 2
     squares: dict[str, list[float]] = {}
     for log in logs:
@@ -153,17 +153,17 @@ def _measured(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, flo
             path = full_path(target.path)
             away = log[path][rows] - target.value
             squares.setdefault(path.removeprefix("truth."), []).append(float(np.mean(away**2)))
-        states = series(log)
-        for measure, signals in NAVIGATED.items():
+        states = state_series(log)
+        for measure, signals in NAVIGATION_FIELDS.items():
             seen = [states[s] for s in signals if s in states and states[s].error is not None]
             if len(seen) == len(signals):
                 late = [one.error[one.t >= half] for one in seen]
                 square = sum(float(np.mean(e**2)) if len(e) else np.inf for e in late)
                 squares.setdefault(f"{measure} error", []).append(square)
-    return {measure: _root(np.array(values)) for measure, values in squares.items()}
+    return {measure: _root_mean_square(np.array(values)) for measure, values in squares.items()}
 
 
-def _root(squares: Any) -> tuple[float, float]:
+def _root_mean_square(squares: Any) -> tuple[float, float]:
     """Root of the mean of the runs' mean squares, and its standard error."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))

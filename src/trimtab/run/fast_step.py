@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.compiler.block import Exported
+from trimtab.compiler.block import ExportedBlock
 from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError, closest
 from trimtab.export.export_c import autopilot_step
 from trimtab.export.folder import vectors_source
 from trimtab.loop.scenario import Scenario
-from trimtab.native.build import build, load
+from trimtab.native.build import build_library, load_library
 
 ENTRY = """
 #include <stddef.h>
@@ -54,9 +54,9 @@ class FastStep:
     integers of 100 ns.  reads, writes: path -> where in them, e.g. ``inputs[reads["t"]] = now``.
     """
 
-    def __init__(self, exported: Exported) -> None:
+    def __init__(self, exported: ExportedBlock) -> None:
         """Compile the C text of an exported block; it is the text that `trimtab export` writes."""
-        library, name = load(build(_text(exported))), exported.name
+        library, name = load_library(build_library(_step_source(exported))), exported.name
         self.exported = exported
         size, parameter = library[f"{name}_size"], library[f"{name}_parameter"]
         size.restype = ctypes.c_int64
@@ -67,15 +67,15 @@ class FastStep:
         self._begin = library[f"{name}_begin"]
         self._again = library[f"{name}_again"]
         self._step = library[f"{name}_fast"]
-        self.reads, self.writes = _places(exported.inputs), _places(exported.outputs)
-        self.inputs = self._view(library[f"{name}_inputs"], exported.inputs)
-        self.outputs = self._view(library[f"{name}_outputs"], exported.outputs)
+        self.reads, self.writes = _member_slots(exported.inputs), _member_slots(exported.outputs)
+        self.inputs = self._array_view(library[f"{name}_inputs"], exported.inputs)
+        self.outputs = self._array_view(library[f"{name}_outputs"], exported.outputs)
         self._parameters = {
-            m.name: _array(parameter(self._at, ctypes.c_int64(k)), m) for k, m in enumerate(exported.params)
+            m.name: _array_at(parameter(self._at, ctypes.c_int64(k)), m) for k, m in enumerate(exported.params)
         }
         self.reset()
 
-    def _view(self, where: Any, held: list[Member]) -> Any:
+    def _array_view(self, where: Any, held: list[Member]) -> Any:
         where.restype = ctypes.POINTER(ctypes.c_double)
         return np.ctypeslib.as_array(where(self._at), shape=(sum(m.size for m in held),))
 
@@ -91,7 +91,7 @@ class FastStep:
         """One control period: from `inputs` to `outputs`."""
         self._step(self._at)
 
-    def give(self, values: Mapping[str, Any]) -> None:
+    def set_inputs(self, values: Mapping[str, Any]) -> None:
         """Write inputs by path; convenient, and slower than writing `inputs` itself."""
         for path, value in values.items():
             if path not in self.reads:
@@ -114,26 +114,26 @@ class FastStep:
         return self.outputs[self.writes[path]]
 
 
-def fast_step(scenario: Scenario, *, seed: int = 0) -> FastStep:
+def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> FastStep:
     """The autopilot of a scenario as a compiled step; refused as `export_c` refuses, or without a C compiler."""
     scenario.check()
     return FastStep(autopilot_step(scenario, "autopilot", "f64", seed).exported)
 
 
-def _text(exported: Exported) -> str:
+def _step_source(exported: ExportedBlock) -> str:
     source = exported.source.replace(f'#include "{exported.name}.h"\n', "")
     offsets = ", ".join(f"offsetof({exported.name}_params, {m.path})" for m in exported.params) or "0"
     entry = ENTRY.replace("NAME", exported.name).replace("OFFSETS", offsets)
     return "\n".join([exported.header, vectors_source(exported), source, entry])
 
 
-def _array(address: int, m: Member) -> Any:
+def _array_at(address: int, m: Member) -> Any:
     dtype = np.dtype("?" if m.dtype == "bool" else f"{m.dtype[0]}{int(m.dtype[1:]) // 8}")
     raw: Any = (ctypes.c_char * (m.size * dtype.itemsize)).from_address(address)
     return np.frombuffer(raw, dtype).reshape(m.shape)
 
 
-def _places(held: list[Member]) -> dict[str, Any]:
+def _member_slots(held: list[Member]) -> dict[str, Any]:
     found, k = {}, 0
     for m in held:
         found[m.name] = slice(k, k + m.size) if m.shape else k

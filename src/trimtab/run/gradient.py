@@ -11,13 +11,13 @@ from trimtab.core.float64 import jax
 from trimtab.core.time import Clock, Timetable, ms, to_seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant, start
-from trimtab.native.build import build
-from trimtab.native.compiler import find_compiler, lanes
+from trimtab.native.build import build_library
+from trimtab.native.compiler import find_compiler, lane_count
 from trimtab.run import compiled
 from trimtab.run.batch import own_inputs
-from trimtab.run.library import fly, rows_of, threads_of
-from trimtab.run.prepare import inputs, prepared
-from trimtab.run.walk_program import Flight, lower_walk
+from trimtab.run.library import fly_runs, row_numbers, thread_count
+from trimtab.run.prepare import prepare_run, run_inputs
+from trimtab.run.walk_program import WalkProgram, lower_walk
 
 Cost = Callable[[Signals], Any]
 
@@ -48,12 +48,12 @@ def gradient(
     Raises:
         InputError: what `simulate` refuses, a path that is no real parameter, or no C compiler.
     """
-    scenario, table, _ = prepared(scenario, [seed], duration, ms(1))
-    whole = inputs(scenario, seed, 0)
-    at = _positions(whole, paths)
+    scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
+    whole = run_inputs(scenario, seed, 0)
+    at = _input_positions(whole, paths)
     found = jax.tree.leaves(whole)
     sizes = [int(np.size(found[i])) for i in at]
-    final = _fly(whole, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
+    final = _fly_directions(whole, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
     slope = np.split(final[:, 1], np.cumsum(sizes)[:-1])
     by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
     return Gradient(float(final[0, 0]), by_path)
@@ -89,10 +89,10 @@ def gradients(
         threads: how many fly; as many as there are cores when None.
     """
     chosen, numbers, wanted = list(seeds), list(runs), list(along)
-    scenario, table, _ = prepared(scenario, chosen, None, ms(1))
-    whole = inputs(scenario, 0, 0)
+    scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
+    whole = run_inputs(scenario, 0, 0)
     paths = tuple(dict.fromkeys(path for path, _ in wanted))
-    at, found = _positions(whole, paths), jax.tree.leaves(whole)
+    at, found = _input_positions(whole, paths), jax.tree.leaves(whole)
     shapes = [np.shape(found[i]) for i in at]
     offset = dict(zip(paths, np.cumsum([0, *(int(np.prod(s)) for s in shapes)])[:-1], strict=True))
     shape = dict(zip(paths, shapes, strict=True))
@@ -100,13 +100,13 @@ def gradients(
     for row, (path, index) in enumerate(wanted):
         directions[row, offset[path] + int(np.ravel_multi_index(index, shape[path]) if index else 0)] = 1.0
     own = own_inputs(whole, chosen, numbers, dict(spread or {}))
-    final = _fly(whole, own, table, at, cost, since, directions, threads)
+    final = _fly_directions(whole, own, table, at, cost, since, directions, threads)
     n, k, d = len(chosen), len(since), len(wanted)
     by_run = final.reshape(n, d, 2 * k)
     return Gradients(by_run[:, 0, :k], np.swapaxes(by_run[:, :, k:], 1, 2))
 
 
-def _fly(
+def _fly_directions(
     whole: Any,
     own: dict[int, Any],
     table: Timetable,
@@ -119,23 +119,23 @@ def _fly(
     """Costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
     found, tree = jax.tree.flatten(whole)
     shapes = tuple((np.shape(v), str(np.asarray(v).dtype)) for v in found)
-    flight = _lowered(tree, shapes, table.always, at, cost, since)
+    flight = _lower_dual(tree, shapes, table.always, at, cost, since)
     varying = frozenset(own) | frozenset(range(len(found), len(found) + len(at)))
     runs = len(next(iter(own.values()))) if own else 1
     held = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     mine = np.repeat(np.concatenate([np.zeros((runs, 0)), *held], axis=1), len(directions), axis=0)
     rows = np.concatenate([mine, np.tile(directions, (runs, 1))], axis=1)
     compiler = find_compiler("c++")
-    n = lanes(compiler) if compiler is not None and len(rows) > 1 else 1
-    path = build(flight.text(n if n > 1 else 0, varying), "c++" if n > 1 else "c", extra=("-pthread",))
-    nowhere = rows_of(np.zeros(len(table.t), bool))
+    n = lane_count(compiler) if compiler is not None and len(rows) > 1 else 1
+    path = build_library(flight.text(n if n > 1 else 0, varying), "c++" if n > 1 else "c", extra=("-pthread",))
+    nowhere = row_numbers(np.zeros(len(table.t), bool))
     widths = 1, 2 * len(since)
-    shared = compiled.flat(whole, frozenset(own))
-    return fly(path, shared, rows, table, nowhere, widths, log=False, threads=threads_of(threads)).final
+    shared = compiled.flat_inputs(whole, frozenset(own))
+    return fly_runs(path, shared, rows, table, nowhere, widths, log=False, threads=thread_count(threads)).final
 
 
-def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
-    known, found = compiled.paths(whole), jax.tree.leaves(whole)
+def _input_positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
+    known, found = compiled.input_paths(whole), jax.tree.leaves(whole)
     real = [p for p, v in zip(known, found, strict=True) if np.asarray(v).dtype == np.float64]
     if not paths:
         raise InputError("gradient", "no parameter is named", choices=real[:8], fix=f"paths=({real[0]!r},)")
@@ -148,19 +148,19 @@ def _positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
 
 
 @functools.lru_cache(maxsize=16)
-def _lowered(
+def _lower_dual(
     tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
-) -> Flight:
+) -> WalkProgram:
     """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
     example = [np.zeros(shape, dtype) for shape, dtype in shapes]
-    dual = _Dual(tree, always, at, cost, since)
+    dual = _DualRun(tree, always, at, cost, since)
     direction = [example[i] for i in at]
-    begin, state = jax.make_jaxpr(dual.begin, return_shape=True)(example, direction)
+    begin, state = jax.make_jaxpr(dual.initial_state, return_shape=True)(example, direction)
     t = np.int64(0)
     return lower_walk(begin, jax.make_jaxpr(dual.step)(example, direction, state, t, t), 2 * len(since))
 
 
-class _Dual:
+class _DualRun:
     """A run with its derivative along a direction; what is not real has none, and is carried as it is."""
 
     def __init__(
@@ -169,7 +169,7 @@ class _Dual:
         self.tree, self.always, self.at, self.cost, self.since = tree, always, at, cost, since
         self.structure: Any = None
 
-    def whole(self, leaves: list[Any], chosen: list[Any]) -> Any:
+    def insert_values(self, leaves: list[Any], chosen: list[Any]) -> Any:
         mine = list(leaves)
         for i, value in zip(self.at, chosen, strict=True):
             mine[i] = value
@@ -183,17 +183,17 @@ class _Dual:
         pairs = list(zip(found, real, strict=True))
         return [v for v, r in pairs if r], [v for v, r in pairs if not r]
 
-    def together(self, reals: list[Any], others: list[Any]) -> Any:
+    def join_leaves(self, reals: list[Any], others: list[Any]) -> Any:
         tree, real = self.structure
         a, b = iter(reals), iter(others)
         return jax.tree.unflatten(tree, [next(a) if r else next(b) for r in real])
 
     def lean(self, world: Any, autopilot: Any, s: Any, a: Any) -> Any:
-        return world.lean(s, self.always), autopilot.lean(a, self.always)
+        return world.drop_derived_outputs(s, self.always), autopilot.drop_derived_outputs(a, self.always)
 
-    def begin(self, leaves: list[Any], direction: list[Any]) -> Any:
+    def initial_state(self, leaves: list[Any], direction: list[Any]) -> Any:
         def first(chosen: list[Any]) -> Any:
-            world, autopilot, x, key = self.whole(leaves, chosen)
+            world, autopilot, x, key = self.insert_values(leaves, chosen)
             return self.split(self.lean(world, autopilot, *start(world, autopilot, x, key)))
 
         chosen = [leaves[i] for i in self.at]
@@ -205,8 +205,8 @@ class _Dual:
         total, slope, reals, slopes, others = state
 
         def one(chosen: list[Any], reals: list[Any]) -> Any:
-            world, autopilot, _, _ = self.whole(leaves, chosen)
-            s, a = self.together(reals, others)
+            world, autopilot, _, _ = self.insert_values(leaves, chosen)
+            s, a = self.join_leaves(reals, others)
             s, a, seen = instant(world, autopilot, Clock(t, self.always), h, s, a)
             rate = jax.numpy.ravel(jax.numpy.asarray(self.cost(seen), np.float64)) * to_seconds(h)
             now = [jax.numpy.where(t >= first, rate[i], 0.0) for i, first in enumerate(self.since)]

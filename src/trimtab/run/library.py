@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.time import Timetable
-from trimtab.native.build import load
+from trimtab.native.build import load_library
 
 SHORT = 5_000_000
 """Instants of all runs up to which a call is not watched: a second or so."""
 
 
-class Job(ctypes.Structure):
+class FlightJob(ctypes.Structure):
     """What the library is given: the struct `job` of the generated text."""
 
     _fields_ = [
@@ -39,7 +39,7 @@ class Job(ctypes.Structure):
     ]
 
 
-class Flown(NamedTuple):
+class RunResults(NamedTuple):
     """What came of some runs.
 
     log: (runs, rows, width), or None.  stats: (runs, width, 4): least, largest, sum and sum of squares of the logged
@@ -52,21 +52,21 @@ class Flown(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def _entry(path: Path) -> Any:
-    function = load(path).trimtab_fly
-    function.argtypes = [ctypes.POINTER(Job), ctypes.c_int32]
+def _load_entry(path: Path) -> Any:
+    function = load_library(path).trimtab_fly
+    function.argtypes = [ctypes.POINTER(FlightJob), ctypes.c_int32]
     function.restype = ctypes.c_int32
     return function
 
 
-def threads_of(wanted: int | None) -> int:
+def thread_count(wanted: int | None) -> int:
     """How many threads fly: as many as wanted, or as this process has cores."""
     if wanted is not None:
         return max(1, min(wanted, 256))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def fly(
+def fly_runs(
     path: Path,
     shared: Any,
     own: Any,
@@ -78,7 +78,7 @@ def fly(
     stats: bool = False,
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
-) -> Flown:
+) -> RunResults:
     """Fly runs on a library that `Flight.text` was built into.
 
     Args:
@@ -96,22 +96,22 @@ def fly(
     runs, rows = len(own), int((row < len(row)).sum())
     t, h = np.ascontiguousarray(table.t, np.int64), np.ascontiguousarray(table.h, np.int64)
     held = (np.ascontiguousarray(shared, np.float64), np.ascontiguousarray(own, np.float64), t, h, row)
-    flown = Flown(
+    flown = RunResults(
         log=np.empty((runs, rows, width)) if log else None,
         stats=np.empty((runs, width, 4)) if stats else None,
         final=np.empty((runs, count)),
     )
     at = [a.ctypes.data for a in held]
     out = [None if a is None else a.ctypes.data for a in flown]
-    job = Job(at[0], at[1], held[1].shape[1], runs, len(t), rows, at[2], at[3], at[4], *out)
+    job = FlightJob(at[0], at[1], held[1].shape[1], runs, len(t), rows, at[2], at[3], at[4], *out)
     if runs * len(t) < SHORT:
-        _entry(path)(ctypes.byref(job), threads)
+        _load_entry(path)(ctypes.byref(job), threads)
     else:
-        _long(_entry(path), job, threads, progress)
+        _fly_in_thread(_load_entry(path), job, threads, progress)
     return flown
 
 
-def _long(entry: Any, job: Job, threads: int, progress: Callable[[int], None] | None) -> None:
+def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[[int], None] | None) -> None:
     """Fly beside the interpreter, so that Ctrl-C ends it: after the runs that are under way."""
     landed = threading.Event()  # a join that Ctrl-C breaks off takes a thread that still flies for ended
 
@@ -131,6 +131,6 @@ def _long(entry: Any, job: Job, threads: int, progress: Callable[[int], None] | 
         progress(min(job.done, job.runs))
 
 
-def rows_of(written: Any) -> Any:
+def row_numbers(written: Any) -> Any:
     """int32 (n,): the row of each instant that is written, and n for those that are not."""
     return np.where(written, np.cumsum(written) - 1, len(written)).astype(np.int32)

@@ -9,7 +9,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, children, is_record, leaves
 from trimtab.core.time import timetable, to_seconds
 from trimtab.logs.log import Log, provenance
-from trimtab.run.library import Flown, fly, rows_of
+from trimtab.run.library import RunResults, fly_runs, row_numbers
 
 
 class Column(NamedTuple):
@@ -18,7 +18,7 @@ class Column(NamedTuple):
     path: str
     shape: tuple[int, ...]
     dtype: str
-    declared: Quantity | None = None
+    declaration: Quantity | None = None
 
 
 class Program(NamedTuple):
@@ -30,7 +30,7 @@ class Program(NamedTuple):
     """
 
     library: Path
-    shared: Any
+    shared_inputs: Any
     words: tuple[int, int]
     periods: tuple[int, ...]
     duration: int
@@ -43,12 +43,12 @@ class Program(NamedTuple):
         """One run, as `simulate` gives it."""
         table = timetable(self.periods, self.duration, self.max_step)
         written = table.t % log_period == 0
-        shared = self.shared.copy()
+        shared = self.shared_inputs.copy()
         shared[list(self.words)] = seed, run
-        widths = width_of(self.columns), width_of(self.final)
-        flown = fly(self.library, shared, np.empty((1, 0)), table, rows_of(written), widths)
+        widths = row_width(self.columns), row_width(self.final)
+        flown = fly_runs(self.library, shared, np.empty((1, 0)), table, row_numbers(written), widths)
         metadata = self.metadata | {"seed": seed, "run": run, "log_period_s": to_seconds(log_period)}
-        return log_of(self, flown, 0, table.t[written], metadata)
+        return make_log(self, flown, 0, table.t[written], metadata)
 
 
 def check_seed(seed: int) -> None:
@@ -57,12 +57,12 @@ def check_seed(seed: int) -> None:
         raise InputError("--seed", f"{seed} is not in 0 … {2**32 - 1}", fix="--seed 0")
 
 
-def width_of(columns: list[Column]) -> int:
+def row_width(columns: list[Column]) -> int:
     """How many numbers some columns take."""
     return sum(int(np.prod(c.shape)) for c in columns)
 
 
-def split(rows: Any, columns: list[Column]) -> dict[str, Any]:
+def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
     """Columns by path, each in its own type and shape, of rows (..., width); what has its type already is a view."""
     found, start = {}, 0
     for c in columns:
@@ -72,41 +72,41 @@ def split(rows: Any, columns: list[Column]) -> dict[str, Any]:
     return found
 
 
-def log_of(program: Program, flown: Flown, run: int, ticks: Any, metadata: dict[str, Any]) -> Log:
+def make_log(program: Program, flown: RunResults, run: int, ticks: Any, metadata: dict[str, Any]) -> Log:
     """The log of one of the runs."""
-    signals = split(flown.log[run], program.columns)
-    final = split(flown.final[run], program.final)
+    signals = split_columns(flown.log[run], program.columns)
+    final = split_columns(flown.final[run], program.final)
     return Log(
         t=to_seconds(ticks),
         ticks=ticks,
         signals=signals,
-        declared={c.path: c.declared for c in program.columns if c.declared is not None},
+        declarations={c.path: c.declaration for c in program.columns if c.declaration is not None},
         metadata=metadata | {"backend": "c"},
         final={path: value[()] for path, value in final.items() if path.startswith("truth.")},
     )
 
 
-def described(scenario: Any) -> dict[str, Any]:
+def describe_scenario(scenario: Any) -> dict[str, Any]:
     """What a log says of its scenario."""
     return {
         "scenario": scenario.name,
         "duration_s": to_seconds(scenario.duration),
-        "parameters": {p: plain_leaf(v) for p, v, _ in leaves(scenario)},
-        "parts": parts_of(scenario),
+        "parameters": {p: plain_setting(v) for p, v, _ in leaves(scenario)},
+        "parts": part_classes(scenario),
         **provenance(),
     }
 
 
-def parts_of(tree: Any, path: str = "") -> dict[str, str]:
+def part_classes(tree: Any, path: str = "") -> dict[str, str]:
     """Path of each record below a tree -> the name of its class."""
     found = {}
     for name, child, _ in children(tree):
         here = f"{path}.{name}" if path else name
-        found |= ({here: type(child).__name__} if is_record(child) else {}) | parts_of(child, here)
+        found |= ({here: type(child).__name__} if is_record(child) else {}) | part_classes(child, here)
     return found
 
 
-def plain_leaf(value: Any) -> Any:
+def plain_setting(value: Any) -> Any:
     """A quantity or an option as a log's metadata has it."""
     if isinstance(value, str | bool | int) or value is None:
         return value

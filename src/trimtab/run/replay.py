@@ -11,24 +11,24 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
-from trimtab.core.time import show, to_seconds
-from trimtab.export.export_c import Block, Outputs, autopilot_step, paths_of
+from trimtab.core.time import format_time, to_seconds
+from trimtab.export.export_c import AutopilotBlock, AutopilotOutput, autopilot_step, leaf_paths
 from trimtab.logs.log import Log, provenance
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.structure import like, strong
+from trimtab.loop.structure import cast_like, strengthen_types
 from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
-from trimtab.run.prepare import use_c
+from trimtab.run.prepare import choose_c
 from trimtab.run.program import check_seed
 
-COUNTERS = ("log.dropped", "log.unwritten")
+LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 """What a flight's log counts: rows that it lacks."""
 
 
-class Steps(NamedTuple):
+class RecordedSteps(NamedTuple):
     """Control steps, from the first on and without a gap.
 
     rows: of the log (n,).  inputs: float64 (n, width), what each step was given.  rest: why it ends, or nothing.
@@ -36,10 +36,10 @@ class Steps(NamedTuple):
 
     rows: Any
     inputs: Any
-    rest: str
+    end_reason: str
 
 
-def recorded_steps(log: Log, frames: list[str], period: int) -> Steps:
+def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
     """The steps of a log, as far as it holds all of them.
 
     Args:
@@ -52,14 +52,14 @@ def recorded_steps(log: Log, frames: list[str], period: int) -> Steps:
     """
     if not len(log):
         raise InputError("replay", "the log holds no step", fix="give a log with at least one row")
-    rows, rest = _flown(log) if COUNTERS[0] in log else _simulated(log, period)
+    rows, rest = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
     if log.metadata.get("truncated") and not rest:
         rest = f"the log is cut at {log.t[-1]:g} s"
-    columns = [np.asarray(_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
-    return Steps(rows, np.concatenate(columns, axis=1), rest)
+    columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
+    return RecordedSteps(rows, np.concatenate(columns, axis=1), rest)
 
 
-def _column(log: Log, path: str) -> Any:
+def _frame_column(log: Log, path: str) -> Any:
     if path == "t":
         return log.ticks
     name = "downlink" + path.removeprefix("samples")
@@ -71,9 +71,9 @@ def _column(log: Log, path: str) -> Any:
     return log[name]
 
 
-def _flown(log: Log) -> tuple[Any, str]:
+def _find_flight_steps(log: Log) -> tuple[Any, str]:
     """Every row is a step; where rows are missing, what follows can't be repeated."""
-    missing = np.sum([log[name] for name in COUNTERS if name in log], axis=0)
+    missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
         raise InputError("replay", f"the log lacks its first {missing[0]} steps", fix="give a log from the start on")
     whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
@@ -81,7 +81,7 @@ def _flown(log: Log) -> tuple[Any, str]:
     return np.arange(whole), rest
 
 
-def _simulated(log: Log, period: int) -> tuple[Any, str]:
+def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
     """Of each control instant there must be a row."""
     rows = np.flatnonzero(log.ticks % period == 0)
     ticks = log.ticks[rows]
@@ -90,8 +90,8 @@ def _simulated(log: Log, period: int) -> tuple[Any, str]:
         raise InputError("replay", problem, fix="give the log from the start of the run on")
     if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
         usual = int(np.median(np.diff(log.ticks)))
-        problem = f"the log has a row each {show(usual)}, the autopilot makes a step each {show(period)}"
-        raise InputError("replay", problem, fix=f"record again with --log-period '{show(period)}'")
+        problem = f"the log has a row each {format_time(usual)}, the autopilot makes a step each {format_time(period)}"
+        raise InputError("replay", problem, fix=f"record again with --log-period '{format_time(period)}'")
     return rows, ""
 
 
@@ -116,12 +116,12 @@ class Difference(NamedTuple):
     worst: dict[str, float]
 
     @property
-    def equal(self) -> bool:
+    def is_equal(self) -> bool:
         """Whether all real numbers agree up to the first switch."""
         return self.number is None
 
 
-def difference(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
+def compare_logs(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
     """Compare two logs signal by signal.
 
     Args:
@@ -139,19 +139,19 @@ def difference(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
         raise InputError("difference", f"only one of the logs has {apart[0]!r}", fix="log the same signals")
     real = [p for p in one.paths if one[p].dtype.kind == "f"]
     whole = [p for p in one.paths if p not in real]
-    switch = _first(one, other, [(p, _apart(one[p], other[p])) for p in whole], len(one))
+    switch = _first_difference(one, other, [(p, _differing_rows(one[p], other[p])) for p in whole], len(one))
     until = len(one) if switch is None else int(np.searchsorted(one.t, switch[0]))
-    worst, off, largest = {}, [], _largest(one, real)
+    worst, off, largest = {}, [], _largest_by_unit(one, real)
     for path in real:
-        gap = _gap(one[path][:until], other[path][:until])
+        gap = _largest_gap(one[path][:until], other[path][:until])
         size = max(float(np.nanmax(np.abs(one[path]), initial=0.0)), 1e-3)
         worst[path] = float(gap.max(initial=0.0)) / size
         rounding = ROUNDINGS * float(np.spacing(largest[one.unit(path)]))
         off.append((path, gap > max(tolerance * size, rounding)))
-    return Difference(until, switch, _first(one, other, off, until), worst)
+    return Difference(until, switch, _first_difference(one, other, off, until), worst)
 
 
-def _largest(log: Log, paths: list[str]) -> dict[str, float]:
+def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
     """Unit -> largest finite size of the signals that have it."""
     found: dict[str, float] = {}
     for path in paths:
@@ -160,7 +160,7 @@ def _largest(log: Log, paths: list[str]) -> dict[str, float]:
     return found
 
 
-def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Largest difference at each instant; NaN equals NaN and nothing else."""
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
@@ -168,11 +168,11 @@ def _gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(gap), np.inf, gap).reshape(len(a), -1).max(axis=1, initial=0.0)
 
 
-def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a != b).reshape(len(a), -1).any(axis=1)
 
 
-def _first(
+def _first_difference(
     one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int
 ) -> tuple[float, str, float, float] | None:
     found = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
@@ -206,15 +206,15 @@ class Replay(NamedTuple):
     changed: another autopilot was flown, so that nothing need be equal.
     """
 
-    recorded: Log
-    replayed: Log
+    recorded_log: Log
+    replayed_log: Log
     exact: bool
     strict: bool
     equal: bool
     first: Divergence | None
     worst: dict[str, float]
     backend: str
-    rest: str
+    end_reason: str
     changed: bool
 
 
@@ -239,20 +239,20 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
     check_seed(seed)
     check_seed(run)
-    made: list[tuple[Block, FastStep]] = []
+    made: list[tuple[AutopilotBlock, FastStep]] = []
 
     def ready() -> None:
         block = autopilot_step(flown, "autopilot", "f64", seed, run)
         made.append((block, FastStep(block.exported)))
 
-    in_c = use_c(backend, ready)
-    frames = made[0][0].inputs if in_c else paths_of(_first_frame(flown, seed, run)[0])
-    steps = recorded_steps(log, frames, flown.autopilot.period)
-    outputs = _fly_c(*made[0], steps) if in_c else _fly_jax(flown, seed, run, steps)
-    return _compared(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
+    in_c = choose_c(backend, ready)
+    frames = made[0][0].inputs if in_c else leaf_paths(_zero_frame(flown, seed, run)[0])
+    steps = find_steps(log, frames, flown.autopilot.period)
+    outputs = _replay_c(*made[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
+    return _compare_outputs(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
 
 
-def _fly_c(block: Block, step: FastStep, steps: Steps) -> dict[str, Any]:
+def _replay_c(block: AutopilotBlock, step: FastStep, steps: RecordedSteps) -> dict[str, Any]:
     """Outputs by path, (n, …), from the compiled step."""
     given, taken = step.inputs, step.outputs
     rows = np.empty((len(steps.inputs), len(taken)))
@@ -267,17 +267,17 @@ def _fly_c(block: Block, step: FastStep, steps: Steps) -> dict[str, Any]:
     return found
 
 
-def _first_frame(scenario: Scenario, seed: int, run: int) -> tuple[Frame, Any, Any]:
+def _zero_frame(scenario: Scenario, seed: int, run: int) -> tuple[Frame, Any, Any]:
     """A frame of zeros, the autopilot as numbers, and its first state."""
-    world, autopilot, x = numeric(scenario.world), numeric(scenario.autopilot), numeric(scenario.initial)
+    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
     state, first = start(world, autopilot, x, Key(np.uint32(seed), np.uint32(run)))
     frame = Frame(t=np.int64(0), samples=state.received)
     return jax.tree.map(lambda v: np.zeros(np.shape(v), v.dtype), frame), autopilot, first
 
 
-def _fly_jax(scenario: Scenario, seed: int, run: int, steps: Steps) -> dict[str, Any]:
+def _replay_jax(scenario: Scenario, seed: int, run: int, steps: RecordedSteps) -> dict[str, Any]:
     """Outputs by path, (n, …), from a scan."""
-    frame, autopilot, first = _first_frame(scenario, seed, run)
+    frame, autopilot, first = _zero_frame(scenario, seed, run)
     shapes, tree = jax.tree.flatten(frame)
     columns, at = [], 0
     for leaf in shapes:
@@ -290,15 +290,19 @@ def _fly_jax(scenario: Scenario, seed: int, run: int, steps: Steps) -> dict[str,
     def fly(a: Any, state: Any, frames: Frame) -> Any:
         def body(s: Any, given: Frame) -> Any:
             after, command = a.step(given.t, s, given)
-            return like(a.lean(after, always), s), Outputs(command=command, estimate=after.estimate, law=after.output)
+            return cast_like(a.drop_derived_outputs(after, always), s), AutopilotOutput(
+                command=command, estimate=after.estimate, law=after.output
+            )
 
         return jax.lax.scan(body, state, frames)[1]
 
-    outputs = fly(autopilot, strong(autopilot.lean(first, always)), jax.tree.unflatten(tree, columns))
-    return dict(zip(paths_of(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
+    outputs = fly(
+        autopilot, strengthen_types(autopilot.drop_derived_outputs(first, always)), jax.tree.unflatten(tree, columns)
+    )
+    return dict(zip(leaf_paths(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
 
 
-def _compared(log: Log, steps: Steps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
+def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
     order = ("estimate", "law", "supervisor", "command")
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
@@ -309,28 +313,28 @@ def _compared(log: Log, steps: Steps, outputs: dict[str, Any], backend: str, *, 
     was = {p: log[p][steps.rows] for p in shared}
     with np.errstate(invalid="ignore"):
         now = {p: outputs[p].astype(log[p].dtype if p in log else outputs[p].dtype) for p in paths}
-    declared = {p: d for p, d in log.declared.items() if p in now}
-    recorded = Log(t=to_seconds(ticks), ticks=ticks, signals=was, declared=declared, metadata=log.metadata)
-    replayed = Log(t=to_seconds(ticks), ticks=ticks, signals=now, declared=declared, metadata=about)
+    declared = {p: d for p, d in log.declarations.items() if p in now}
+    recorded = Log(t=to_seconds(ticks), ticks=ticks, signals=was, declarations=declared, metadata=log.metadata)
+    replayed = Log(t=to_seconds(ticks), ticks=ticks, signals=now, declarations=declared, metadata=about)
     machine = provenance()["machine"]
     strict = backend == log.metadata.get("backend") and log.metadata.get("machine", machine) == machine
-    made = Replay(recorded, replayed, False, strict, True, None, {}, backend, steps.rest, changed)
+    made = Replay(recorded, replayed, False, strict, True, None, {}, backend, steps.end_reason, changed)
     if changed:
         return made
     same = replace_signals(replayed, {p: now[p] for p in shared})
-    bit, near = first_bit(recorded, same), difference(recorded, same, TOLERANCE)
+    bit, near = first_bit_difference(recorded, same), compare_logs(recorded, same, TOLERANCE)
     made = made._replace(exact=bit is None, worst=near.worst)
-    if bit is None or (not strict and near.equal):
+    if bit is None or (not strict and near.is_equal):
         return made
     return made._replace(equal=False, first=Divergence(*near.number) if near.number and not strict else bit)
 
 
 def replace_signals(log: Log, signals: dict[str, Any]) -> Log:
     """The same instants with other signals."""
-    return Log(t=log.t, ticks=log.ticks, signals=signals, declared=log.declared, metadata=log.metadata)
+    return Log(t=log.t, ticks=log.ticks, signals=signals, declarations=log.declarations, metadata=log.metadata)
 
 
-def first_bit(one: Log, other: Log) -> Divergence | None:
+def first_bit_difference(one: Log, other: Log) -> Divergence | None:
     """The first instant, and the first signal of it, at which two logs of the same signals are not the same bits.
 
     Not a number is equal to itself, whatever its other bits, for a log does not keep those; -0.0 is not equal to 0.0.
@@ -352,9 +356,9 @@ def first_bit(one: Log, other: Log) -> Divergence | None:
     return Divergence(float(one.t[k]), path, float(np.ravel(one[path][k])[j]), float(np.ravel(other[path][k])[j]))
 
 
-def describe(found: Replay) -> str:
+def describe_replay(found: Replay) -> str:
     """The outcome in a sentence."""
-    steps = f"{len(found.recorded)} steps"
+    steps = f"{len(found.recorded_log)} steps"
     if found.changed:
         return f"{steps} flown with another autopilot"
     if found.exact:

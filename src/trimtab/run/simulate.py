@@ -11,11 +11,11 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import Signals, Walked, logged, walk
+from trimtab.loop.walk import Signals, WalkResult, logged_signals, walk
 from trimtab.run import compiled
 from trimtab.run.batch import simulate_batch
-from trimtab.run.prepare import check_signals, inputs, prepared, use_c
-from trimtab.run.program import Program, described
+from trimtab.run.prepare import check_signals, choose_c, prepare_run, run_inputs
+from trimtab.run.program import Program, describe_scenario
 
 
 def simulate(
@@ -46,23 +46,23 @@ def simulate(
     Raises:
         InputError: a value, a period, a name or a pair of parts that can't be flown, with the fix.
     """
-    scenario, table, written = prepared(scenario, [seed, run], duration, log_period)
-    whole = inputs(scenario, seed, run)
+    scenario, table, written = prepare_run(scenario, [seed, run], duration, log_period)
+    whole = run_inputs(scenario, seed, run)
     made: list[Program] = []
-    if use_c(backend, lambda: made.append(_program(scenario, whole, table.always, signals))):
+    if choose_c(backend, lambda: made.append(_compile_program(scenario, whole, table.always, signals))):
         return made[0].fly(seed, run, log_period)
     rows = int(written.sum())
     index = np.where(written, np.cumsum(written) - 1, rows).astype(np.int32)
-    walked = _compiled(whole, (table.t, table.h, index), rows, table.always, signals)
-    check_signals(walked.seen, signals)
+    walked = _walk_jax(whole, (table.t, table.h, index), rows, table.always, signals)
+    check_signals(walked.template, signals)
     about = {"seed": seed, "run": run, "log_period_s": to_seconds(log_period)}
-    return _log(described(scenario) | about, walked, table.t[written], signals)
+    return _make_walk_log(describe_scenario(scenario) | about, walked, table.t[written], signals)
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
     """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
-    scenario, table, _ = prepared(scenario, [], duration, ms(1))
-    return _program(scenario, inputs(scenario, 0, 0), table.always, signals)
+    scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
+    return _compile_program(scenario, run_inputs(scenario, 0, 0), table.always, signals)
 
 
 def simulate_many(
@@ -77,7 +77,7 @@ def simulate_many(
 ) -> list[Log]:
     """`simulate` for many seeds at once, one log each; row i is equal to the single run of seeds[i]."""
     chosen = list(seeds)
-    scenario, _, _ = prepared(scenario, chosen, duration, log_period)
+    scenario, _, _ = prepare_run(scenario, chosen, duration, log_period)
     if not chosen:
         return []
     batch = simulate_batch(
@@ -89,14 +89,14 @@ def simulate_many(
         backend=backend,
         threads=threads,
     )
-    shared = described(scenario) | {"run": 0, "log_period_s": to_seconds(log_period), "backend": batch.backend}
-    declared = {c.path: c.declared for c in batch.columns if c.declared is not None}
+    shared = describe_scenario(scenario) | {"run": 0, "log_period_s": to_seconds(log_period), "backend": batch.backend}
+    declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
     return [
         Log(
             t=to_seconds(batch.ticks),
             ticks=batch.ticks,
             signals={path: values[i] for path, values in batch.log.items()},
-            declared=declared,
+            declarations=declared,
             metadata=shared | {"seed": seed},
             final={path: values[i] for path, values in batch.final.items()},
         )
@@ -104,30 +104,30 @@ def simulate_many(
     ]
 
 
-def _program(scenario: Scenario, whole: Any, always: frozenset[int], signals: tuple[str, ...]) -> Program:
-    check_signals(compiled.lowered(compiled.structure(whole, always, signals)).signals, signals)
-    return compiled.program(scenario, whole, always, signals)
+def _compile_program(scenario: Scenario, whole: Any, always: frozenset[int], signals: tuple[str, ...]) -> Program:
+    check_signals(compiled.lower_structure(compiled.program_structure(whole, always, signals)).signals, signals)
+    return compiled.compile_program(scenario, whole, always, signals)
 
 
 @functools.partial(jax.jit, static_argnums=(2, 3, 4))
-def _compiled(fly: Any, instants: Any, rows: int, always: frozenset[int], signals: tuple[str, ...]) -> Walked:
+def _walk_jax(fly: Any, instants: Any, rows: int, always: frozenset[int], signals: tuple[str, ...]) -> WalkResult:
     world, autopilot, x, key = fly
     return walk(world, autopilot, x, key, instants, rows, always, signals)
 
 
-def _log(metadata: dict[str, Any], walked: Walked, ticks: Any, wanted: tuple[str, ...]) -> Log:
-    signals, declared = _unpack(np.asarray(walked.rows), walked.seen, wanted)
+def _make_walk_log(metadata: dict[str, Any], walked: WalkResult, ticks: Any, wanted: tuple[str, ...]) -> Log:
+    signals, declared = _unpack_rows(np.asarray(walked.rows), walked.template, wanted)
     final = {f"truth.{p}": np.asarray(v)[()] for p, v, _ in leaves(walked.x)}
     about = metadata | {"backend": "jax"}
-    return Log(t=to_seconds(ticks), ticks=ticks, signals=signals, declared=declared, metadata=about, final=final)
+    return Log(t=to_seconds(ticks), ticks=ticks, signals=signals, declarations=declared, metadata=about, final=final)
 
 
-def _unpack(rows: Any, seen: Signals, wanted: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Quantity]]:
+def _unpack_rows(rows: Any, seen: Signals, wanted: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Quantity]]:
     """Columns of the log by path, each in its own type, and what they mean."""
     signals: dict[str, Any] = {}
     declared: dict[str, Quantity] = {}
     start = 0
-    for path, value, meaning in logged(seen, wanted):
+    for path, value, meaning in logged_signals(seen, wanted):
         shape, dtype = np.shape(value), np.asarray(value).dtype
         stop = start + int(np.prod(shape))
         signals[path] = rows[:, start:stop].reshape(len(rows), *shape).astype(dtype)

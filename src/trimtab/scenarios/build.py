@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
-from trimtab.links.fifo import slots_needed
+from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
-from trimtab.loop.faults import injected
+from trimtab.loop.faults import inject_faults
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
@@ -20,7 +20,7 @@ from trimtab.scenarios import catalogue
 LINKS = ("uplink", "downlink")
 
 
-def with_recordings(scenario: Scenario, settings: Mapping[str, str]) -> tuple[Scenario, dict[str, str]]:
+def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> tuple[Scenario, dict[str, str]]:
     """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` name; the other settings.
 
     Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
@@ -35,7 +35,7 @@ def with_recordings(scenario: Scenario, settings: Mapping[str, str]) -> tuple[Sc
                 fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
                 raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
             trace, each = read_trace(file), getattr(own, "send_period", own.period)
-            slots = slots_needed(float(trace.latency_s.max()), each, ms(1))
+            slots = required_slots(float(trace.latency_s.max()), each, ms(1))
             link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
             world = replace(world, **{name: link})
     return replace(scenario, world=world), rest
@@ -54,27 +54,27 @@ def build(
 
     Raises: InputError with what to type instead.
     """
-    scenario, rest = catalogue.load(name, settings or {})
+    scenario, rest = catalogue.load_scenario(name, settings or {})
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(name)
-    scenario, rest = with_recordings(scenario, rest)
+    scenario, rest = replace_links_by_recordings(scenario, rest)
     _refuse_choices(name, scenario, rest)
     scenario = with_settings(scenario, rest)
     for imperfection in without:
         scenario = scenario.without(imperfection)
     broken = list(faults)
     if broken:
-        scenario = injected(scenario, broken)
+        scenario = inject_faults(scenario, broken)
     scenario.check()
     return scenario
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
     """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], [*catalogue.arguments(name), *LINKS]
+    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], [*catalogue.scenario_choices(name), *LINKS]
     for wrong in [n for n in rest if "." not in n and n not in settings]:
         problem = f"scenario {name!r} has no such choice and no such setting"
         fix = f"trimtab list {name}  shows every setting by its path"
@@ -82,7 +82,7 @@ def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> N
 
 
 def _refuse_navigation(name: str) -> None:
-    chosen = {n: catalogue.arguments(n).get("navigation", ()) for n in catalogue.names()}
+    chosen = {n: catalogue.scenario_choices(n).get("navigation", ()) for n in catalogue.scenario_names()}
     offer = [n for n, choices in chosen.items() if choices]
     problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
     fix = f"leave it out; what can be chosen here:  trimtab list {name}"

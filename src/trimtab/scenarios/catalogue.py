@@ -19,7 +19,7 @@ from trimtab.core.errors import InputError, closest
 FOLDER = Path(__file__).parent
 
 
-def names() -> dict[str, str]:
+def scenario_names() -> dict[str, str]:
     """Name of each scenario -> first line of its docstring; read from the files, nothing is imported."""
     found = {}
     for file in sorted(FOLDER.glob("*/*.py")):
@@ -29,15 +29,15 @@ def names() -> dict[str, str]:
     return found
 
 
-def load(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dict[str, str]]:
+def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dict[str, str]]:
     """The scenario of a name, and the settings that are not arguments of its function.
 
     Args:
         name: in the catalogue, or ``module:function``, or ``file.py:function``.
         settings: text by path; those without a dot that name an argument of the function are passed to it.
     """
-    build = _function(name)
-    arguments = _arguments(build)
+    build = _find_function(name)
+    arguments = _argument_choices(build)
     given, rest = {}, {}
     for path, text in (settings or {}).items():
         if path not in arguments:
@@ -51,20 +51,20 @@ def load(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dic
     return build(**given), rest
 
 
-def arguments(name: str) -> dict[str, tuple[str, ...]]:
+def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
     """The choices that a scenario's function offers, e.g. {"initial": ("moving", "rest")}."""
-    return _arguments(_function(name))
+    return _argument_choices(_find_function(name))
 
 
-def _arguments(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
+def _argument_choices(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
     hints = typing.get_type_hints(build)
     return {n: typing.get_args(hints.get(n)) for n in inspect.signature(build).parameters}
 
 
-def _function(name: str) -> Callable[..., Any]:
+def _find_function(name: str) -> Callable[..., Any]:
     if ":" in name:
-        return _foreign(name)
-    known = names()
+        return _load_outside_function(name)
+    known = scenario_names()
     if name not in known:
         near = closest(name, known, 1)
         fix = f"trimtab run {near[0]}" if near else "trimtab list  shows them all; your own is  file.py:function"
@@ -73,9 +73,9 @@ def _function(name: str) -> Callable[..., Any]:
     return importlib.import_module(module).scenario
 
 
-def _foreign(name: str) -> Callable[..., Any]:
+def _load_outside_function(name: str) -> Callable[..., Any]:
     where, _, attribute = name.rpartition(":")
-    module = _file(name, Path(where)) if where.endswith(".py") else _module(name, where)
+    module = _load_file(name, Path(where)) if where.endswith(".py") else _load_module(name, where)
     build = getattr(module, attribute or "scenario", None)
     if not callable(build):
         functions = [n for n, f in vars(module).items() if inspect.isfunction(f) and f.__module__ == module.__name__]
@@ -84,7 +84,7 @@ def _foreign(name: str) -> Callable[..., Any]:
     return build
 
 
-def _file(name: str, path: Path) -> Any:
+def _load_file(name: str, path: Path) -> Any:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"scenario {name!r}", f"there is no file {str(path)!r}", fix="give the path of a .py file")
@@ -94,7 +94,7 @@ def _file(name: str, path: Path) -> Any:
     return module
 
 
-def _module(name: str, where: str) -> Any:
+def _load_module(name: str, where: str) -> Any:
     if "" not in sys.path:
         sys.path.insert(0, "")
     try:

@@ -10,19 +10,19 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves, with_leaf
 from trimtab.logs.log import Log
-from trimtab.loop.pilot_script import listening
+from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
-from trimtab.run.program import parts_of, plain_leaf
+from trimtab.run.program import part_classes, plain_setting
 from trimtab.scenarios import catalogue
 
-MATTERS = ("autopilot", "world.sensors")
+COMPARED_PATHS = ("autopilot", "world.sensors")
 """What a replay needs as it was: what flies, and what it is given. The rest of the world is only kept if it fits."""
 
 
 SETTING = "a setting"
 
 
-def recorded_scenario(log: Log, name: str | None = None) -> Scenario:
+def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     """Build a log's scenario again.
 
     The choices that its function offers are tried until all parts and settings are the recorded ones, or else those of
@@ -42,75 +42,77 @@ def recorded_scenario(log: Log, name: str | None = None) -> Scenario:
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
         raise InputError("replay", f"the log does not say {missing}", fix=fix)
     parts = log.metadata.get("parts")
-    wanted = _shape(settings, parts)
+    wanted = _setting_classes(settings, parts)
     best: Scenario | None = None
-    for found in _as_flown(_candidates(chosen, given=name is not None)):
-        here = _shape(dict.fromkeys(p for p, _, _ in leaves(found)), parts_of(found) if parts else None)
+    for found in _add_live_variants(_candidates(chosen, given=name is not None)):
+        here = _setting_classes(dict.fromkeys(p for p, _, _ in leaves(found)), part_classes(found) if parts else None)
         if here == wanted:
-            return _with_values(found, settings)
-        if _narrow(here) == _narrow(wanted):
+            return _set_values(found, settings)
+        if _keep_compared(here) == _keep_compared(wanted):
             best = best or found
     if best is None:
-        raise _differs(chosen, wanted, parts)
-    return _with_values(best, settings)
+        raise _difference_error(chosen, wanted, parts)
+    return _set_values(best, settings)
 
 
 def _candidates(name: str, *, given: bool) -> Iterator[Scenario]:
     """The scenario with its defaults, then with every combination of its choices."""
     try:
-        offered = catalogue.arguments(name)
+        offered = catalogue.scenario_choices(name)
     except InputError as error:
         if given:
             raise
         fix = "name the recorded scenario: --scenario file.py:function"
         raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
-    yield catalogue.load(name)[0]
+    yield catalogue.load_scenario(name)[0]
     if all(offered.values()):
         for values in itertools.product(*offered.values()):
             with contextlib.suppress(InputError):  # choices that don't go together
-                yield catalogue.load(name, dict(zip(offered, values, strict=True)))[0]
+                yield catalogue.load_scenario(name, dict(zip(offered, values, strict=True)))[0]
 
 
-def _as_flown(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
+def _add_live_variants(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
     """Each one, and as `fly` has it, which can be asked to hold or to end."""
     for found in candidates:
         yield found
-        asked = listening(found)
+        asked = add_pilot_sensor(found)
         if asked is not found:
             yield asked
 
 
-def _shape(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
+def _setting_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
     """The paths of settings, and the class of each part where it is known."""
     return dict.fromkeys(settings, SETTING) | dict(parts or {})
 
 
-def _narrow(shape: dict[str, str]) -> dict[str, str]:
-    return {path: kind for path, kind in shape.items() if path.startswith(MATTERS)}
+def _keep_compared(shape: dict[str, str]) -> dict[str, str]:
+    return {path: kind for path, kind in shape.items() if path.startswith(COMPARED_PATHS)}
 
 
-def _with_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
+def _set_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
     """Every setting that there is, as recorded: floats to the bit."""
     for path, old, declared in list(leaves(scenario)):
-        if path not in settings or plain_leaf(old) == settings[path]:
+        if path not in settings or plain_setting(old) == settings[path]:
             continue
         value = settings[path]
         if isinstance(declared, Quantity):
             value = np.asarray(value, declared.dtype()) if isinstance(value, list) else value
         elif isinstance(old, tuple):
-            value = _tuples(value)
+            value = _lists_to_tuples(value)
         scenario = with_leaf(scenario, path, lambda _old, _declared, value=value: value)
     return scenario
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+def _lists_to_tuples(value: Any) -> Any:
+    return tuple(_lists_to_tuples(v) for v in value) if isinstance(value, list) else value
 
 
-def _differs(name: str, wanted: dict[str, str], parts: Any) -> InputError:
-    found = catalogue.load(name)[0]
-    here = _narrow(_shape(dict.fromkeys(p for p, _, _ in leaves(found)), parts_of(found) if parts else None))
-    wanted = _narrow(wanted)
+def _difference_error(name: str, wanted: dict[str, str], parts: Any) -> InputError:
+    found = catalogue.load_scenario(name)[0]
+    here = _keep_compared(
+        _setting_classes(dict.fromkeys(p for p, _, _ in leaves(found)), part_classes(found) if parts else None)
+    )
+    wanted = _keep_compared(wanted)
     apart = min(p for p in {*here, *wanted} if here.get(p) != wanted.get(p))
     was, now = wanted.get(apart, "missing"), here.get(apart, "missing")
     problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {apart} was {was}, is {now}"

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 from trimtab.core.record import period, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Sample, measured
+from trimtab.core.signals import Sample, new_sample
 from trimtab.core.time import ms
 
 
@@ -33,4 +33,4 @@ class ActingInput:
 
     def step(self, t: Any, state: tuple[()], u: Any) -> tuple[tuple[()], Sample]:
         """The sample at integer time t."""
-        return state, measured(t, self.measure(u))
+        return state, new_sample(t, self.measure(u))

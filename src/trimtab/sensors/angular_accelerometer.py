@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms, to_seconds
 
 
@@ -63,4 +63,4 @@ class AngularAccelerometer:
         """The sample at integer time t."""
         w, _ = normal2(state, t // self.period)
         seen = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
-        return state, measured(t, AngularAccelerationReading(pitch_acceleration=seen))
+        return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=seen))

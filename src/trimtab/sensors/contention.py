@@ -46,7 +46,7 @@ class Exchange:
     collided: Scalar = quantity("1", "Whether it was sent together with another.", kind="flag")
 
 
-def exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
+def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
     """Let stations answer over one channel.
 
     Args:
@@ -74,7 +74,7 @@ def exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any
         together = waiting & (when <= now + sense.blind_time) & ~blocked
         alone = jnp.sum(together) == 1
         over = when + message
-        when = jnp.where(own & waiting & blocked, now + wait(sense, again), when)
+        when = jnp.where(own & waiting & blocked, now + random_wait(sense, again), when)
         return (
             when,
             waiting & ~together,
@@ -85,11 +85,11 @@ def exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any
         )
 
     no = jnp.zeros(n, np.bool_)
-    start = (ready + wait(sense, first), jnp.asarray(speaks), jnp.asarray(-1.0), jnp.zeros(n), no, no)
+    start = (ready + random_wait(sense, first), jnp.asarray(speaks), jnp.asarray(-1.0), jnp.zeros(n), no, no)
     _, _, _, end, hit, collided = jax.lax.fori_loop(0, sense.attempts, attempt, start)
     return Exchange(received=hit, end=end, collided=collided)
 
 
-def wait(sense: CarrierSense, u: Any) -> Any:
+def random_wait(sense: CarrierSense, u: Any) -> Any:
     """A wait (s) out of a uniform number in (0, 1)."""
     return (1.0 + jnp.floor(u * sense.longest_wait)) * sense.byte_time

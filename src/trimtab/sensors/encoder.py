@@ -9,7 +9,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, period, quantity, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 
 
@@ -65,4 +65,4 @@ class Encoder:
         count = jnp.floor(shifted / grain)
         angle = jnp.where(coarse, (count + 0.5) * grain, shifted)
         reading = AngleReading(angle=angle, count=jnp.where(coarse, count, 0.0).astype(np.int32))
-        return state, measured(t, reading)
+        return state, new_sample(t, reading)

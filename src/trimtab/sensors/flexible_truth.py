@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Sample, measured
+from trimtab.core.signals import Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.vehicles.hypersonic import HypersonicState
 
@@ -49,4 +49,4 @@ class FlexibleTruth:
 
     def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
         """The sample at integer time t."""
-        return state, measured(t, self.measure(x))
+        return state, new_sample(t, self.measure(x))

@@ -6,7 +6,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 
 
@@ -81,4 +81,4 @@ class FlightStateSensor:
             alpha=true.alpha + self.alpha_noise * w3,
             pitch_rate=true.pitch_rate + self.pitch_rate_noise * w4,
         )
-        return state, measured(t, seen)
+        return state, new_sample(t, seen)

@@ -11,7 +11,7 @@ import numpy as np
 
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, period, quantity, record
-from trimtab.core.second_order import Section, SectionState, at_rest, filtered
+from trimtab.core.second_order import Section, SectionState, filter_sample, steady_state
 from trimtab.core.time import ms, to_seconds
 
 TICK = ms("6.5536")
@@ -39,11 +39,11 @@ class IdentifiedGyro:
 
     def start(self, u: Any) -> SectionState:
         """The memory after a constant rate u for all time."""
-        return at_rest(self.section(), u)
+        return steady_state(self.section(), u)
 
     def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
         """The next memory, and the output for the newest rate u."""
-        return filtered(self.section(), state, u)
+        return filter_sample(self.section(), state, u)
 
 
 @record
@@ -74,7 +74,7 @@ class DelayedGyro:
 
     def coefficients(self) -> tuple[Any, Any]:
         """Of the rates, newest first (D + 3,), and of the outputs before (2,)."""
-        return _fitted(self.samples, self.bandwidth, to_seconds(self.sampling))
+        return _fit_weights(self.samples, self.bandwidth, to_seconds(self.sampling))
 
     def start(self, u: Any) -> DelayedGyroState:
         """The state after a constant rate u for all time."""
@@ -90,7 +90,7 @@ class DelayedGyro:
 
 
 @functools.lru_cache(maxsize=16)
-def _fitted(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
+def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
     """Poles of the low-pass mapped by e^{sT}; the weights of the rates by least squares on its response to 60 Hz."""
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)

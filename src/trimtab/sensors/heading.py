@@ -6,7 +6,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.environment.magnetic import magnetic_heading
 from trimtab.sensors.late_fix import LateFix, LateState
@@ -65,7 +65,7 @@ class HeadingSensor:
 
     def init(self, key: Key) -> HeadingState:
         """Nothing measured."""
-        return HeadingState(key, self.timing.begin(HeadingReading(heading=jnp.asarray(0.0))))
+        return HeadingState(key, self.timing.initial_state(HeadingReading(heading=jnp.asarray(0.0))))
 
     def measure(self, motion: Motion) -> HeadingReading:
         """The measurement h(x) of a motion, without noise."""
@@ -73,9 +73,9 @@ class HeadingSensor:
 
     def step(self, t: Any, state: HeadingState, motion: Motion) -> tuple[HeadingState, Sample]:
         """The newest heading that is out at integer time t."""
-        w, _ = normal2(state.key, self.timing.turn(t))
+        w, _ = normal2(state.key, self.timing.measurement_number(t))
         true = self.measure(motion)
-        late, sample = self.timing.pass_on(t, state.late, HeadingReading(true.heading + self.noise * w))
+        late, sample = self.timing.deliver(t, state.late, HeadingReading(true.heading + self.noise * w))
         return HeadingState(state.key, late), sample
 
 
@@ -112,7 +112,7 @@ class Compass:
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
         """The sample at integer time t."""
         state, sample = self.magnetometer.step(t, state, motion)
-        return state, measured(t, self._heading(sample.value.field))
+        return state, new_sample(t, self._heading(sample.value.field))
 
     def _heading(self, field: Any) -> HeadingReading:
         return HeadingReading(heading=magnetic_heading(field, jnp.asarray(self.magnetometer.earth_field)))

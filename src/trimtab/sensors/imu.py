@@ -18,9 +18,9 @@ from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
-from trimtab.core.second_order import SectionState, at_rest, filtered, low_pass
-from trimtab.core.signals import Motion, Sample, measured
-from trimtab.core.time import ms, show, to_seconds
+from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
+from trimtab.core.signals import Motion, Sample, new_sample
+from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.environment.geodetic import STANDARD
 
 UNIT_DRAWS = 12
@@ -61,7 +61,7 @@ class GyroErrors:
     response: Any = part("Dynamics in place of the low-pass, with start(u) and respond(state, u).", default=None)
 
 
-Errors = AccelerometerErrors | GyroErrors
+TriadErrors = AccelerometerErrors | GyroErrors
 
 
 @record
@@ -74,14 +74,14 @@ class TriadState:
     memory: Any = part("Memory of the low-pass, or of the response in its place.")
 
 
-def triad_state(errors: Errors, draws: Any) -> TriadState:
+def triad_state(errors: TriadErrors, draws: Any) -> TriadState:
     """The first state, out of standard normals (12,)."""
     zero = jnp.zeros(3)
     memory = SectionState(zero, zero) if errors.response is None else errors.response.start(zero)
     return TriadState(draws=draws, walk=zero, started=jnp.asarray(False), memory=memory)
 
 
-def distortion(errors: Errors, draws: Any) -> Any:
+def distortion(errors: TriadErrors, draws: Any) -> Any:
     """I + S + M (3, 3) of this run."""
     rows = [[1.0 + errors.scale_factor * draws[3 + i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     for k, (i, j) in enumerate(OFF_DIAGONAL):
@@ -89,7 +89,9 @@ def distortion(errors: Errors, draws: Any) -> Any:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def corrupted(errors: Errors, state: TriadState, true: Any, dt: float, white: Any, step: Any) -> tuple[Any, Any, Any]:
+def corrupt_triad(
+    errors: TriadErrors, state: TriadState, true: Any, dt: float, white: Any, step: Any
+) -> tuple[Any, Any, Any]:
     """The triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
 
     Args:
@@ -100,7 +102,7 @@ def corrupted(errors: Errors, state: TriadState, true: Any, dt: float, white: An
         white: standard normals (3,) of this sample's noise.
         step: standard normals (3,) of the bias's step to the next sample.
     """
-    memory, passed = _banded(errors, state, true, dt)
+    memory, passed = _limit_bandwidth(errors, state, true, dt)
     bias = jnp.stack([errors.bias[i] + errors.turn_on_bias * state.draws[i] + state.walk[i] for i in range(3)])
     noisy = distortion(errors, state.draws) @ passed + bias + errors.noise / np.sqrt(dt) * white
     limited = errors.range > 0
@@ -113,19 +115,19 @@ def corrupted(errors: Errors, state: TriadState, true: Any, dt: float, white: An
     return TriadState(draws=state.draws, walk=walk, started=jnp.asarray(True), memory=memory), out, saturated
 
 
-def _banded(errors: Errors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
+def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
     """Memory and output of the low-pass or the response; its first sample finds it settled."""
     if errors.response is not None:
         rest = errors.response.start(true)
-        memory = _either(state.started, state.memory, rest)
+        memory = _tree_where(state.started, state.memory, rest)
         return errors.response.respond(memory, true)
     narrow = errors.bandwidth > 0
     section = low_pass(jnp.where(narrow, errors.bandwidth, 0.1 / dt), np.sqrt(0.5), dt)
-    memory, passed = filtered(section, _either(state.started, state.memory, at_rest(section, true)), true)
+    memory, passed = filter_sample(section, _tree_where(state.started, state.memory, steady_state(section, true)), true)
     return memory, jnp.where(narrow, passed, true)
 
 
-def _either(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
@@ -235,14 +237,16 @@ class Imu:
         half = 0.5 / to_seconds(self.period)
         for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
             if not errors.bandwidth < half:
-                problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {show(self.period)}"
+                problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
                 raise InputError(
                     f"{name}.bandwidth", problem, fix=f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
                 )
             tick = getattr(errors.response, "sampling", self.period)
             if tick != self.period:
-                problem = f"it is made for samples each {show(tick)}, the unit's period is {show(self.period)}"
-                raise InputError(f"{name}.response", problem, fix=f"--set period='{show(tick)}'")
+                problem = (
+                    f"it is made for samples each {format_time(tick)}, the unit's period is {format_time(self.period)}"
+                )
+                raise InputError(f"{name}.response", problem, fix=f"--set period='{format_time(tick)}'")
 
     def init(self, key: Key) -> ImuState:
         """The run's biases, scale factors and misalignments drawn; low-passes not yet started."""
@@ -271,6 +275,8 @@ class Imu:
         """The sample at integer time t."""
         true, dt = self.measure(motion), to_seconds(self.period)
         z = normals(state.key, t // self.period, 12)
-        a, force, a_full = corrupted(self.accelerometer, state.accelerometer, true.specific_force, dt, z[:3], z[3:6])
-        g, rate, g_full = corrupted(self.gyro, state.gyro, true.angular_rate, dt, z[6:9], z[9:12])
-        return ImuState(state.key, a, g), measured(t, InertialReading(force, rate, a_full, g_full))
+        a, force, a_full = corrupt_triad(
+            self.accelerometer, state.accelerometer, true.specific_force, dt, z[:3], z[3:6]
+        )
+        g, rate, g_full = corrupt_triad(self.gyro, state.gyro, true.angular_rate, dt, z[6:9], z[9:12])
+        return ImuState(state.key, a, g), new_sample(t, InertialReading(force, rate, a_full, g_full))

@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.signals import Sample
-from trimtab.core.time import FOREVER, UNITS_PER_SECOND, ms, show, to_seconds
+from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_seconds
 
 
 @record
@@ -43,40 +43,43 @@ class LateFix:
     def check(self) -> None:
         """Refuse a latency of more than one interval."""
         if self.latency > to_seconds(self.interval):
-            problem = f"{self.latency:g} s is longer than the interval, {show(self.interval)}"
+            problem = f"{self.latency:g} s is longer than the interval, {format_time(self.interval)}"
             raise InputError("latency", problem, fix=f"give {to_seconds(self.interval):g} s or less")
         if self.offset >= self.interval:
-            problem = f"{show(self.offset)} is not before the next measurement, {show(self.interval)} later"
+            problem = (
+                f"{format_time(self.offset)} is not before the next measurement, {format_time(self.interval)} later"
+            )
             raise InputError("offset", problem, fix="give less than the interval")
 
     def check_period(self, looked: int) -> None:
         """Refuse a sensor that is looked at each `looked` and would miss measurements."""
         if self.interval % looked or self.offset % looked:
-            problem = f"{show(looked)} divides not both interval {show(self.interval)} and offset {show(self.offset)}"
+            times = f"interval {format_time(self.interval)} and offset {format_time(self.offset)}"
+            problem = f"{format_time(looked)} divides not both {times}"
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
-    def turn(self, t: Any) -> Any:
+    def measurement_number(self, t: Any) -> Any:
         """Number of the measurement made last at integer time t; its random numbers follow from it."""
         return (t - self.offset) // self.interval
 
-    def begin(self, like: Any) -> LateState:
+    def initial_state(self, like: Any) -> LateState:
         """Nothing under way; like: a value of the structure of what will be measured."""
         none, zero = jax.tree.map(jnp.zeros_like, like), np.int64(0)
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
-    def pass_on(self, t: Any, state: LateState, value: Any) -> tuple[LateState, Sample]:
+    def deliver(self, t: Any, state: LateState, value: Any) -> tuple[LateState, Sample]:
         """The newest sample that is out at integer time t; value: what would be measured now."""
         t = jnp.asarray(t, np.int64)
         delay = jnp.floor(self.latency * UNITS_PER_SECOND + 0.5).astype(np.int64)
         makes = (t % self.interval) == self.offset
         out = state.due <= t
         early = makes & (delay == 0)  # made and out at one instant
-        held = _either(out, state.coming, state.held)
-        made, held = jnp.where(early, t, state.made), _either(early, value, held)
+        held = _tree_where(out, state.coming, state.held)
+        made, held = jnp.where(early, t, state.made), _tree_where(early, value, held)
         fresh = out | early
         stamp = t if self.stamped == "arrival" else made
         new = LateState(
-            coming=_either(makes, value, state.coming),
+            coming=_tree_where(makes, value, state.coming),
             made=jnp.where(makes, t, state.made),
             due=jnp.where(makes & ~early, t + delay, jnp.where(out, np.int64(FOREVER), state.due)),
             held=held,
@@ -87,5 +90,5 @@ class LateFix:
         return new, Sample(value=held, t=new.stamp, age=age, fresh=fresh, valid=new.any)
 
 
-def _either(condition: Any, a: Any, b: Any) -> Any:
+def _tree_where(condition: Any, a: Any, b: Any) -> Any:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -10,7 +10,7 @@ from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.environment.magnetic import COLLEGE_PARK
 
@@ -170,4 +170,4 @@ class Magnetometer:
         clipped = jnp.where(limited, jnp.clip(seen, -self.range, self.range), seen)
         grain = jnp.where(coarse, self.resolution, 1.0)
         out = jnp.where(coarse, grain * jnp.floor(clipped / grain + 0.5), clipped)
-        return state, measured(t, FieldReading(out, limited & (jnp.max(jnp.abs(seen)) >= self.range)))
+        return state, new_sample(t, FieldReading(out, limited & (jnp.max(jnp.abs(seen)) >= self.range)))

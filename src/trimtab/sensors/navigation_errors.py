@@ -10,7 +10,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import wrap_positive
-from trimtab.core.signals import Motion, PlanarState, Sample, measured
+from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
 from trimtab.core.time import ms, seconds, to_seconds
 
 
@@ -39,7 +39,7 @@ class PlanarNavigation:
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
         """The sample at integer time t."""
-        return state, measured(t, self.measure(motion))
+        return state, new_sample(t, self.measure(motion))
 
 
 def planar_state(motion: Motion) -> PlanarState:
@@ -120,7 +120,7 @@ class NavigationErrors:
 
     def measure(self, motion: Motion) -> PlanarState:
         """The measurement h(x) of a motion, without error."""
-        return self._reported(planar_state(motion))
+        return self._express_heading(planar_state(motion))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
         """The sample at integer time t."""
@@ -135,9 +135,9 @@ class NavigationErrors:
             yaw_rate=truth.yaw_rate + bias + self.gyro_noise * w,
             heading=truth.heading + bias * tau,
         )
-        return state, measured(t, self._reported(seen))
+        return state, new_sample(t, self._express_heading(seen))
 
-    def _reported(self, seen: PlanarState) -> PlanarState:
+    def _express_heading(self, seen: PlanarState) -> PlanarState:
         if self.heading_range == "positive":
             return replace(seen, heading=wrap_positive(seen.heading))
         return seen

@@ -8,7 +8,7 @@ from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import from_euler
-from trimtab.core.signals import Motion, Sample, measured
+from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.late_fix import LateFix, LateState
@@ -67,7 +67,7 @@ class PositionSensor:
     def init(self, key: Key) -> PositionState:
         """Nothing measured."""
         o = jnp.asarray(0.0)
-        return PositionState(key, self.timing.begin(PositionReading(o, o)))
+        return PositionState(key, self.timing.initial_state(PositionReading(o, o)))
 
     def measure(self, motion: Motion) -> PositionReading:
         """The measurement h(x) of a motion, without noise."""
@@ -76,9 +76,9 @@ class PositionSensor:
 
     def step(self, t: Any, state: PositionState, motion: Motion) -> tuple[PositionState, Sample]:
         """The newest position that is out at integer time t."""
-        true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.turn(t))
+        true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.measurement_number(t))
         seen = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
-        late, sample = self.timing.pass_on(t, state.late, seen)
+        late, sample = self.timing.deliver(t, state.late, seen)
         return PositionState(state.key, late), sample
 
 
@@ -110,12 +110,12 @@ class EncoderPosition:
 
     def measure(self, motion: Motion) -> PositionReading:
         """The measurement h(x) of a motion, without steps."""
-        return self._place(self.encoder.measure(motion).angle)
+        return self._arm_end(self.encoder.measure(motion).angle)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
         """The sample at integer time t."""
         state, sample = self.encoder.step(t, state, motion)
-        return state, measured(t, self._place(sample.value.angle))
+        return state, new_sample(t, self._arm_end(sample.value.angle))
 
-    def _place(self, angle: Any) -> PositionReading:
+    def _arm_end(self, angle: Any) -> PositionReading:
         return PositionReading(north=self.arm * jnp.cos(angle), east=self.arm * jnp.sin(angle))

@@ -7,9 +7,9 @@ from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
-from trimtab.core.second_order import Section, SectionState, at_rest, filtered, low_pass
-from trimtab.core.signals import Motion, Sample, measured
-from trimtab.core.time import ms, show, to_seconds
+from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
+from trimtab.core.signals import Motion, Sample, new_sample
+from trimtab.core.time import format_time, ms, to_seconds
 
 DEG = math.pi / 180
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
@@ -76,7 +76,7 @@ class Tachometer:
         """Both sections lie below half the sampling rate."""
         most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
         if not self.bandwidth < most:
-            problem = f"{self.bandwidth:g} Hz is too wide for samples each {show(self.period)}"
+            problem = f"{self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
             raise InputError("bandwidth", problem, fix=f"--set bandwidth=VALUE below {most:g} Hz, or 0")
 
     def init(self, key: Key) -> TachometerState:
@@ -95,12 +95,12 @@ class Tachometer:
         sections = bessel4(jnp.where(narrow, self.bandwidth, 0.1 / dt), dt)
         memories, passed = [], true
         for section, memory in zip(sections, (state.first, state.second), strict=True):
-            rest = at_rest(section, true)
+            rest = steady_state(section, true)
             settled = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), memory, rest)
-            memory, passed = filtered(section, settled, passed)
+            memory, passed = filter_sample(section, settled, passed)
             memories.append(memory)
         rate = jnp.where(narrow, passed, true)
         w, _ = normal2(state.key, t // self.period)
         seen = (1 + self.scale_factor) * rate + self.offset + self.noise * w
         new = TachometerState(state.key, jnp.asarray(True), memories[0], memories[1])
-        return new, measured(t, RateReading(yaw_rate=seen))
+        return new, new_sample(t, RateReading(yaw_rate=seen))

@@ -15,7 +15,7 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion
-from trimtab.environment.acoustics import CONE, Air, off_axis, range_ratio, speed_of_sound
+from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
 """Streams of the draws."""
@@ -94,7 +94,7 @@ def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
     """Distance (m) and angle from the beacon's axis (rad) of beacons (n, 3) and a unit (3,), shape (n,) each."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
-    return distance, off_axis(line[:, 2], distance)
+    return distance, off_axis_angle(line[:, 2], distance)
 
 
 def measured_range(positions: Any, unit: Any) -> Any:
@@ -103,7 +103,7 @@ def measured_range(positions: Any, unit: Any) -> Any:
     return distance / range_ratio(jnp.minimum(beta, math.pi / 2))
 
 
-def audible(beacons: Beacons, positions: Any, unit: Any) -> Any:
+def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
     """Which beacons (n,) at these positions are within reach and cone of a unit (3,)."""
     distance, beta = distances(positions, unit)
     return (distance <= beacons.reach) & (beta <= beacons.cone)
@@ -121,12 +121,12 @@ def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
     return jnp.asarray(beacons.map) + error + jnp.where(t >= beacons.fault_time, beacons.moved, 0.0)
 
 
-def heard(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
+def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
     """Which beacons (n,) are audible and not dead at integer time t."""
-    return audible(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
+    return audible_beacons(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
 
 
-def corrupted(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
+def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
     """Measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
 
     Args:

@@ -14,17 +14,17 @@ from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key, uniform2
 from trimtab.core.signals import Motion, Sample
-from trimtab.core.time import FOREVER, UNITS_PER_SECOND, ms, seconds, show, to_seconds
-from trimtab.sensors.contention import CarrierSense, exchange
+from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, seconds, to_seconds
+from trimtab.sensors.contention import CarrierSense, simulate_exchange
 from trimtab.sensors.time_of_flight import (
     Beacons,
     Medium,
     RangeErrors,
     actual_positions,
-    audible,
-    corrupted,
-    heard,
+    audible_beacons,
+    corrupt_ranges,
     measured_range,
+    responding_beacons,
     unit_position,
     unit_velocity,
     without_fault,
@@ -91,7 +91,7 @@ class UltrasonicListening:
     def check(self) -> None:
         """Refuse windows that begin between the instants."""
         if self.window % self.period:
-            problem = f"{show(self.window)} is not a multiple of the period, {show(self.period)}"
+            problem = f"{format_time(self.window)} is not a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicListening.window", problem, fix="set period to a divisor of it, e.g. 1 ms")
 
     def without(self, name: str) -> "UltrasonicListening":
@@ -109,11 +109,11 @@ class UltrasonicListening:
     def measure(self, motion: Motion) -> HeardRanges:
         """The ranges h(x) of all beacons at one time, beacons where the map has them: no error but the cone's."""
         at, positions = unit_position(motion, self.unit), jnp.asarray(self.beacons.map)
-        hears = audible(self.beacons, positions, at)
-        ranges = jnp.where(hears, self._exact(positions, at[None, :]), 0.0)
+        hears = audible_beacons(self.beacons, positions, at)
+        ranges = jnp.where(hears, self._noise_free_ranges(positions, at[None, :]), 0.0)
         return HeardRanges(range=ranges, arrived=hears, measured=jnp.full(hears.shape, motion.t, np.int64))
 
-    def _exact(self, positions: Any, at: Any) -> Any:
+    def _noise_free_ranges(self, positions: Any, at: Any) -> Any:
         """Ranges (n,) without noise of beacons (n, 3) and places of the unit (n, 3) or (1, 3)."""
         line = at - positions
         if self.cone_error:
@@ -129,7 +129,7 @@ class UltrasonicListening:
         u, _ = uniform2(key, number * n + jnp.arange(n), CHIRP)
         window, message = to_seconds(self.window), self.channel.message_bytes * self.channel.byte_time
         first = u * (window - message)
-        sent = exchange(self.channel, key, number, first, jnp.ones(n, np.bool_), window)
+        sent = simulate_exchange(self.channel, key, number, first, jnp.ones(n, np.bool_), window)
         over = t + jnp.round(sent.end * UNITS_PER_SECOND).astype(np.int64)
         begins = over - jnp.round(message * UNITS_PER_SECOND).astype(np.int64)
         return begins, jnp.where(sent.received, over, FOREVER)
@@ -148,18 +148,20 @@ class UltrasonicListening:
             t % self.window == 0, lambda: self.chirps(t, state.key), lambda: (state.begins, ends)
         )
         now = (begins <= t) & (begins > t - self.period)
-        taken, hears = self._taken(t, state.key, motion, begins)
+        taken, hears = self._measure_chirps(t, state.key, motion, begins)
         taken, hears = jnp.where(now, taken, state.taken), jnp.where(now, hears, state.audible)
         fresh, any_yet = jnp.any(done), state.any | jnp.any(done)
         newest = jnp.where(any_yet, jnp.max(held.measured), 0)
         state = ListeningState(state.key, begins, ends, taken, hears, held, any_yet)
         return state, Sample(value=held, t=newest, age=to_seconds(t - newest), fresh=fresh, valid=any_yet)
 
-    def _taken(self, t: Any, key: Key, motion: Motion, begins: Any) -> tuple[Any, Any]:
+    def _measure_chirps(self, t: Any, key: Key, motion: Motion, begins: Any) -> tuple[Any, Any]:
         """Ranges (n,) of chirps that began since the last instant, and whether they were heard."""
         ago = jnp.clip(to_seconds(t - begins), 0.0, to_seconds(self.period))
         at = unit_position(motion, self.unit) - ago[:, None] * unit_velocity(motion, self.unit)
         positions = actual_positions(self.beacons, key, t)
         number = t // self.window
-        seen = corrupted(self._exact(positions, at), key, number, self.errors, self.medium, self.beacons.crystal)
-        return seen, heard(self.beacons, positions, unit_position(motion, self.unit), t)
+        seen = corrupt_ranges(
+            self._noise_free_ranges(positions, at), key, number, self.errors, self.medium, self.beacons.crystal
+        )
+        return seen, responding_beacons(self.beacons, positions, unit_position(motion, self.unit), t)

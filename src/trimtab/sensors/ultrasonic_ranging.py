@@ -13,18 +13,18 @@ from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Motion, Sample
-from trimtab.core.time import FOREVER, UNITS_PER_SECOND, ms, seconds, show, to_seconds
+from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, seconds, to_seconds
 from trimtab.environment.acoustics import speed_of_sound
-from trimtab.sensors.contention import CarrierSense, exchange
+from trimtab.sensors.contention import CarrierSense, simulate_exchange
 from trimtab.sensors.time_of_flight import (
     Beacons,
     Medium,
     RangeErrors,
     actual_positions,
-    audible,
-    corrupted,
-    heard,
+    audible_beacons,
+    corrupt_ranges,
     measured_range,
+    responding_beacons,
     unit_position,
     unit_velocity,
     without_fault,
@@ -44,7 +44,7 @@ class Ranges:
 
 
 @record
-class Clock:
+class UnitClock:
     """The clock of a unit, set once a second by the master's radio.
 
     Source: [1] section 5.5.2: 1 us after setting, crystal of 32.768 kHz; its accuracy is typical for such a crystal.
@@ -96,7 +96,7 @@ class UltrasonicRanging:
     channel: CarrierSense = part("How replies share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("The air.", default=Medium())
-    clock: Clock = part("The clock of a unit.", default=Clock())
+    clock: UnitClock = part("The clock of a unit.", default=UnitClock())
     clients: int = option("Clients that take turns; those beyond the vehicle's units belong to others.", default=1)
     cone_error: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
     collisions: bool = option("Whether replies can get lost.", default=True, choices=(True, False))
@@ -126,7 +126,7 @@ class UltrasonicRanging:
             problem = f"{self.clients} turns for {shape[0]} units"
             raise InputError("UltrasonicRanging.clients", problem, fix=f"set clients to {shape[0]} or more, 10 at most")
         if self.slot % self.period:
-            problem = f"{show(self.slot)} is not a multiple of the period, {show(self.period)}"
+            problem = f"{format_time(self.slot)} is not a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of it, e.g. 1 ms")
 
     def without(self, name: str) -> "UltrasonicRanging":
@@ -146,7 +146,7 @@ class UltrasonicRanging:
         zero = np.int64(0)
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
-    def turn(self, t: Any) -> tuple[Any, Any]:
+    def pinging_unit(self, t: Any) -> tuple[Any, Any]:
         """Whether a unit of this vehicle pings at integer time t, and which one's slot it is or would be."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
@@ -154,10 +154,10 @@ class UltrasonicRanging:
 
     def measure(self, motion: Motion) -> Ranges:
         """The ranges h(x) of the unit whose slot it is, beacons where the map has them: no error but the cone's."""
-        _, unit = self.turn(motion.t)
+        _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)
-        arrived = audible(self.beacons, positions, at)
+        arrived = audible_beacons(self.beacons, positions, at)
         return Ranges(range=jnp.where(arrived, self.ranges(positions, at), 0.0), arrived=arrived, unit=unit)
 
     def ranges(self, positions: Any, at: Any) -> Any:
@@ -169,19 +169,19 @@ class UltrasonicRanging:
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
         """The replies to a ping in the slot of integer time t, and how long after its start the last one is in (s)."""
-        _, unit = self.turn(t)
+        _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]
         late = self.clock.error(key, t, unit)
         at = unit_position(motion, lever) + unit_velocity(motion, lever) * late
         positions = actual_positions(self.beacons, key, t)
-        hears = heard(self.beacons, positions, at, t)
+        hears = responding_beacons(self.beacons, positions, at, t)
         exact = self.ranges(positions, at)
-        seen = corrupted(exact, key, number, self.errors, self.medium, self.beacons.crystal)
+        seen = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
         window = to_seconds(self.slot)
         ready = late + exact / speed_of_sound(self.medium.actual)
         if self.collisions:
-            replies = exchange(self.channel, key, number, ready, hears, window)
+            replies = simulate_exchange(self.channel, key, number, ready, hears, window)
             arrived, end = replies.received, replies.end
         else:
             arrived, end = hears, ready + self.channel.message_bytes * self.channel.byte_time
@@ -201,7 +201,7 @@ class UltrasonicRanging:
             replies, last = self.ping(t, state.key, motion)
             return replies, t, t + jnp.ceil(last * UNITS_PER_SECOND).astype(np.int64)
 
-        pings, _ = self.turn(t)
+        pings, _ = self.pinging_unit(t)
         coming, pinged, due = jax.lax.cond(pings, send, lambda: (state.coming, state.pinged, due))
         state = RangingState(
             key=state.key, coming=coming, pinged=pinged, due=due, held=held, measured=measured, any=valid

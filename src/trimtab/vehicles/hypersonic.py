@@ -56,7 +56,7 @@ class Disturbance:
     start: Scalar = quantity("s", "When it begins.", default=0.0)
     duration: Scalar = quantity("s", "How long it lasts; the default is a step that stays.", default=1e9, low=0)
 
-    def active(self, t: Any) -> Any:
+    def activation(self, t: Any) -> Any:
         """1.0 while it acts at time t (s), else 0.0; half open, to a nanosecond, so that an impulse keeps its size."""
         since = t - self.start + 1e-9
         return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
@@ -117,7 +117,7 @@ class Hypersonic:
         along = f.T * jnp.cos(x.alpha) - f.D
         normal = f.T * jnp.sin(x.alpha) + f.L
         if self.disturbance is not None:
-            on = self.disturbance.active(t)
+            on = self.disturbance.activation(t)
             along, normal = along + on * self.disturbance.along, normal + on * self.disturbance.normal
         return along / self.m - self.g * jnp.sin(gamma), normal / self.m - self.g * jnp.cos(gamma)
 
@@ -125,10 +125,10 @@ class Hypersonic:
         """Q' (rad/s^2), eta1'' and eta2''."""
         M = self.forces_at(x, u).M
         if self.disturbance is not None:
-            M = M + self.disturbance.active(t) * self.disturbance.moment
+            M = M + self.disturbance.activation(t) * self.disturbance.moment
         N1, N2 = self.modes.forcing(x.alpha, u.delta_e)
-        back1, back2 = self.modes.restoring(x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
-        return self.modes.coupled(self.Iyy, M, N1 + back1, N2 + back2)
+        back1, back2 = self.modes.restoring_forces(x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
+        return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
         """All that a rigid sensor at the centre of mass can feel, in the SI; t: integer time.
@@ -149,7 +149,7 @@ class Hypersonic:
             alpha_WB_B=jnp.stack([o, q_rate, o]),
         )
 
-    def at_rest(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
+    def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
         """Level at this angle of attack, not turning, bending at rest: a trim where V', gamma' and M vanish too."""
-        eta1, eta2 = self.modes.static(alpha, delta_e)
+        eta1, eta2 = self.modes.static_displacements(alpha, delta_e)
         return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)

@@ -107,17 +107,17 @@ class Propulsion:
     b7: Scalar = quantity("lbf/ft", "By fuel ratio.", default=6.3785e3, source=THRUST)
     b8: Scalar = quantity("lbf/ft", "Else.", default=-1.0090e2, source=THRUST)
 
-    def without_fuel(self, alpha: Any) -> Any:
+    def thrust_without_fuel(self, alpha: Any) -> Any:
         """T0 (lbf/ft)."""
         return ((self.b2 * alpha + self.b4) * alpha + self.b6) * alpha + self.b8
 
-    def per_fuel_ratio(self, alpha: Any) -> Any:
+    def thrust_per_fuel_ratio(self, alpha: Any) -> Any:
         """TP (lbf/ft), thrust per fuel equivalence ratio."""
         return ((self.b1 * alpha + self.b3) * alpha + self.b5) * alpha + self.b7
 
     def thrust(self, alpha: Any, Phi: Any) -> Any:
         """T (lbf/ft)."""
-        return self.without_fuel(alpha) + self.per_fuel_ratio(alpha) * Phi
+        return self.thrust_without_fuel(alpha) + self.thrust_per_fuel_ratio(alpha) * Phi
 
 
 @record

@@ -53,22 +53,22 @@ class FlexibleModes:
         N2 = (self.N2_a2 * alpha + self.N2_a) * alpha + self.N2_d * delta_e + self.N2_0
         return N1, N2
 
-    def restoring(self, eta1: Any, eta1_rate: Any, eta2: Any, eta2_rate: Any) -> tuple[Any, Any]:
+    def restoring_forces(self, eta1: Any, eta1_rate: Any, eta2: Any, eta2_rate: Any) -> tuple[Any, Any]:
         """-2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
         one = -2 * self.zeta1 * self.w1 * eta1_rate - self.w1**2 * eta1
         two = -2 * self.zeta2 * self.w2 * eta2_rate - self.w2**2 * eta2
         return one, two
 
-    def static(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
+    def static_displacements(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
         """N_i/w_i^2: the displacements at which both modes rest while the pitch rate does not change."""
         N1, N2 = self.forcing(alpha, delta_e)
         return N1 / self.w1**2, N2 / self.w2**2
 
-    def detuned(self, by: Any) -> "FlexibleModes":
+    def detune(self, by: Any) -> "FlexibleModes":
         """A copy with both frequencies times `by`: the plant of a filter that has them wrong."""
         return replace(self, w1=self.w1 * by, w2=self.w2 * by)
 
-    def coupled(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
+    def solve_accelerations(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
         """Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
 
         Args:

@@ -3,8 +3,8 @@
 Order of the errors: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'); virtual inputs (h'', V'); slug, foot, second.
 
 **Never control with them**: signs are lost, one coefficient is used twice, an inertia once too often, and neither sign
-of the gain stabilises anything. `emulated` repeats the errors and so reproduces 32 of the 34 numbers of rows 4, 5, 7
-and 9 in magnitude; row 9 of B fits no variant that was tried.
+of the gain stabilises anything. `emulate_linearisation` repeats the errors and so reproduces 32 of the 34 numbers of rows 4,
+5, 7 and 9 in magnitude; row 9 of B fits no variant that was tried.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, the numbers of its simulation.
@@ -60,14 +60,14 @@ K_PRINTED = np.array(
 """The gain as printed; of v = -K e, though [1] writes the other sign. Source: [1]."""
 
 
-class Emulated(NamedTuple):
+class EmulatedLinearisation(NamedTuple):
     """A (9, 9) and B (9, 2) with the publication's errors repeated, in the order ORDER."""
 
     A: Any
     B: Any
 
 
-def emulated(vehicle: Hypersonic | None = None) -> Emulated:
+def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearisation:
     """Rows 4, 5, 7, 9 as the publication's program seems to have made them; the others are exact.
 
     Each row is differentiated along with the inversion u = G^-1 (v - F), which varies with the state, at the quoted
@@ -77,14 +77,14 @@ def emulated(vehicle: Hypersonic | None = None) -> Emulated:
     Source: reconstructed from the printed numbers of [1].
     """
     craft = Hypersonic() if vehicle is None else vehicle
-    N1, N2 = craft.modes.static(QUOTED_ALPHA, 0.0)
+    N1, N2 = craft.modes.static_displacements(QUOTED_ALPHA, 0.0)
     e = jnp.array([QUOTED_H, 0.0, QUOTED_V, QUOTED_ALPHA, 0.0, float(N1), 0.0, float(N2), 0.0])
     A, B = (np.asarray(d) for d in jax.jacfwd(lambda e, v: _rows(craft, e, v), (0, 1))(e, jnp.zeros(2)))
     flexible = np.asarray(jax.jacfwd(lambda e: _bending(craft, e)[4])(e))
     A, B = A.copy(), B.copy()
     A[4] = np.where(np.arange(9) < 5, A[4], flexible)
     B[6] = np.asarray(_bending(craft, e)[2])
-    return Emulated(A, B)
+    return EmulatedLinearisation(A, B)
 
 
 def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
@@ -92,7 +92,7 @@ def _inversion(craft: Hypersonic, e: Any, v: Any) -> tuple[Any, Any, Any]:
     h, h_rate, V, alpha, Q = (e[i] for i in range(5))
     air, m, g = craft.forces.aerodynamics, craft.m, craft.g
     qbar = craft.forces.dynamic_pressure(h, V)
-    T0, TP = craft.forces.propulsion.without_fuel(alpha), craft.forces.propulsion.per_fuel_ratio(alpha)
+    T0, TP = craft.forces.propulsion.thrust_without_fuel(alpha), craft.forces.propulsion.thrust_per_fuel_ratio(alpha)
     L0, D0 = air.lift(qbar, alpha, 0.0), air.drag(qbar, alpha, 0.0)
     sine = h_rate / V
     gamma = jnp.arcsin(sine)
@@ -114,10 +114,10 @@ def _bending(craft: Hypersonic, e: Any) -> tuple[Any, ...]:
     qbar = craft.forces.dynamic_pressure(e[0], e[2])
     t1, t2 = modes.psi1 / craft.Iyy, modes.psi2 / craft.Iyy
     k = t1 * t2
-    m0 = (engine.zT * engine.without_fuel(alpha) + air.moment(qbar, alpha, 0.0)) / craft.Iyy
-    mP, md = engine.zT * engine.per_fuel_ratio(alpha) / craft.Iyy, qbar * air.S * air.c * air.ce / craft.Iyy
+    m0 = (engine.zT * engine.thrust_without_fuel(alpha) + air.moment(qbar, alpha, 0.0)) / craft.Iyy
+    mP, md = engine.zT * engine.thrust_per_fuel_ratio(alpha) / craft.Iyy, qbar * air.S * air.c * air.ce / craft.Iyy
     N1, N2 = modes.forcing(alpha, 0.0)
-    back1, back2 = modes.restoring(e[5], e[6], e[7], e[8])
+    back1, back2 = modes.restoring_forces(e[5], e[6], e[7], e[8])
     r1, r2 = N1 + back1, N2 + back2
     f7, f9 = r1 - k * r2 - t1 * m0, r2 - k * r1 - t2 * m0
     b7 = jnp.stack([-t1 * mP, -t1 * md - k * modes.N2_d])

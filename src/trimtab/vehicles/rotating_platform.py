@@ -61,7 +61,9 @@ class RotatingPlatform:
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
         """The derivative of x (SI) under the commanded rate."""
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
-        velocity = self._leaning() @ (self.arm * x.yaw_rate * jnp.stack([jnp.cos(x.heading), jnp.sin(x.heading), 0.0]))
+        velocity = self._lean_rotation() @ (
+            self.arm * x.yaw_rate * jnp.stack([jnp.cos(x.heading), jnp.sin(x.heading), 0.0])
+        )
         return PlatformState(
             heading=x.yaw_rate,
             yaw_rate=acceleration,
@@ -76,7 +78,7 @@ class RotatingPlatform:
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)
-        T = self._leaning()
+        T = self._lean_rotation()
         attitude = to_euler(T @ from_euler(o, o, x.heading))
         yaw = x.heading + wrap(attitude[2] - x.heading)
         return Motion(
@@ -89,12 +91,12 @@ class RotatingPlatform:
             alpha_WB_B=jnp.stack([o, o, acceleration]),
         )
 
-    def rest(self, heading: float = 0.0) -> PlatformState:
+    def rest_state(self, heading: float = 0.0) -> PlatformState:
         """Standing still at a heading (rad)."""
-        place = self._leaning() @ (self.arm * jnp.stack([jnp.sin(heading), -jnp.cos(heading), 0.0]))
+        place = self._lean_rotation() @ (self.arm * jnp.stack([jnp.sin(heading), -jnp.cos(heading), 0.0]))
         return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
 
-    def _leaning(self) -> Any:
+    def _lean_rotation(self) -> Any:
         """The turn T (3, 3) of the upright platform into the leaning one."""
         turn = self.tilt * jnp.stack([jnp.sin(self.lean), -jnp.cos(self.lean), jnp.zeros_like(self.lean * 1.0)])
         return from_rotation_vector(turn)

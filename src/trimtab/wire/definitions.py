@@ -52,7 +52,7 @@ class Field(NamedTuple):
     extension: bool
 
 
-class Definition(NamedTuple):
+class MessageDefinition(NamedTuple):
     """A message: its fields in the order of the payload, and how its payload is packed.
 
     crc_extra: what a sender with another definition has differently.  size: bytes of the payload, with extensions.
@@ -78,7 +78,7 @@ class Definition(NamedTuple):
         return self.packing.size
 
     @property
-    def blank(self) -> list[Any]:
+    def blank_values(self) -> list[Any]:
         """Values of a message in which nothing was given."""
         values: list[Any] = []
         for f in self.fields:
@@ -86,21 +86,21 @@ class Definition(NamedTuple):
         return values
 
 
-def read_definitions(text: str) -> dict[str, Definition]:
+def read_definitions(text: str) -> dict[str, MessageDefinition]:
     """Name -> definition of every message in the text of a MAVLink XML file; enumerations are passed over."""
     root = ElementTree.fromstring(text)
     version = int(root.findtext("version", "3"))
-    return {m.attrib["name"]: _definition(m, version) for m in root.iter("message")}
+    return {m.attrib["name"]: _read_definition(m, version) for m in root.iter("message")}
 
 
-def _definition(message: ElementTree.Element, version: int) -> Definition:
+def _read_definition(message: ElementTree.Element, version: int) -> MessageDefinition:
     base, extensions, declared = [], [], []
     target = base
     for child in message:
         if child.tag == "extensions":
             target = extensions
         elif child.tag == "field":
-            field = _field(child, version, target is extensions)
+            field = _read_field(child, version, target is extensions)
             target.append(field)
             declared.append(field)
     base.sort(key=lambda f: -SIZES[f.type])
@@ -108,9 +108,9 @@ def _definition(message: ElementTree.Element, version: int) -> Definition:
     for f in [*base, *extensions]:
         fields.append(f._replace(at=at))
         at += f.slots
-    packing = struct.Struct("<" + "".join(_code(f) for f in fields))
+    packing = struct.Struct("<" + "".join(_struct_code(f) for f in fields))
     name = message.attrib["name"]
-    return Definition(
+    return MessageDefinition(
         name=name,
         id=int(message.attrib["id"]),
         fields=tuple(fields),
@@ -118,11 +118,11 @@ def _definition(message: ElementTree.Element, version: int) -> Definition:
         packing=packing,
         base=sum(SIZES[f.type] * max(f.length, 1) for f in base),
         where={f.name: f for f in fields},
-        ranges=tuple(_range(f.type) for f in fields for _ in range(f.slots)),
+        ranges=tuple(_integer_range(f.type) for f in fields for _ in range(f.slots)),
     )
 
 
-def _field(element: ElementTree.Element, version: int, extension: bool) -> Field:
+def _read_field(element: ElementTree.Element, version: int, extension: bool) -> Field:
     kind, _, length = element.attrib["type"].rstrip("]").partition("[")
     default = 0
     if kind == VERSION_FIELD:
@@ -132,7 +132,7 @@ def _field(element: ElementTree.Element, version: int, extension: bool) -> Field
     return Field(element.attrib["name"], kind, count, 0, slots, element.get("units", ""), default, extension)
 
 
-def _code(field: Field) -> str:
+def _struct_code(field: Field) -> str:
     return f"{max(field.length, 1)}{CODES[field.type]}" if field.length or field.type == "char" else CODES[field.type]
 
 
@@ -144,7 +144,7 @@ def _crc_extra(name: str, base: list[Field]) -> int:
     return (found & 0xFF) ^ (found >> 8)
 
 
-def _range(kind: str) -> tuple[int, int] | None:
+def _integer_range(kind: str) -> tuple[int, int] | None:
     if kind in ("double", "float", "char"):
         return None
     bits = 8 * SIZES[kind]
@@ -160,34 +160,34 @@ class Message(NamedTuple):
 
     name: str
     values: tuple[Any, ...]
-    definition: Definition
+    definition: MessageDefinition
     system: int
     component: int
     link: int
     sequence: int
-    signed: bool
+    is_signed: bool
 
     def get(self, field: str) -> Any:
         """A field by name: a number, a tuple of numbers, or a text."""
-        return _value(self.definition.where[field], self.values)
+        return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
         """Every field by name."""
-        return {f.name: _value(f, self.values) for f in self.definition.fields}
+        return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 
-def _value(field: Field, values: tuple[Any, ...]) -> Any:
+def _field_value(field: Field, values: tuple[Any, ...]) -> Any:
     if field.type == "char":
         return values[field.at].partition(b"\0")[0].decode("utf-8", "replace")
     return values[field.at : field.at + field.slots] if field.length else values[field.at]
 
 
-def arrange(definition: Definition, given: Mapping[str, Any]) -> list[Any]:
+def arrange_values(definition: MessageDefinition, given: Mapping[str, Any]) -> list[Any]:
     """Values in the order of the payload from fields by name; what is not given is zero.
 
     Raises InputError for a field that the message doesn't have, or with the wrong number of values.
     """
-    values = definition.blank
+    values = definition.blank_values
     for name, value in given.items():
         field = definition.where.get(name)
         if field is None:
@@ -206,16 +206,16 @@ def arrange(definition: Definition, given: Mapping[str, Any]) -> list[Any]:
     return values
 
 
-def fitted(definition: Definition, values: Sequence[Any]) -> list[Any]:
+def fit_values(definition: MessageDefinition, values: Sequence[Any]) -> list[Any]:
     """The same values, each the nearest that its type can hold; NaN becomes 0 in an integer."""
     if len(values) != len(definition.ranges):
         problem = f"has {len(definition.ranges)} values, not {len(values)}"
         raise InputError(f"message {definition.name}", problem, fix="give them by name, or in the payload's order")
     kinds = [f.type for f in definition.fields for _ in range(f.slots)]
-    return [_fit(v, r, k) for v, r, k in zip(values, definition.ranges, kinds, strict=True)]
+    return [_fit_value(v, r, k) for v, r, k in zip(values, definition.ranges, kinds, strict=True)]
 
 
-def _fit(value: Any, allowed: tuple[int, int] | None, kind: str) -> Any:
+def _fit_value(value: Any, allowed: tuple[int, int] | None, kind: str) -> Any:
     if kind == "char":
         return value.encode() if isinstance(value, str) else bytes(value)
     if allowed is None:

@@ -20,19 +20,19 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.signals import Command, Frame
-from trimtab.wire.definitions import MAX_PAYLOAD, SIZES, Definition, read_definitions
-from trimtab.wire.names import field_name, message_name, plain, unique
+from trimtab.wire.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
+from trimtab.wire.names import field_name, message_name, plain_text, unique_name
 
 FIRST_ID = 0x747400
 """Ids of derived messages start here ("tt", then a byte), far from those of published dialects."""
-MOST = 256
+MOST_MESSAGES = 256
 TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
 STANDARD = Path(__file__).with_name("standard.xml")
 COMMAND, INSTANT = "command", "instant"
 TIME, VALID = "t", "valid"
 
 
-class Place(NamedTuple):
+class ValuePlace(NamedTuple):
     """Where one value of a message belongs: the path of a leaf, which of its numbers, and MAVLink's type for it."""
 
     path: str
@@ -49,10 +49,10 @@ class Dialect(NamedTuple):
     """
 
     text: str
-    definitions: Mapping[str, Definition]
-    by_id: Mapping[int, Definition]
+    definitions: Mapping[str, MessageDefinition]
+    by_id: Mapping[int, MessageDefinition]
     groups: Mapping[str, tuple[str, ...]]
-    places: Mapping[str, tuple[Place, ...]]
+    places: Mapping[str, tuple[ValuePlace, ...]]
 
     @property
     def fingerprint(self) -> bytes:
@@ -60,7 +60,7 @@ class Dialect(NamedTuple):
         return hashlib.sha256(self.text.encode()).digest()[:8]
 
 
-class _Piece(NamedTuple):
+class _FieldPiece(NamedTuple):
     """A field to be: numbers start to start + numbers of the leaf at path; scalar for a leaf that is one number."""
 
     path: str
@@ -76,7 +76,7 @@ class _Piece(NamedTuple):
         return self.numbers * SIZES[self.type]
 
 
-def dialect_of(frame_like: Frame, command_like: Command) -> Dialect:
+def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     """The dialect in which frames and commands of these structures travel.
 
     Args:
@@ -84,40 +84,40 @@ def dialect_of(frame_like: Frame, command_like: Command) -> Dialect:
 
     Raises InputError where there are more messages than ids.
     """
-    wanted: dict[str, tuple[str, list[list[_Piece]]]] = {}
+    wanted: dict[str, tuple[str, list[list[_FieldPiece]]]] = {}
     for sensor, sample in frame_like.samples.items():
-        wanted[f"samples.{sensor}"] = (message_name(f"sample_{sensor}"), _parts(sample, f"samples.{sensor}"))
-    wanted[COMMAND] = (message_name(COMMAND), _parts(command_like, COMMAND))
-    now = _Piece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
-    count = _Piece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
+        wanted[f"samples.{sensor}"] = (message_name(f"sample_{sensor}"), _split_parts(sample, f"samples.{sensor}"))
+    wanted[COMMAND] = (message_name(COMMAND), _split_parts(command_like, COMMAND))
+    now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
+    count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
     wanted[INSTANT] = (message_name(INSTANT), [[now, count]])
     standard = STANDARD.read_text("utf-8")
     taken = {name.lower() for name in read_definitions(standard)}
     groups: dict[str, tuple[str, ...]] = {}
-    contents: dict[str, list[_Piece]] = {}
+    contents: dict[str, list[_FieldPiece]] = {}
     for group in sorted(wanted):
         name, parts = wanted[group]
         several = [name] if len(parts) == 1 else [f"{name}_{k + 1}" for k in range(len(parts))]
-        groups[group] = tuple(unique(n, taken) for n in several)
+        groups[group] = tuple(unique_name(n, taken) for n in several)
         contents |= dict(zip(groups[group], parts, strict=True))
-    if len(contents) > MOST:
-        problem = f"{len(contents)} messages are more than the {MOST} numbers kept for them"
+    if len(contents) > MOST_MESSAGES:
+        problem = f"{len(contents)} messages are more than the {MOST_MESSAGES} numbers kept for them"
         raise InputError("dialect", problem, fix="measure with fewer sensors, or put their values into one")
-    return _dialect(standard, groups, contents)
+    return _make_dialect(standard, groups, contents)
 
 
-def _parts(carried: Any, path: str) -> list[list[_Piece]]:
+def _split_parts(carried: Any, path: str) -> list[list[_FieldPiece]]:
     """Time, validity and the leaves of the value, in as many payloads as they need."""
     head, rest = [], []
     for below, value, declared in leaves(carried):
         if not isinstance(declared, Quantity):
             continue
-        piece = _piece(f"{path}.{below}", value, declared)
+        piece = _field_piece(f"{path}.{below}", value, declared)
         if below in (TIME, VALID):
             head.append(piece)
         elif below.startswith("value"):
             rest.append(piece)
-    parts: list[list[_Piece]] = [[*head]]
+    parts: list[list[_FieldPiece]] = [[*head]]
     for piece in rest:
         while piece.numbers:
             room = (MAX_PAYLOAD - sum(p.size for p in parts[-1])) // SIZES[piece.type]
@@ -130,24 +130,24 @@ def _parts(carried: Any, path: str) -> list[list[_Piece]]:
     return parts
 
 
-def _piece(path: str, value: Any, declared: Quantity) -> _Piece:
+def _field_piece(path: str, value: Any, declared: Quantity) -> _FieldPiece:
     shape = np.shape(value)
     dtype = np.dtype(declared.dtype())
     kind = TYPES.get(dtype.kind) or TYPES[f"{dtype.kind}{dtype.itemsize}"]
-    return _Piece(path, 0, int(np.prod(shape, dtype=int)), shape == (), kind, declared.unit, declared.doc)
+    return _FieldPiece(path, 0, int(np.prod(shape, dtype=int)), shape == (), kind, declared.unit, declared.doc)
 
 
-def _dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[str, list[_Piece]]) -> Dialect:
+def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[str, list[_FieldPiece]]) -> Dialect:
     numbers = {name: FIRST_ID + k for k, name in enumerate(sorted(contents))}
     lines, named, carried = [], {}, {name: group for group, names in groups.items() for name in names}
     for name in sorted(contents):
-        named[name] = _named(contents[name])
-        lines += _message(name, numbers[name], carried[name], named[name])
+        named[name] = _name_fields(contents[name])
+        lines += _message_xml(name, numbers[name], carried[name], named[name])
     text = standard.replace("  </messages>", "\n".join([*lines, "  </messages>"]))
     definitions = read_definitions(text)
     places = {
         name: tuple(
-            Place(fields[f.name].path, fields[f.name].start + k, f.type)
+            ValuePlace(fields[f.name].path, fields[f.name].start + k, f.type)
             for f in definitions[name].fields
             for k in range(f.slots)
         )
@@ -156,16 +156,16 @@ def _dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[s
     return Dialect(text, definitions, {d.id: d for d in definitions.values()}, groups, places)
 
 
-def _named(pieces: list[_Piece]) -> dict[str, _Piece]:
+def _name_fields(pieces: list[_FieldPiece]) -> dict[str, _FieldPiece]:
     taken: set[str] = set()
-    return {unique(field_name(p.path), taken): p for p in pieces}
+    return {unique_name(field_name(p.path), taken): p for p in pieces}
 
 
-def _message(name: str, number: int, group: str, fields: dict[str, _Piece]) -> list[str]:
+def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPiece]) -> list[str]:
     lines = [f'    <message id="{number}" name="{name}">']
-    lines.append(f"      <description>{plain(f'trimtab: {group}')}</description>")
+    lines.append(f"      <description>{plain_text(f'trimtab: {group}')}</description>")
     for own, p in fields.items():
         kind = p.type if p.scalar else f"{p.type}[{p.numbers}]"
-        unit = "" if p.unit == "1" else f' units="{plain(p.unit)}"'
-        lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain(p.doc)}</field>')
+        unit = "" if p.unit == "1" else f' units="{plain_text(p.unit)}"'
+        lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain_text(p.doc)}</field>')
     return [*lines, "    </message>"]

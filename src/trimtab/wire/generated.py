@@ -21,18 +21,18 @@ from trimtab.core.errors import InputError
 from trimtab.wire.dialect import Dialect
 
 NAME = "trimtab"
-ONE_AT_A_TIME = threading.Lock()
+GENERATOR_LOCK = threading.Lock()
 """The generator prints, and what it prints is caught for the whole process."""
 
 
-def python_module(dialect: Dialect) -> ModuleType:
+def load_python_module(dialect: Dialect) -> ModuleType:
     """The dialect as pymavlink knows dialects, made once and kept in the user's cache."""
-    generator = _generator()
+    generator = _load_generator()
     from pymavlink import __version__
 
     content = hashlib.sha256(f"{__version__}\n{dialect.text}".encode()).hexdigest()[:24]
     name = f"trimtab_dialect_{content}"
-    with ONE_AT_A_TIME, contextlib.ExitStack() as stack:
+    with GENERATOR_LOCK, contextlib.ExitStack() as stack:
         if name in sys.modules:
             return sys.modules[name]
         try:
@@ -53,7 +53,7 @@ def python_module(dialect: Dialect) -> ModuleType:
 def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib.ExitStack) -> Path:
     """Write the module aside, then put it in place whole: two processes may do so at once."""
     own = Path(stack.enter_context(tempfile.TemporaryDirectory())) / file.name
-    _generate(generator, dialect, own, "Python")
+    _run_generator(generator, dialect, own, "Python")
     with contextlib.suppress(OSError):  # a full or read-only cache
         descriptor, beside = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
         try:
@@ -67,20 +67,20 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
     return own
 
 
-def c_headers(dialect: Dialect, folder: Path) -> Path:
+def write_c_headers(dialect: Dialect, folder: Path) -> Path:
     """Write the dialect's C headers into a folder; the folder to include as <trimtab/mavlink.h>."""
-    generator = _generator()
+    generator = _load_generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with ONE_AT_A_TIME:
-            _generate(generator, dialect, folder, "C")
+        with GENERATOR_LOCK:
+            _run_generator(generator, dialect, folder, "C")
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         raise InputError(f"C headers in '{folder}'", problem, fix="choose a folder of yours") from None
     return folder
 
 
-def _generator() -> Any:
+def _load_generator() -> Any:
     try:
         from pymavlink.generator import mavgen
     except ImportError:
@@ -89,7 +89,7 @@ def _generator() -> Any:
     return mavgen
 
 
-def _generate(generator: Any, dialect: Dialect, output: Path, language: str) -> None:
+def _run_generator(generator: Any, dialect: Dialect, output: Path, language: str) -> None:
     with tempfile.TemporaryDirectory() as own, contextlib.redirect_stdout(io.StringIO()) as said:
         source = Path(own) / f"{NAME}.xml"
         source.write_text(dialect.text, "utf-8")

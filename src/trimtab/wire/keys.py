@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 from trimtab.core.errors import InputError
 
-SHORTEST = 16
+SHORTEST_PASSPHRASE = 16
 LONGEST_FILE = 4096
 
 
-class Key(NamedTuple):
+class SigningKey(NamedTuple):
     """A key of 32 bytes, and the file it comes from, beside which time stamps are kept; None for one held in memory."""
 
     secret: bytes
@@ -30,13 +30,13 @@ class Key(NamedTuple):
         return f"Key(path={str(self.path)!r})"
 
 
-def passphrase_key(passphrase: str, path: Path | None = None) -> Key:
+def passphrase_key(passphrase: str, path: Path | None = None) -> SigningKey:
     """The key that a passphrase stands for: its SHA-256."""
-    if len(passphrase) < SHORTEST or not re.fullmatch(r"[!-~]+", passphrase):
-        problem = f"a passphrase needs {SHORTEST} or more printable ASCII characters without spaces"
+    if len(passphrase) < SHORTEST_PASSPHRASE or not re.fullmatch(r"[!-~]+", passphrase):
+        problem = f"a passphrase needs {SHORTEST_PASSPHRASE} or more printable ASCII characters without spaces"
         fix = "let `create_key` make one: who records one packet can try short ones at leisure"
         raise InputError("signing key", problem, fix=fix)
-    return Key(hashlib.sha256(passphrase.encode()).digest(), path)
+    return SigningKey(hashlib.sha256(passphrase.encode()).digest(), path)
 
 
 def key_path(vehicle: str) -> Path:
@@ -52,7 +52,7 @@ def key_path(vehicle: str) -> Path:
     return Path(os.environ.get("TRIMTAB_CONFIG") or default).absolute() / "keys" / f"{vehicle}.key"
 
 
-def create_key(path: Path) -> Key:
+def create_key(path: Path) -> SigningKey:
     """Make a new key of 256 random bits and write its file, owner-only; a file that is there is never overwritten."""
     passphrase = secrets.token_urlsafe(32)
     try:
@@ -70,7 +70,7 @@ def create_key(path: Path) -> Key:
     return passphrase_key(passphrase, path)
 
 
-def load_key(path: Path) -> Key:
+def load_key(path: Path) -> SigningKey:
     """Read a key file; refused where others can read or change it."""
     where = f"key file '{path}'"
     try:
@@ -79,7 +79,7 @@ def load_key(path: Path) -> Key:
         fix = f"make one by create_key(Path({str(path)!r})) on one end, and copy the file to the other by hand"
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix=fix) from None
     try:
-        _check(where, path, os.fstat(descriptor))
+        _check_key_file(where, path, os.fstat(descriptor))
         text = os.read(descriptor, LONGEST_FILE + 1)
     finally:
         os.close(descriptor)
@@ -88,11 +88,11 @@ def load_key(path: Path) -> Key:
             raise InputError(where, "is too long")
         return passphrase_key(text.decode("ascii").strip(), path)
     except (UnicodeDecodeError, InputError):
-        problem = f"holds no key: one line of {SHORTEST} or more printable ASCII characters is expected"
+        problem = f"holds no key: one line of {SHORTEST_PASSPHRASE} or more printable ASCII characters is expected"
         raise InputError(where, problem, fix="copy it again from the other end, or make a new one on both") from None
 
 
-def _check(where: str, path: Path, about: os.stat_result) -> None:
+def _check_key_file(where: str, path: Path, about: os.stat_result) -> None:
     if not stat.S_ISREG(about.st_mode):
         raise InputError(where, "is not a file", fix="give the path of a key file")
     if not hasattr(os, "getuid"):

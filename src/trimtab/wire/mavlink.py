@@ -18,14 +18,14 @@ from typing import Any
 
 from trimtab.core.errors import InputError, closest
 from trimtab.wire.checksum import checksum
-from trimtab.wire.definitions import Definition, Message, arrange, fitted
+from trimtab.wire.definitions import Message, MessageDefinition, arrange_values, fit_values
 from trimtab.wire.dialect import Dialect
-from trimtab.wire.keys import Key
+from trimtab.wire.keys import SigningKey
 from trimtab.wire.stamps import Stamps
 
 
 @dataclasses.dataclass
-class Counts:
+class FrameCounts:
     """Frames, except where it says bytes, since the end was opened."""
 
     sent: int = 0
@@ -50,13 +50,13 @@ class Counts:
     """Messages packed with a number that its type could not hold."""
 
     @property
-    def refused(self) -> int:
+    def refusals(self) -> int:
         """Frames that came whole and were not taken."""
         return self.unknown + self.unsigned + self.downgraded + self.wrong_signature + self.replayed + self.reflected
 
 
 VERSION_2, VERSION_1 = 0xFD, 0xFE
-SIGNED = 1
+SIGNED_FLAG = 1
 HEADER = struct.Struct("<BBBBBBBHB")
 OVERHEAD, TAG = HEADER.size + 2, 13
 NO_FRAME, NOT_YET = -1, 0
@@ -75,7 +75,7 @@ class Endpoint:
         dialect: Dialect,
         system: int,
         component: int,
-        key: Key | None = None,
+        key: SigningKey | None = None,
         unsigned: bool = False,
         *,
         link: int = 0,
@@ -83,9 +83,9 @@ class Endpoint:
         clock: Callable[[], float] | None = None,
     ) -> None:
         """Open one end; with a key that has a file, its time stamps are kept beside it until close()."""
-        _check(system, component, link, key, unsigned)
+        _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
-        self.counts = Counts()
+        self.counts = FrameCounts()
         self._datagrams = datagrams
         self._rest = b""
         self._sequence = 0
@@ -112,29 +112,33 @@ class Endpoint:
             near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
             raise InputError("wire", f"there is no message {name!r}", choices=near, fix=f"write {near[0]!r}")
         given = (
-            arrange(definition, values) if isinstance(values, Mapping) else values if len(values) else definition.blank
+            arrange_values(definition, values)
+            if isinstance(values, Mapping)
+            else values
+            if len(values)
+            else definition.blank_values
         )
         try:
             payload = definition.packing.pack(*given)
         except (struct.error, OverflowError, TypeError, ValueError):
-            payload = definition.packing.pack(*fitted(definition, given))
+            payload = definition.packing.pack(*fit_values(definition, given))
             self.counts.clamped += 1
-        return self._frame(definition, payload.rstrip(b"\0") or b"\0")
+        return self._make_frame(definition, payload.rstrip(b"\0") or b"\0")
 
-    def _frame(self, definition: Definition, payload: bytes) -> bytes:
-        flags = SIGNED if self._keyed else 0
+    def _make_frame(self, definition: MessageDefinition, payload: bytes) -> bytes:
+        flags = SIGNED_FLAG if self._keyed else 0
         number = definition.id
         head = (VERSION_2, len(payload), flags, 0, self._sequence, self.system, self.component)
         frame = HEADER.pack(*head, number & 0xFFFF, number >> 16) + payload
         frame += checksum(frame[1:], definition.crc_extra)
         self._sequence = (self._sequence + 1) & 0xFF
         if self.stamps is not None:
-            frame += bytes((self.link,)) + self.stamps.next().to_bytes(6, "little")
-            frame += self._tag(frame)
+            frame += bytes((self.link,)) + self.stamps.next_stamp().to_bytes(6, "little")
+            frame += self._signature_tag(frame)
         self.counts.sent += 1
         return frame
 
-    def _tag(self, frame: bytes) -> bytes:
+    def _signature_tag(self, frame: bytes) -> bytes:
         assert self._keyed is not None
         digest = self._keyed.copy()
         digest.update(frame)
@@ -149,9 +153,9 @@ class Endpoint:
         while at < size:
             first = buffer[at]
             if first == VERSION_2:
-                used = self._take(buffer, at, found)
+                used = self._read_frame(buffer, at, found)
             elif first == VERSION_1:
-                used = self._take_old(buffer, at)
+                used = self._skip_old_frame(buffer, at)
             else:
                 used = NO_FRAME
             if used == NOT_YET:
@@ -164,28 +168,28 @@ class Endpoint:
             self._rest = b""
         return found
 
-    def _take(self, buffer: bytes, at: int, found: list[Message]) -> int:
+    def _read_frame(self, buffer: bytes, at: int, found: list[Message]) -> int:
         """How many bytes the frame at `at` has; NO_FRAME; or NOT_YET if more bytes are needed to tell."""
         if len(buffer) - at < HEADER.size:
             return NOT_YET
         _, length, flags, compat, sequence, system, component, low, high = HEADER.unpack_from(buffer, at)
         definition = self.dialect.by_id.get(low | high << 16)
-        if flags & ~SIGNED or (length > definition.size if definition else compat):
+        if flags & ~SIGNED_FLAG or (length > definition.size if definition else compat):
             return NO_FRAME
         size = OVERHEAD + length + (TAG if flags else 0)
         if len(buffer) - at < size:
             return NOT_YET
         frame = buffer[at : at + size]
         if definition is None:
-            return self._pass_over(buffer, at, size, flags)
+            return self._skip_unknown(buffer, at, size, flags)
         end = HEADER.size + length
         if checksum(frame[1:end], definition.crc_extra) != frame[end : end + 2]:
             self.counts.checksum += 1
             return NO_FRAME
-        if self._keyed and flags and not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
+        if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
             return NO_FRAME  # it may have been cut, and another one may begin in what was taken for its signature
-        if self._is_welcome(frame, flags, system, component, definition.name):
+        if self._is_acceptable(frame, flags, system, component, definition.name):
             self._count_lost(system, component, sequence)
             payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
             values = definition.packing.unpack(payload)
@@ -194,7 +198,7 @@ class Endpoint:
             self.counts.accepted += 1
         return size
 
-    def _is_welcome(self, frame: bytes, flags: int, system: int, component: int, name: str) -> bool:
+    def _is_acceptable(self, frame: bytes, flags: int, system: int, component: int, name: str) -> bool:
         if self.stamps is not None and not flags:
             self.counts.unsigned += 1
             return False
@@ -210,17 +214,17 @@ class Endpoint:
             self.stamps.accept(stream, stamp, ordered)
         return True
 
-    def _pass_over(self, buffer: bytes, at: int, size: int, flags: int) -> int:
+    def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
         """An unknown message: its checksum can't be told, so it must be signed, or end where another frame starts."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
-            whole = hmac.compare_digest(self._tag(frame[:-6]), frame[-6:])
+            whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
         else:
             whole = at + size == len(buffer) or buffer[at + size] in (VERSION_1, VERSION_2)
         self.counts.unknown += whole
         return size if whole else NO_FRAME
 
-    def _take_old(self, buffer: bytes, at: int) -> int:
+    def _skip_old_frame(self, buffer: bytes, at: int) -> int:
         """A frame of MAVLink 1, which is refused: it has no signature."""
         if len(buffer) - at < 6:
             return NOT_YET
@@ -242,10 +246,10 @@ class Endpoint:
             self.counts.lost += missed
             self._heard[system, component] = sequence
 
-    def keep(self) -> None:
+    def store_stamps(self) -> None:
         """Store time stamps ahead; call it every few seconds where waiting for a disk does no harm."""
         if self.stamps is not None:
-            self.stamps.keep()
+            self.stamps.store_ahead()
 
     def close(self) -> None:
         """Give back what the endpoint holds on disk."""
@@ -253,7 +257,7 @@ class Endpoint:
             self.stamps.close()
 
 
-def _check(system: int, component: int, link: int, key: Key | None, unsigned: bool) -> None:
+def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:
     for what, value, low in (("system", system, 1), ("component", component, 1), ("link", link, 0)):
         if not low <= value <= 255:
             raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")

@@ -25,7 +25,7 @@ RECORD_START = 0x03
 LONGEST = 255
 
 
-class Imu(NamedTuple):
+class InertialRecord(NamedTuple):
     """The inertial unit's record, in its counts; timer in ticks of 6.5536 ms."""
 
     magnetic: tuple[int, int, int]
@@ -47,7 +47,7 @@ class ServoCommand(NamedTuple):
     speed_rpm: int
 
 
-class ClockTime(NamedTuple):
+class ClockTimeMessage(NamedTuple):
     """A time of the ground in ms; coming down, also the vehicle's timer in ms: how long it took to come up."""
 
     time_ms: int
@@ -67,16 +67,23 @@ class VehicleStatus(NamedTuple):
     data: bytes
 
 
-Minimal = Imu | Cricket | ServoCommand | ClockTime | ModeLift | VehicleStatus
-IDS: dict[type, int] = {Imu: 1, Cricket: 2, ServoCommand: 3, ClockTime: 4, ModeLift: 5, VehicleStatus: 6}
+Minimal = InertialRecord | Cricket | ServoCommand | ClockTimeMessage | ModeLift | VehicleStatus
+IDS: dict[type, int] = {
+    InertialRecord: 1,
+    Cricket: 2,
+    ServoCommand: 3,
+    ClockTimeMessage: 4,
+    ModeLift: 5,
+    VehicleStatus: 6,
+}
 COMMANDS = (ServoCommand, ModeLift)
-FIXED = {"up": {3: 4, 4: 4, 5: 2}, "down": {1: RECORD.size, 4: 6}}
+FIXED_SIZES = {"up": {3: 4, 4: 4, 5: 2}, "down": {1: RECORD.size, 4: 6}}
 """Data bytes of the messages of a fixed length, by the way they go."""
-COUNTED = {"up": (), "down": (2, 6)}
+COUNTED_IDS = {"up": (), "down": (2, 6)}
 """Messages that tell their length."""
 
 
-class MinimalEnd:
+class MinimalEndpoint:
     """One end of a line in this framing; nothing that it hears raises, what it refuses is counted."""
 
     def __init__(self, end: str, *, loopback: bool = False) -> None:
@@ -103,22 +110,22 @@ class MinimalEnd:
         if isinstance(message, COMMANDS) and not self._loopback:
             problem = "commands without a signature are refused over anything but loopback"
             raise InputError("minimal framing", problem, fix="use MAVLink with a key, or a loopback:// line")
-        if number not in FIXED[self._sends] and number not in COUNTED[self._sends]:
+        if number not in FIXED_SIZES[self._sends] and number not in COUNTED_IDS[self._sends]:
             problem = f"{type(message).__name__} does not go {self._sends}"
             raise InputError("minimal framing", problem, fix="pack it at the other end")
-        data = _data(message, self._sends)
-        length = bytes((len(data),)) if number in COUNTED[self._sends] else b""
+        data = _message_data(message, self._sends)
+        length = bytes((len(data),)) if number in COUNTED_IDS[self._sends] else b""
         return bytes((HEADER, number)) + length + data
 
     def feed(self, data: bytes | None) -> list[Minimal]:
         """The messages that are complete with these bytes. After garbage one counts if another follows it at once."""
         buffer, at, found = self._rest + (data or b""), 0, []
         while at < len(buffer):
-            size = self._size(buffer, at)
+            size = self._message_size(buffer, at)
             if size is None or len(buffer) - at < size:
                 break
-            message = self._message(buffer[at : at + size]) if size else None
-            if message is not None and not self._in_step and not isinstance(message, Imu):
+            message = self._parse_message(buffer[at : at + size]) if size else None
+            if message is not None and not self._in_step and not isinstance(message, InertialRecord):
                 if len(buffer) == at + size:
                     break  # the next byte will tell
                 message = message if buffer[at + size] == HEADER else None
@@ -127,39 +134,39 @@ class MinimalEnd:
                 self.garbage += 1
                 at += 1
                 continue
-            self._take(message, found)
+            self._accept_message(message, found)
             at += size
         self._rest = buffer[at:]
         return found
 
-    def _take(self, message: Minimal, found: list[Minimal]) -> None:
+    def _accept_message(self, message: Minimal, found: list[Minimal]) -> None:
         if isinstance(message, COMMANDS) and not self._loopback:
             self.refused += 1
             return
         self.accepted += 1
         found.append(message)
 
-    def _size(self, buffer: bytes, at: int) -> int | None:
+    def _message_size(self, buffer: bytes, at: int) -> int | None:
         """How long the message at `at` is; 0: there is none; None: more bytes are needed to tell."""
         if buffer[at] != HEADER:
             return 0
         if len(buffer) - at < 2:
             return None
         number = buffer[at + 1]
-        if number in FIXED[self._hears]:
-            return 2 + FIXED[self._hears][number]
-        if number not in COUNTED[self._hears]:
+        if number in FIXED_SIZES[self._hears]:
+            return 2 + FIXED_SIZES[self._hears][number]
+        if number not in COUNTED_IDS[self._hears]:
             return 0
         return None if len(buffer) - at < 3 else 3 + buffer[at + 2]
 
-    def _message(self, frame: bytes) -> Minimal | None:
+    def _parse_message(self, frame: bytes) -> Minimal | None:
         number = frame[1]
         if number == 1:
-            return _imu(frame[2:])
+            return _parse_inertial_record(frame[2:])
         if number == 3:
             return ServoCommand(*struct.unpack("<Hh", frame[2:]))
         if number == 4:
-            return ClockTime(*struct.unpack("<I" if self._hears == "up" else "<IH", frame[2:]))
+            return ClockTimeMessage(*struct.unpack("<I" if self._hears == "up" else "<IH", frame[2:]))
         if number == 5:
             return ModeLift(frame[2], frame[3])
         return Cricket(frame[3:]) if number == 2 else VehicleStatus(frame[3:])
@@ -170,32 +177,34 @@ def data_rate(traffic: Iterable[tuple[int, float]]) -> float:
     return sum(size * BITS_PER_BYTE * rate for size, rate in traffic)
 
 
-def _data(message: Minimal, way: str) -> bytes:
-    if isinstance(message, Imu):
-        vectors = [_near(v, -32768, 32767) for triple in message[:3] for v in triple]
-        record = RECORD.pack(RECORD_START, *vectors, _near(message.timer, 0, 65535), 0)
-        return record[:-2] + _record_sum(record).to_bytes(2, "big")
+def _message_data(message: Minimal, way: str) -> bytes:
+    if isinstance(message, InertialRecord):
+        vectors = [_clamp(v, -32768, 32767) for triple in message[:3] for v in triple]
+        record = RECORD.pack(RECORD_START, *vectors, _clamp(message.timer, 0, 65535), 0)
+        return record[:-2] + _record_checksum(record).to_bytes(2, "big")
     if isinstance(message, ServoCommand):
-        return struct.pack("<Hh", _near(message.rudder_us, 0, 65535), _near(message.speed_rpm, -32768, 32767))
-    if isinstance(message, ClockTime):
+        return struct.pack("<Hh", _clamp(message.rudder_us, 0, 65535), _clamp(message.speed_rpm, -32768, 32767))
+    if isinstance(message, ClockTimeMessage):
         time = struct.pack("<I", int(message.time_ms) & 0xFFFFFFFF)
-        return time if way == "up" else time + struct.pack("<H", _near(message.timer_ms or 0, 0, 65535))
+        return time if way == "up" else time + struct.pack("<H", _clamp(message.timer_ms or 0, 0, 65535))
     if isinstance(message, ModeLift):
-        return bytes((_near(message.mode, 0, 255), _near(message.lift, 0, 255)))
+        return bytes((_clamp(message.mode, 0, 255), _clamp(message.lift, 0, 255)))
     return message.data[:LONGEST]
 
 
-def _near(value: float, low: int, high: int) -> int:
+def _clamp(value: float, low: int, high: int) -> int:
     return low if value != value else int(min(max(value, low), high))
 
 
-def _record_sum(record: bytes) -> int:
+def _record_checksum(record: bytes) -> int:
     """The unit's checksum: its first byte and all words but the last, modulo 65536."""
     return (record[0] + sum(struct.unpack_from(">10H", record, 1))) & 0xFFFF
 
 
-def _imu(record: bytes) -> Imu | None:
+def _parse_inertial_record(record: bytes) -> InertialRecord | None:
     start, *words, timer, total = RECORD.unpack(record)
-    if start != RECORD_START or total != _record_sum(record):
+    if start != RECORD_START or total != _record_checksum(record):
         return None
-    return Imu((words[0], words[1], words[2]), (words[3], words[4], words[5]), (words[6], words[7], words[8]), timer)
+    return InertialRecord(
+        (words[0], words[1], words[2]), (words[3], words[4], words[5]), (words[6], words[7], words[8]), timer
+    )

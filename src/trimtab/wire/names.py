@@ -82,7 +82,7 @@ C_WORDS = [
     "instanceof",
     "typeof",
 ]
-GENERATED = [
+GENERATED_WORDS = [
     "system_id",
     "component_id",
     "msg",
@@ -115,21 +115,21 @@ GENERATED = [
     "fieldunits_by_name",
 ]
 """Arguments and attributes of the code that the generators write."""
-RESERVED = {w.lower() for w in (*C_WORDS, *GENERATED, *keyword.kwlist, *dir(builtins))}
+RESERVED_WORDS = {w.lower() for w in (*C_WORDS, *GENERATED_WORDS, *keyword.kwlist, *dir(builtins))}
 
 
 def message_name(text: str) -> str:
     """A message's name: capitals, digits and underscores, starting with a letter."""
-    return _legal(text).upper()
+    return _legal_name(text).upper()
 
 
 def field_name(path: str) -> str:
     """A field's name from the path of a leaf: what follows `value`, else its last part; dots become underscores."""
     _, _, below = path.partition(".value.")
-    return _legal(below or path.rsplit(".", 1)[-1])
+    return _legal_name(below or path.rsplit(".", 1)[-1])
 
 
-def unique(name: str, taken: set[str]) -> str:
+def unique_name(name: str, taken: set[str]) -> str:
     """The name, numbered where it is taken already (case does not tell two apart); it is taken afterwards.
 
     taken: names in small letters.
@@ -142,7 +142,7 @@ def unique(name: str, taken: set[str]) -> str:
     return found
 
 
-def plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """A text of one line that can stand in XML, and in a comment or string of any language: no quotes, no backslash."""
     ascii_only = text.replace("°", "deg").replace("²", "^2").replace("µ", "u").encode("ascii", "replace").decode()
     one_line = " ".join(re.sub("[\0-\x1f\x7f]", " ", ascii_only).split())
@@ -150,8 +150,8 @@ def plain(text: str) -> str:
     return one_line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def _legal(text: str) -> str:
+def _legal_name(text: str) -> str:
     found = re.sub(r"[^A-Za-z0-9_]", "_", text)
     if not found[:1].isalpha():
         found = f"v_{found.lstrip('_')}"
-    return f"{found}_" if found.lower() in RESERVED else found
+    return f"{found}_" if found.lower() in RESERVED_WORDS else found

@@ -23,8 +23,8 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import seconds
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.names import unique
-from trimtab.wire.protocol import REAL_32, ParameterSet
+from trimtab.wire.names import unique_name
+from trimtab.wire.protocol import REAL_32, ParameterChange
 
 LONGEST = 16
 MOST_NUMBERS = 64
@@ -40,15 +40,15 @@ class Parameter(NamedTuple):
     name: str
     path: str
     slot: int
-    declared: Quantity
+    declaration: Quantity
 
 
-class Changed(NamedTuple):
+class ParameterOutcome(NamedTuple):
     """What became of a wish to change a parameter: its path and number, the value now, and why not, if refused."""
 
     parameter: Parameter
     value: float
-    refused: str
+    refusal: str
 
 
 class Parameters:
@@ -71,36 +71,36 @@ class Parameters:
         """Name -> path of the leaf, and which of its numbers."""
         return {p.name: (p.path, p.slot) for p in self.listed}
 
-    def find(self, name: str, index: int) -> int | None:
+    def find_index(self, name: str, index: int) -> int | None:
         """The index of what a ground station asks for: by name where index is negative."""
         if index < 0:
             return self._index.get(name)
         return index if index < len(self.listed) else None
 
-    def change(self, index: int, value: float, why_not: str = "") -> Changed:
+    def change_value(self, index: int, value: float, why_not: str = "") -> ParameterOutcome:
         """Put a value in place if what was declared allows it, and nothing else speaks against it.
 
         One that reads the same on the wire stays as it is, with all its digits.
         """
         own = self.listed[index]
-        if as_float(self.values[index]) == value:
-            return Changed(own, self.values[index], "")
-        refused = why_not or _refusal(own.declared, value)
+        if round_to_float32(self.values[index]) == value:
+            return ParameterOutcome(own, self.values[index], "")
+        refused = why_not or _refusal(own.declaration, value)
         if not refused:
             self.values[index] = value
-        return Changed(own, self.values[index], refused)
+        return ParameterOutcome(own, self.values[index], refused)
 
 
 def parameter_names(paths: Sequence[str]) -> list[str]:
     """A name for each path, in the same order; no two are equal."""
-    plain = [_name(path) for path in paths]
+    plain = [_short_name(path) for path in paths]
     often = Counter(plain)
     taken: set[str] = set()
-    hashed = (name if often[name] == 1 else _hashed(path) for name, path in zip(plain, paths, strict=True))
-    return [unique(name, taken) for name in hashed]
+    hashed = (name if often[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
+    return [unique_name(name, taken) for name in hashed]
 
 
-def _name(path: str) -> str:
+def _short_name(path: str) -> str:
     *leading, own = re.sub(r"[^A-Za-z0-9_.]", "_", path).upper().split(".")
     if own.isdigit() and leading:
         own = f"{leading.pop()}_{own}"
@@ -109,15 +109,15 @@ def _name(path: str) -> str:
         whole = f"{before}_{name}" if before else name
         if len(whole) <= LONGEST:
             return whole
-    return _hashed(path)
+    return _hash_name(path)
 
 
-def _hashed(path: str) -> str:
+def _hash_name(path: str) -> str:
     own = re.sub(r"[^A-Za-z0-9_]", "_", path.rpartition(".")[2]).upper()
     return f"{own[: LONGEST - 6]}_{hashlib.sha256(path.encode()).hexdigest()[:5].upper()}"
 
 
-def as_float(value: float) -> float:
+def round_to_float32(value: float) -> float:
     """A number as 32 bits hold it."""
     try:
         return FLOAT.unpack(FLOAT.pack(value))[0]
@@ -156,7 +156,7 @@ class ParameterService:
         self._listing: deque[int] = deque()
         self._sent_at: int | None = None
 
-    def list_all(self) -> None:
+    def start_list(self) -> None:
         """Send every value, from the first, as they become due."""
         self._listing = deque(range(len(self._parameters.listed)))
 
@@ -169,21 +169,21 @@ class ParameterService:
 
     def read(self, message: Message) -> list[bytes]:
         """The value that a PARAM_REQUEST_READ asks for; nothing if there is none."""
-        index = self._parameters.find(message.get("param_id"), message.get("param_index"))
+        index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
         return [] if index is None else [self.value(index)]
 
-    def change(self, message: Message, why_not: str) -> tuple[list[bytes], list[ParameterSet], str]:
+    def change_value(self, message: Message, why_not: str) -> tuple[list[bytes], list[ParameterChange], str]:
         """Follow a PARAM_SET: the value that holds now, the event if it is another, why it was refused."""
         name = message.get("param_id")
-        index = self._parameters.find(name, -1)
+        index = self._parameters.find_index(name, -1)
         if index is None:
             return [], [], f"there is no parameter {name!r}"
         before = self._parameters.values[index]
-        changed = self._parameters.change(index, message.get("param_value"), why_not)
+        changed = self._parameters.change_value(index, message.get("param_value"), why_not)
         own, events = changed.parameter, []
         if changed.value != before:
-            events = [ParameterSet(own.path, own.slot, changed.value, (message.system, message.component))]
-        refused = f"{name} ({own.path}) {changed.refused}" if changed.refused else ""
+            events = [ParameterChange(own.path, own.slot, changed.value, (message.system, message.component))]
+        refused = f"{name} ({own.path}) {changed.refusal}" if changed.refusal else ""
         return [self.value(index)], events, refused
 
     def value(self, index: int) -> bytes:

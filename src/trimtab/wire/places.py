@@ -11,7 +11,7 @@ from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import TIME, Dialect
 
 
-class _Spread(NamedTuple):
+class _MessageSlots(NamedTuple):
     """One message: where its values lie in the vector, which of them are integers, and its group's index and part."""
 
     group: str
@@ -21,7 +21,7 @@ class _Spread(NamedTuple):
     time: int
 
 
-class Places:
+class MessagePlaces:
     """Where the values of a dialect's messages lie in a vector such as `FastStep.inputs`.
 
     A sample in several parts is written when all parts of one time of measurement have come, so that the vector never
@@ -38,16 +38,16 @@ class Places:
 
         Raises InputError for a group with a value that has no place.
         """
-        chosen = groups or [g for g in dialect.groups if _paths(dialect, g) <= places.keys()]
-        self._spread: dict[str, _Spread] = {}
+        chosen = groups or [g for g in dialect.groups if _group_paths(dialect, g) <= places.keys()]
+        self._spread: dict[str, _MessageSlots] = {}
         self._names = {g: dialect.groups[g] for g in chosen}
         for group in chosen:
-            missing = sorted(_paths(dialect, group) - places.keys())
+            missing = sorted(_group_paths(dialect, group) - places.keys())
             if missing:
                 problem = f"{missing[0]!r} of {group!r} has no place in the vector"
                 raise InputError("wire", problem, choices=list(places)[:12], fix="take the dialect of this scenario")
             for part, name in enumerate(dialect.groups[group]):
-                self._spread[name] = _spread(dialect, name, group, part, places)
+                self._spread[name] = _find_slots(dialect, name, group, part, places)
         self._waiting: dict[str, dict[int, Message]] = {}
 
     @property
@@ -55,7 +55,7 @@ class Places:
         """The groups that have a place."""
         return tuple(self._names)
 
-    def put(self, message: Message, vector: np.ndarray) -> str | None:
+    def write_message(self, message: Message, vector: np.ndarray) -> str | None:
         """Write a message's values; the group that is complete with it, or None: parts are missing, or not placed."""
         spread = self._spread.get(message.name)
         if spread is None:
@@ -75,7 +75,7 @@ class Places:
         waiting.clear()
         return spread.group
 
-    def take(self, group: str, vector: np.ndarray) -> list[tuple[str, list[Any]]]:
+    def read_messages(self, group: str, vector: np.ndarray) -> list[tuple[str, list[Any]]]:
         """The messages that carry a group, as arguments of `Endpoint.pack`."""
         found = []
         for name in self._names[group]:
@@ -88,11 +88,11 @@ class Places:
         return found
 
 
-def _paths(dialect: Dialect, group: str) -> set[str]:
+def _group_paths(dialect: Dialect, group: str) -> set[str]:
     return {place.path for name in dialect.groups[group] for place in dialect.places[name]}
 
 
-def _spread(dialect: Dialect, name: str, group: str, part: int, places: Mapping[str, int | slice]) -> _Spread:
+def _find_slots(dialect: Dialect, name: str, group: str, part: int, places: Mapping[str, int | slice]) -> _MessageSlots:
     index = []
     for path, slot, _ in dialect.places[name]:
         at = places[path]
@@ -100,4 +100,4 @@ def _spread(dialect: Dialect, name: str, group: str, part: int, places: Mapping[
     definition = dialect.definitions[name]
     whole = tuple(k for k, allowed in enumerate(definition.ranges) if allowed is not None)
     times = [k for k, place in enumerate(dialect.places[name]) if place.path.rsplit(".", 1)[-1] == TIME]
-    return _Spread(group, part, np.array(index, np.intp), whole, times[0])
+    return _MessageSlots(group, part, np.array(index, np.intp), whole, times[0])

@@ -18,40 +18,40 @@ from typing import NamedTuple
 
 from trimtab.wire.definitions import Message
 
-Who = tuple[int, int]
+SystemComponent = tuple[int, int]
 
 
-class ArmAsked(NamedTuple):
+class ArmRequest(NamedTuple):
     """Arm or disarm; arming comes only while nothing speaks against it."""
 
-    armed: bool
-    asked_by: Who
+    arm: bool
+    requester: SystemComponent
 
 
-class ModeAsked(NamedTuple):
+class ModeRequest(NamedTuple):
     """Change to a mode, by its number; only modes that are known and open come."""
 
     mode: int
-    asked_by: Who
+    requester: SystemComponent
 
 
-class FlightAsked(NamedTuple):
+class FlightRequest(NamedTuple):
     """The autopilot is to "hold", to "resume" or to "end" its flight; comes only while there is one to be asked."""
 
     request: str
-    asked_by: Who
+    requester: SystemComponent
 
 
-class ParameterSet(NamedTuple):
+class ParameterChange(NamedTuple):
     """A number of the leaf at `path` has been given another value, which was found to be allowed."""
 
     path: str
     slot: int
     value: float
-    asked_by: Who
+    requester: SystemComponent
 
 
-class Channels(NamedTuple):
+class ReceiverChannels(NamedTuple):
     """Pulse widths of a safety pilot's receiver, in seconds; NaN for a channel that isn't there.
 
     override: they come from a ground station in the receiver's place, and are to be trusted less.
@@ -59,10 +59,10 @@ class Channels(NamedTuple):
 
     pulses: tuple[float, ...]
     override: bool
-    asked_by: Who
+    requester: SystemComponent
 
 
-class Sticks(NamedTuple):
+class JoystickAxes(NamedTuple):
     """A joystick: forward, right, up, turn from -1 to 1, NaN where there is none; buttons as bits."""
 
     surge: float
@@ -70,10 +70,10 @@ class Sticks(NamedTuple):
     heave: float
     yaw: float
     buttons: int
-    asked_by: Who
+    requester: SystemComponent
 
 
-Event = ArmAsked | ModeAsked | FlightAsked | ParameterSet | Channels | Sticks
+VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | ReceiverChannels | JoystickAxes
 
 
 class VehicleType(IntEnum):
@@ -105,7 +105,7 @@ class State(IntEnum):
     EMERGENCY = 6
 
 
-class Order(IntEnum):
+class CommandCode(IntEnum):
     """MAV_CMD."""
 
     LAND = 21
@@ -120,7 +120,7 @@ class Order(IntEnum):
     REQUEST_CAPABILITIES = 520
 
 
-class Result(IntEnum):
+class CommandResult(IntEnum):
     """MAV_RESULT."""
 
     ACCEPTED = 0
@@ -157,12 +157,12 @@ SET_MODE_MESSAGE = 11
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
-HERE = 0, 2
+HOLD_POSITIONS = 0, 2
 """Where to hold: not said, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 
 
-class Wanted(NamedTuple):
+class FlightCommand(NamedTuple):
     """A command and its first two parameters."""
 
     command: int
@@ -170,24 +170,24 @@ class Wanted(NamedTuple):
     second: float
 
 
-ORDERS = {
-    HOLD: Wanted(Order.OVERRIDE_GOTO, GOTO_HOLD, 2),
-    RESUME: Wanted(Order.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
-    END: Wanted(Order.LAND, 0, 0),
+FLIGHT_COMMANDS = {
+    HOLD: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_HOLD, 2),
+    RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
+    END: FlightCommand(CommandCode.LAND, 0, 0),
 }
 """How one end of the line asks the other."""
 
 
-def requested(wanted: Wanted) -> str | None:
+def parse_request(wanted: FlightCommand) -> str | None:
     """What a command asks for; DENIED where that can't be done; None for a command that asks for none of it."""
     command, first, second = wanted
-    if command == Order.LAND:
+    if command == CommandCode.LAND:
         return END
-    if command == Order.PAUSE_CONTINUE:
+    if command == CommandCode.PAUSE_CONTINUE:
         return PAUSES.get(first, DENIED)
-    if command == Order.OVERRIDE_GOTO:
+    if command == CommandCode.OVERRIDE_GOTO:
         if first == GOTO_HOLD:
-            return HOLD if second in HERE else DENIED
+            return HOLD if second in HOLD_POSITIONS else DENIED
         return RESUME if first == GOTO_CONTINUE else DENIED
     return None
 
@@ -198,17 +198,17 @@ ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
 """Values that mean: no such channel; to be let alone; given back to the receiver."""
 
 
-def channels(message: Message) -> Channels:
+def parse_channels(message: Message) -> ReceiverChannels:
     """Pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
     fields = message.fields()
     many = fields.get("chancount", CHANNELS)
     raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
     pulses = (NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
     override = message.name == "RC_CHANNELS_OVERRIDE"
-    return Channels(tuple(pulses), override, (message.system, message.component))
+    return ReceiverChannels(tuple(pulses), override, (message.system, message.component))
 
 
-def sticks(message: Message) -> Sticks:
+def parse_joystick(message: Message) -> JoystickAxes:
     """A joystick from MANUAL_CONTROL; what lies outside of +-1000 is an axis that isn't there."""
     surge, sway, heave, yaw = (v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr"))
-    return Sticks(surge, sway, heave, yaw, message.get("buttons"), (message.system, message.component))
+    return JoystickAxes(surge, sway, heave, yaw, message.get("buttons"), (message.system, message.component))

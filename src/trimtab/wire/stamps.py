@@ -33,9 +33,9 @@ EPOCH = 1_420_070_400
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
 """How far behind a stamp may be."""
-LATE = PER_SECOND // 4
+LONGEST_LATENESS = PER_SECOND // 4
 """How far behind the newest of its stream a stamp may be: a vehicle that hears nothing for so long stops by itself."""
-AHEAD = 10 * PER_SECOND
+STORE_MARGIN = 10 * PER_SECOND
 """How far ahead the stored stamp lies: after it was killed, a sender is ahead of its peers for so long."""
 LARGEST = 2**48 - 1
 DIGITS = 20
@@ -58,16 +58,16 @@ class _Stream:
     def is_new(self, stamp: int, ordered: bool) -> bool:
         if stamp > self.newest:
             return True
-        late = stamp > self.newest - LATE and stamp not in self._taken
+        late = stamp > self.newest - LONGEST_LATENESS and stamp not in self._taken
         return late and not (ordered and stamp <= self.ordered)
 
-    def take(self, stamp: int, ordered: bool) -> None:
+    def remember(self, stamp: int, ordered: bool) -> None:
         self.newest = max(self.newest, stamp)
         if ordered:
             self.ordered = max(self.ordered, stamp)
         self._taken.add(stamp)
         self._coming.append(stamp)
-        while self._coming[0] <= self.newest - LATE:
+        while self._coming[0] <= self.newest - LONGEST_LATENESS:
             self._taken.remove(self._coming.popleft())
 
 
@@ -77,33 +77,33 @@ class Stamps:
     def __init__(self, store: Path | None = None, clock: Callable[[], float] | None = None) -> None:
         """Start above what is stored and above now; `store` None keeps nothing. The file stays locked until close()."""
         self._clock = clock or running_clock()
-        self._file = None if store is None else _open(store)
-        self._ceiling = 0 if self._file is None or store is None else _read(self._file, store)
-        self.last = max(self._ceiling, self._now())
+        self._file = None if store is None else _open_store(store)
+        self._ceiling = 0 if self._file is None or store is None else _read_store(self._file, store)
+        self.last = max(self._ceiling, self._current_stamp())
         self._floor = self.last
         self._streams: dict[tuple[int, int, int], _Stream] = {}
         self.unsaved = 0
         """How often the stamp ahead could not be written, e.g. because the disk is full."""
 
-    def _now(self) -> int:
+    def _current_stamp(self) -> int:
         return min(max(int((self._clock() - EPOCH) * PER_SECOND), 0), LARGEST)
 
-    def next(self) -> int:
+    def next_stamp(self) -> int:
         """A stamp greater than all before."""
-        self._raise_to(min(max(self.last + 1, self._now()), LARGEST))
+        self._raise_to(min(max(self.last + 1, self._current_stamp()), LARGEST))
         return self.last
 
-    def keep(self) -> None:
+    def store_ahead(self) -> None:
         """Store ahead of time if half the margin is used up: call it now and then where waiting does no harm."""
-        if self._file is not None and self.last + AHEAD // 2 > self._ceiling:
-            self._write()
+        if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
+            self._write_store()
 
     def is_new(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> bool:
         """Whether a stamp of (system, component, link) may be taken; nothing is remembered before `accept`.
 
         ordered: its packet must not come after a later one that must not either.
         """
-        if stamp <= self._floor or stamp < max(self.last, self._now()) - MARGIN:
+        if stamp <= self._floor or stamp < max(self.last, self._current_stamp()) - MARGIN:
             return False
         heard = self._streams.get(stream)
         return heard is None or heard.is_new(stamp, ordered)
@@ -112,22 +112,22 @@ class Stamps:
         """Remember the stamp of a packet whose signature was right; this end's own moves up to it."""
         if stream not in self._streams:
             self._streams[stream] = _Stream(self._floor)
-        self._streams[stream].take(stamp, ordered)
+        self._streams[stream].remember(stamp, ordered)
         self._raise_to(max(self.last, stamp))
 
     def close(self) -> None:
         """Store exactly where the stamps stand, and give the file back."""
         if self._file is not None:
-            self._write(0)
+            self._write_store(0)
             os.close(self._file)
             self._file = None
 
     def _raise_to(self, stamp: int) -> None:
         self.last = stamp
         if self._file is not None and stamp >= self._ceiling:
-            self._write()
+            self._write_store()
 
-    def _write(self, margin: int = AHEAD) -> None:
+    def _write_store(self, margin: int = STORE_MARGIN) -> None:
         assert self._file is not None
         ceiling = min(self.last + margin, LARGEST)
         try:
@@ -139,7 +139,7 @@ class Stamps:
         self._ceiling = ceiling
 
 
-def _open(store: Path) -> int:
+def _open_store(store: Path) -> int:
     where = f"time stamps '{store}'"
     try:
         store.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -157,7 +157,7 @@ def _open(store: Path) -> int:
     return file
 
 
-def _read(file: int, store: Path) -> int:
+def _read_store(file: int, store: Path) -> int:
     text = os.pread(file, 64, 0).strip()
     if not text:
         return 0

@@ -16,27 +16,27 @@ from trimtab.wire.parameters import Parameters, ParameterService
 from trimtab.wire.protocol import (
     GENERIC_AUTOPILOT,
     SET_MODE_MESSAGE,
-    ArmAsked,
-    Event,
-    FlightAsked,
-    ModeAsked,
+    ArmRequest,
+    CommandCode,
+    CommandResult,
+    FlightCommand,
+    FlightRequest,
     ModeFlag,
-    Order,
-    Result,
+    ModeRequest,
     Severity,
     State,
+    SystemComponent,
+    VehicleEvent,
     VehicleType,
-    Wanted,
-    Who,
-    channels,
-    requested,
-    sticks,
+    parse_channels,
+    parse_joystick,
+    parse_request,
 )
-from trimtab.wire.streams import Streams, Texts
+from trimtab.wire.streams import Streams, TextQueue
 from trimtab.wire.telemetry import version_fields
 
 HEARTBEAT_PERIOD = seconds(1)
-LISTENS_FOR = seconds(10)
+LISTENING_TIME = seconds(10)
 """How long after its last heartbeat another system counts as one that listens."""
 NS_PER_UNIT = 100
 
@@ -51,16 +51,16 @@ class Status(NamedTuple):
     mode: int = 0
     armed: bool = False
     state: State = State.STANDBY
-    not_ready: str = ""
-    closed: Mapping[int, str] = {}
-    deaf: str = "there is no autopilot that could be asked"
+    arming_problem: str = ""
+    closed_modes: Mapping[int, str] = {}
+    autopilot_problem: str = "there is no autopilot that could be asked"
 
 
-class Handled(NamedTuple):
+class StationResponse(NamedTuple):
     """What a message leads to: packets to send, and what is asked of the vehicle."""
 
     replies: list[bytes]
-    events: list[Event]
+    events: list[VehicleEvent]
 
 
 class Station:
@@ -92,52 +92,52 @@ class Station:
         self._parameters = ParameterService(endpoint, parameters)
         self._vehicle, self._live = vehicle, live
         self.status = Status(mode=next(iter(self._modes)))
-        self.heard: dict[Who, int] = {}
+        self.heard: dict[SystemComponent, int] = {}
         """When the last heartbeat of each (system, component) came."""
-        self.texts = Texts(endpoint)
+        self.texts = TextQueue(endpoint)
         self._heartbeat_at: int | None = None
         self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
         self._answers = {
-            "HEARTBEAT": self._hear,
-            "TIMESYNC": self._synchronise,
-            "PING": self._ping,
-            "COMMAND_LONG": self._command,
-            "COMMAND_INT": self._command,
+            "HEARTBEAT": self._note_heartbeat,
+            "TIMESYNC": self._answer_time_sync,
+            "PING": self._answer_ping,
+            "COMMAND_LONG": self._handle_command,
+            "COMMAND_INT": self._handle_command,
             "SET_MODE": self._set_mode,
-            "PARAM_REQUEST_LIST": lambda *_: self._parameters.list_all(),
+            "PARAM_REQUEST_LIST": lambda *_: self._parameters.start_list(),
             "PARAM_REQUEST_READ": lambda message, now, done: done.replies.extend(self._parameters.read(message)),
             "PARAM_SET": self._set_parameter,
             "REQUEST_DATA_STREAM": lambda message, now, done: self._streams.ask(message, now),
-            "RC_CHANNELS": lambda message, now, done: done.events.append(channels(message)),
-            "RC_CHANNELS_OVERRIDE": lambda message, now, done: done.events.append(channels(message)),
-            "MANUAL_CONTROL": lambda message, now, done: done.events.append(sticks(message)),
+            "RC_CHANNELS": lambda message, now, done: done.events.append(parse_channels(message)),
+            "RC_CHANNELS_OVERRIDE": lambda message, now, done: done.events.append(parse_channels(message)),
+            "MANUAL_CONTROL": lambda message, now, done: done.events.append(parse_joystick(message)),
             "SETUP_SIGNING": self._refuse_key,
         }
 
-    def handle(self, message: Message, now: int) -> Handled:
+    def handle_message(self, message: Message, now: int) -> StationResponse:
         """What a message leads to; those for others, and those that nothing is known of, lead to nothing."""
-        done = Handled([], [])
+        done = StationResponse([], [])
         answer = self._answers.get(message.name)
         if answer is not None and self._is_for_us(message):
             answer(message, now, done)
-            done.replies.extend(self.texts.take())
+            done.replies.extend(self.texts.pack_texts())
         return done
 
     def due(self, now: int) -> list[bytes]:
         """What is to be sent by now: heartbeats, texts, streams, the parameters that were asked for, paced."""
-        found = self.texts.take()
+        found = self.texts.pack_texts()
         if self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD:
             self._heartbeat_at = now
-            found.append(self._heartbeat())
+            found.append(self._heartbeat_packet())
         if now < self._listens_until:
             found += self._streams.due(now)
         return found + self._parameters.due(now)
 
-    def say(self, severity: Severity, text: str) -> None:
+    def queue_text(self, severity: Severity, text: str) -> None:
         """A line for people, sent with what is due next; what is too much is dropped and counted."""
-        self.texts.say(severity, text)
+        self.texts.queue_text(severity, text)
 
-    def _pack(self, name: str, **fields: Any) -> bytes:
+    def _pack_fields(self, name: str, **fields: Any) -> bytes:
         return self._endpoint.pack(name, fields)
 
     def _is_for_us(self, message: Message) -> bool:
@@ -148,9 +148,9 @@ class Station:
                 return False
         return message.name != "MANUAL_CONTROL" or message.get("target") in (0, self._endpoint.system)
 
-    def _heartbeat(self) -> bytes:
+    def _heartbeat_packet(self) -> bytes:
         armed = ModeFlag.ARMED if self.status.armed else 0
-        return self._pack(
+        return self._pack_fields(
             "HEARTBEAT",
             type=self._vehicle,
             autopilot=GENERIC_AUTOPILOT,
@@ -159,43 +159,43 @@ class Station:
             system_status=self.status.state,
         )
 
-    def _hear(self, message: Message, now: int, done: Handled) -> None:
-        self.heard[_who(message)] = now
+    def _note_heartbeat(self, message: Message, now: int, done: StationResponse) -> None:
+        self.heard[_sender(message)] = now
         if message.system != self._endpoint.system:
-            self._listens_until = now + LISTENS_FOR
+            self._listens_until = now + LISTENING_TIME
 
-    def _synchronise(self, message: Message, now: int, done: Handled) -> None:
+    def _answer_time_sync(self, message: Message, now: int, done: StationResponse) -> None:
         if message.get("tc1") == 0:
-            done.replies.append(self._pack("TIMESYNC", tc1=now * NS_PER_UNIT or 1, ts1=message.get("ts1")))
+            done.replies.append(self._pack_fields("TIMESYNC", tc1=now * NS_PER_UNIT or 1, ts1=message.get("ts1")))
 
-    def _ping(self, message: Message, now: int, done: Handled) -> None:
+    def _answer_ping(self, message: Message, now: int, done: StationResponse) -> None:
         if message.get("target_system") == 0:
             fields = message.fields() | {"target_system": message.system, "target_component": message.component}
-            done.replies.append(self._pack("PING", **fields))
+            done.replies.append(self._pack_fields("PING", **fields))
 
-    def _command(self, message: Message, now: int, done: Handled) -> None:
+    def _handle_command(self, message: Message, now: int, done: StationResponse) -> None:
         command, first, second = (message.get(n) for n in ("command", "param1", "param2"))
-        if command == Order.ARM:
-            result = self._arm(first, _who(message), done)
-        elif command == Order.TERMINATE and first > 0.5:
-            result = self._arm(0.0, _who(message), done)
-        elif command == Order.SET_MODE:
-            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, _who(message), done)
-        elif (request := requested(Wanted(command, first, second))) is not None:
-            result = self._ask_pilot(request, _who(message), done)
-        elif command == Order.REQUEST_CAPABILITIES or (command == Order.REQUEST_MESSAGE and first == 148):
-            done.replies.append(self._pack("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
-            result = Result.ACCEPTED
-        elif command == Order.REQUEST_MESSAGE and first == 0:
-            done.replies.append(self._heartbeat())
-            result = Result.ACCEPTED
+        if command == CommandCode.ARM:
+            result = self._arm(first, _sender(message), done)
+        elif command == CommandCode.TERMINATE and first > 0.5:
+            result = self._arm(0.0, _sender(message), done)
+        elif command == CommandCode.SET_MODE:
+            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, _sender(message), done)
+        elif (request := parse_request(FlightCommand(command, first, second))) is not None:
+            result = self._request_flight(request, _sender(message), done)
+        elif command == CommandCode.REQUEST_CAPABILITIES or (command == CommandCode.REQUEST_MESSAGE and first == 148):
+            done.replies.append(self._pack_fields("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
+            result = CommandResult.ACCEPTED
+        elif command == CommandCode.REQUEST_MESSAGE and first == 0:
+            done.replies.append(self._heartbeat_packet())
+            result = CommandResult.ACCEPTED
         else:
-            result, packets = self._streams.order(command, first, second, now)
+            result, packets = self._streams.handle_command(command, first, second, now)
             done.replies.extend(packets)
-        done.replies.append(self._acknowledge(command, result, message))
+        done.replies.append(self._acknowledgement_packet(command, result, message))
 
-    def _acknowledge(self, command: int, result: Result, message: Message) -> bytes:
-        return self._pack(
+    def _acknowledgement_packet(self, command: int, result: CommandResult, message: Message) -> bytes:
+        return self._pack_fields(
             "COMMAND_ACK",
             command=command,
             result=result,
@@ -203,51 +203,51 @@ class Station:
             target_component=message.component,
         )
 
-    def _arm(self, wanted: float, who: Who, done: Handled) -> Result:
+    def _arm(self, wanted: float, who: SystemComponent, done: StationResponse) -> CommandResult:
         if wanted not in (0.0, 1.0):
-            return Result.DENIED
-        if wanted and not self.status.armed and self.status.not_ready:
-            self.say(Severity.WARNING, f"Arming refused: {self.status.not_ready}")
-            return Result.NOT_NOW
-        done.events.append(ArmAsked(bool(wanted), who))
-        return Result.ACCEPTED
+            return CommandResult.DENIED
+        if wanted and not self.status.armed and self.status.arming_problem:
+            self.queue_text(Severity.WARNING, f"Arming refused: {self.status.arming_problem}")
+            return CommandResult.NOT_NOW
+        done.events.append(ArmRequest(bool(wanted), who))
+        return CommandResult.ACCEPTED
 
-    def _change_mode(self, flags: int, mode: float, who: Who, done: Handled) -> Result:
+    def _change_mode(self, flags: int, mode: float, who: SystemComponent, done: StationResponse) -> CommandResult:
         if not flags & ModeFlag.CUSTOM or mode not in self._modes:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())
-            self.say(Severity.WARNING, f"No mode {mode:g}; there are {known}")
-            return Result.DENIED
-        why = self.status.closed.get(int(mode))
+            self.queue_text(Severity.WARNING, f"No mode {mode:g}; there are {known}")
+            return CommandResult.DENIED
+        why = self.status.closed_modes.get(int(mode))
         if why:
-            self.say(Severity.WARNING, f"Mode {self._modes[int(mode)]} refused: {why}")
-            return Result.NOT_NOW
-        done.events.append(ModeAsked(int(mode), who))
-        return Result.ACCEPTED
+            self.queue_text(Severity.WARNING, f"Mode {self._modes[int(mode)]} refused: {why}")
+            return CommandResult.NOT_NOW
+        done.events.append(ModeRequest(int(mode), who))
+        return CommandResult.ACCEPTED
 
-    def _ask_pilot(self, request: str, who: Who, done: Handled) -> Result:
+    def _request_flight(self, request: str, who: SystemComponent, done: StationResponse) -> CommandResult:
         if not request:
-            return Result.DENIED
-        if self.status.deaf:
-            self.say(Severity.WARNING, f"Not asked to {request}: {self.status.deaf}")
-            return Result.NOT_NOW
-        done.events.append(FlightAsked(request, who))
-        return Result.ACCEPTED
+            return CommandResult.DENIED
+        if self.status.autopilot_problem:
+            self.queue_text(Severity.WARNING, f"Not asked to {request}: {self.status.autopilot_problem}")
+            return CommandResult.NOT_NOW
+        done.events.append(FlightRequest(request, who))
+        return CommandResult.ACCEPTED
 
-    def _set_mode(self, message: Message, now: int, done: Handled) -> None:
-        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), _who(message), done)
-        done.replies.append(self._acknowledge(SET_MODE_MESSAGE, result, message))
+    def _set_mode(self, message: Message, now: int, done: StationResponse) -> None:
+        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), _sender(message), done)
+        done.replies.append(self._acknowledgement_packet(SET_MODE_MESSAGE, result, message))
 
-    def _set_parameter(self, message: Message, now: int, done: Handled) -> None:
+    def _set_parameter(self, message: Message, now: int, done: StationResponse) -> None:
         why_not = "can't be changed while armed" if self.status.armed and not self._live else ""
-        replies, events, refused = self._parameters.change(message, why_not)
+        replies, events, refused = self._parameters.change_value(message, why_not)
         done.replies.extend(replies)
         done.events.extend(events)
         if refused:
-            self.say(Severity.WARNING, f"Not set: {refused}")
+            self.queue_text(Severity.WARNING, f"Not set: {refused}")
 
-    def _refuse_key(self, message: Message, now: int, done: Handled) -> None:
-        self.say(Severity.WARNING, "Keys are not taken over the link")
+    def _refuse_key(self, message: Message, now: int, done: StationResponse) -> None:
+        self.queue_text(Severity.WARNING, "Keys are not taken over the link")
 
 
-def _who(message: Message) -> Who:
+def _sender(message: Message) -> SystemComponent:
     return message.system, message.component

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 from trimtab.core.time import FOREVER, ms, seconds
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import Order, Result, Severity
+from trimtab.wire.protocol import CommandCode, CommandResult, Severity
 
 PIECE = 50
 MOST = 20
 
 
-class Texts:
+class TextQueue:
     """Lines that wait to be sent; `dropped` counts those that found no room."""
 
     def __init__(self, endpoint: Endpoint) -> None:
@@ -32,9 +32,9 @@ class Texts:
         self._number = 0
         self.dropped = 0
 
-    def say(self, severity: Severity, text: str) -> None:
+    def queue_text(self, severity: Severity, text: str) -> None:
         """Put a line at the end."""
-        pieces = _pieces(text.encode())
+        pieces = _split_text(text.encode())
         if len(self._waiting) + len(pieces) > MOST:
             self.dropped += 1
             return
@@ -42,7 +42,7 @@ class Texts:
         number = self._number if len(pieces) > 1 else 0
         self._waiting.extend((severity, piece, number, k) for k, piece in enumerate(pieces))
 
-    def take(self) -> list[bytes]:
+    def pack_texts(self) -> list[bytes]:
         """All that waits, packed."""
         found = [
             self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
@@ -52,7 +52,7 @@ class Texts:
         return found
 
 
-def _pieces(text: bytes) -> list[bytes]:
+def _split_text(text: bytes) -> list[bytes]:
     """A text in as many messages as it needs; where the last is full, an empty one says that it ends."""
     pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
     return [*pieces, b""] if len(pieces) > 1 and len(pieces[-1]) == PIECE else pieces
@@ -62,7 +62,7 @@ FASTEST = ms(20)
 """Nothing is sent more often, whatever is asked for."""
 SLOWEST = seconds(60)
 UNITS_PER_US = 10
-ALL = 0
+ALL_STREAMS = 0
 STREAMS: Mapping[int, frozenset[str]] = {
     1: frozenset({"HIGHRES_IMU"}),
     2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME"}),
@@ -75,7 +75,7 @@ STREAMS: Mapping[int, frozenset[str]] = {
 INTERVAL = "MESSAGE_INTERVAL"
 
 
-class Stream(NamedTuple):
+class TelemetryStream(NamedTuple):
     """A message and how often it is sent unasked. fields: its fields at a time, None while there is nothing to tell."""
 
     fields: Callable[[int], Mapping[str, Any] | None]
@@ -85,7 +85,7 @@ class Stream(NamedTuple):
 class Streams:
     """The messages of one vehicle. Times are the vehicle's, in 100 ns."""
 
-    def __init__(self, endpoint: Endpoint, streams: Mapping[str, Stream]) -> None:
+    def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
         """streams: name of a message -> what it tells."""
         self._endpoint, self._streams = endpoint, dict(streams)
         self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
@@ -102,49 +102,53 @@ class Streams:
         late = now - self._due[name]
         self._due[name] = self._due[name] + period if late < period else now + period
         self._next = min(self._due.values())
-        return self._packet(name, now)
+        return self._stream_packet(name, now)
 
-    def order(self, command: int, first: float, second: float, now: int) -> tuple[Result, list[bytes]]:
+    def handle_command(self, command: int, first: float, second: float, now: int) -> tuple[CommandResult, list[bytes]]:
         """Follow a request for a message, or for its rate: what to answer, and packets."""
-        if command == Order.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
-            command, first = Order.GET_INTERVAL, second
+        if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
+            command, first = CommandCode.GET_INTERVAL, second
         name = self._names.get(int(first)) if math.isfinite(first) else None
-        if name is None or command not in (Order.REQUEST_MESSAGE, Order.SET_INTERVAL, Order.GET_INTERVAL):
-            return Result.UNSUPPORTED, []
-        if command == Order.GET_INTERVAL:
-            return Result.ACCEPTED, [self._interval(name)]
-        if command == Order.SET_INTERVAL:
+        if name is None or command not in (
+            CommandCode.REQUEST_MESSAGE,
+            CommandCode.SET_INTERVAL,
+            CommandCode.GET_INTERVAL,
+        ):
+            return CommandResult.UNSUPPORTED, []
+        if command == CommandCode.GET_INTERVAL:
+            return CommandResult.ACCEPTED, [self._interval_packet(name)]
+        if command == CommandCode.SET_INTERVAL:
             return self._set_interval(name, second, now), []
-        packets = self._packet(name, now)
-        return (Result.ACCEPTED if packets else Result.NOT_NOW), packets
+        packets = self._stream_packet(name, now)
+        return (CommandResult.ACCEPTED if packets else CommandResult.NOT_NOW), packets
 
     def ask(self, message: Message, now: int) -> None:
         """Follow a REQUEST_DATA_STREAM."""
         which, rate, start = (message.get(n) for n in ("req_stream_id", "req_message_rate", "start_stop"))
-        for name in self._streams if which == ALL else STREAMS.get(which, ()):
-            self._pace(name, seconds(1) // rate if start and rate else 0, now)
+        for name in self._streams if which == ALL_STREAMS else STREAMS.get(which, ()):
+            self._set_period(name, seconds(1) // rate if start and rate else 0, now)
 
-    def _packet(self, name: str, now: int) -> list[bytes]:
+    def _stream_packet(self, name: str, now: int) -> list[bytes]:
         fields = self._streams[name].fields(now)
         return [] if fields is None else [self._endpoint.pack(name, fields)]
 
-    def _interval(self, name: str) -> bytes:
+    def _interval_packet(self, name: str) -> bytes:
         period = self._periods.get(name, 0)
         fields = {"message_id": self._endpoint.dialect.definitions[name].id}
         return self._endpoint.pack(INTERVAL, fields | {"interval_us": period // UNITS_PER_US or -1})
 
-    def _set_interval(self, name: str, micros: float, now: int) -> Result:
+    def _set_interval(self, name: str, micros: float, now: int) -> CommandResult:
         if micros == 0:
-            self._pace(name, self._streams[name].period, now)
+            self._set_period(name, self._streams[name].period, now)
         elif micros == -1:
-            self._pace(name, 0, now)
+            self._set_period(name, 0, now)
         elif math.isfinite(micros) and micros > 0:
-            self._pace(name, int(micros) * UNITS_PER_US, now)
+            self._set_period(name, int(micros) * UNITS_PER_US, now)
         else:
-            return Result.DENIED
-        return Result.ACCEPTED
+            return CommandResult.DENIED
+        return CommandResult.ACCEPTED
 
-    def _pace(self, name: str, period: int, now: int) -> None:
+    def _set_period(self, name: str, period: int, now: int) -> None:
         """Send it each `period` from now on; 0: never."""
         if name not in self._streams:
             return

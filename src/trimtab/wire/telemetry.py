@@ -22,7 +22,7 @@ from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import Capability, VehicleType
 
 
-def type_of(vehicle: Any) -> VehicleType:
+def mav_type(vehicle: Any) -> VehicleType:
     """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
     name = getattr(vehicle, "MAV_TYPE", VehicleType.GENERIC.name)
     if name not in VehicleType.__members__:
@@ -66,7 +66,7 @@ class Health(IntFlag):
     ARMING_CHECK = 0x10000000
 
 
-class Seen(NamedTuple):
+class VehicleMotion(NamedTuple):
     """How a vehicle moves: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
 
     p_WB: Vector
@@ -75,23 +75,23 @@ class Seen(NamedTuple):
     w_WB_B: Vector
 
 
-def attitude(now: int, seen: Seen) -> Fields:
+def attitude(now: int, seen: VehicleMotion) -> Fields:
     """ATTITUDE; angles from -pi to pi."""
-    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrapped, seen.attitude), strict=True))
+    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, seen.attitude), strict=True))
     rates = zip(("rollspeed", "pitchspeed", "yawspeed"), seen.w_WB_B, strict=True)
-    return {"time_boot_ms": _ms(now)} | angles | dict(rates)
+    return {"time_boot_ms": _milliseconds(now)} | angles | dict(rates)
 
 
-def local_position(now: int, seen: Seen) -> Fields:
+def local_position(now: int, seen: VehicleMotion) -> Fields:
     """LOCAL_POSITION_NED; the origin is that of W."""
     place = zip("xyz", seen.p_WB, strict=True)
-    velocity = zip(("vx", "vy", "vz"), in_world(seen.attitude, seen.v_WB_B), strict=True)
-    return {"time_boot_ms": _ms(now)} | dict(place) | dict(velocity)
+    velocity = zip(("vx", "vy", "vz"), rotate_to_world(seen.attitude, seen.v_WB_B), strict=True)
+    return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
 
 
-def head_up(seen: Seen) -> Fields:
+def vfr_hud(seen: VehicleMotion) -> Fields:
     """VFR_HUD; there is no wind, so the speed through the air is that over the ground."""
-    north, east, down = in_world(seen.attitude, seen.v_WB_B)
+    north, east, down = rotate_to_world(seen.attitude, seen.v_WB_B)
     return {
         "airspeed": math.sqrt(sum(v * v for v in seen.v_WB_B)),
         "groundspeed": math.hypot(north, east),
@@ -101,7 +101,7 @@ def head_up(seen: Seen) -> Fields:
     }
 
 
-def inertial(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
+def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
     """HIGHRES_IMU from a sample measured at t; field: of a magnetometer (T)."""
     found: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
     for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
@@ -111,23 +111,23 @@ def inertial(t: int, specific_force: Vector, angular_rate: Vector, field: Vector
     return found
 
 
-def servos(now: int, shares: Vector) -> Fields:
+def servo_outputs(now: int, shares: Vector) -> Fields:
     """SERVO_OUTPUT_RAW: what the actuators are given, from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
     pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
     time = now // UNITS_PER_US & 0xFFFFFFFF
     return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
 
 
-def receiver(now: int, pulses: Vector) -> Fields:
+def receiver_channels(now: int, pulses: Vector) -> Fields:
     """RC_CHANNELS: what the safety pilot's receiver gives (s), NaN for a channel that isn't there."""
     raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
     raw += [UNKNOWN_16] * (RECEIVER - len(raw))
     count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
     named = {f"chan{k + 1}_raw": v for k, v in enumerate(raw)}
-    return {"time_boot_ms": _ms(now), "chancount": count, "rssi": UNKNOWN_8} | named
+    return {"time_boot_ms": _milliseconds(now), "chancount": count, "rssi": UNKNOWN_8} | named
 
 
-def health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
+def system_health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
     """SYS_STATUS; there is no battery. lost, accepted, refused: frames of the line so far.
 
     A fence that isn't there is told to be well: MAVProxy reports a breach else.
@@ -145,17 +145,17 @@ def health(has: Health, well: Health, lost: int, accepted: int, refused: int) ->
     }
 
 
-def landed(held: bool) -> Fields:
+def landed_state(held: bool) -> Fields:
     """EXTENDED_SYS_STATE: on the ground while it is held, else not known."""
     return {"landed_state": ON_GROUND if held else 0}
 
 
 def system_time(now: int, unix: float) -> Fields:
     """SYSTEM_TIME; unix: seconds since 1970 by the vehicle's computer."""
-    return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _ms(now)}
+    return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _milliseconds(now)}
 
 
-def in_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
+def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
     """A vector of B in W: turned by roll, then pitch, then yaw."""
     x, y, z = of_body
     (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
@@ -164,9 +164,9 @@ def in_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
     return cy * x - sy * y, sy * x + cy * y, z
 
 
-def _ms(now: int) -> int:
+def _milliseconds(now: int) -> int:
     return now // UNITS_PER_MS & 0xFFFFFFFF
 
 
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     return math.remainder(angle, math.tau) if math.isfinite(angle) else angle

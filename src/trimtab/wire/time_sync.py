@@ -31,7 +31,7 @@ DRIFT = 1e-4
 MOST = 600
 
 
-class Exchange(NamedTuple):
+class TimeSyncExchange(NamedTuple):
     """One exchange: the other end's time, the offset it shows, and its round trip."""
 
     remote: int
@@ -39,7 +39,7 @@ class Exchange(NamedTuple):
     round_trip: int
 
 
-class Line(NamedTuple):
+class OffsetLine(NamedTuple):
     """offset(r) = offset + drift (r - at)."""
 
     at: int
@@ -57,8 +57,8 @@ class TimeSync:
     def __init__(self) -> None:
         """Nothing known."""
         self._asked: deque[int] = deque(maxlen=16)
-        self._exchanges: deque[Exchange] = deque(maxlen=MOST)
-        self._line = Line(0, 0.0, 0.0)
+        self._exchanges: deque[TimeSyncExchange] = deque(maxlen=MOST)
+        self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self._last: int | None = None
         self._latest: int | None = None
@@ -69,7 +69,7 @@ class TimeSync:
         """How often the other clock turned out to be another."""
 
     @property
-    def known(self) -> bool:
+    def is_known(self) -> bool:
         """Whether there has been an exchange since the other clock was last found to be another."""
         return bool(self._exchanges)
 
@@ -93,7 +93,7 @@ class TimeSync:
         self._asked.append(now)
         return {"tc1": 0, "ts1": now * NS_PER_UNIT}
 
-    def answered(self, tc1: int, ts1: int, now: int) -> bool:
+    def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
         """Take in a TIMESYNC that came at `now`; whether it was an answer to this end's question."""
         sent = ts1 // NS_PER_UNIT
         if tc1 <= 0 or sent not in self._asked or not 0 <= now - sent <= LONGEST_WAIT:
@@ -101,33 +101,33 @@ class TimeSync:
             return False
         self._asked.remove(sent)
         remote = tc1 // NS_PER_UNIT
-        found = Exchange(remote, remote - (sent + now) / 2, now - sent)
-        if self.known and abs(found.offset - self._line.value(remote)) > found.round_trip / 2 + JUMP:
-            self._start_again()
+        found = TimeSyncExchange(remote, remote - (sent + now) / 2, now - sent)
+        if self.is_known and abs(found.offset - self._line.value(remote)) > found.round_trip / 2 + JUMP:
+            self._restart()
         self._exchanges.append(found)
         while found.remote - self._exchanges[0].remote > WINDOW:
             self._exchanges.popleft()
-        self._line = fit(list(self._exchanges))
-        self._aim(remote)
+        self._line = fit_offset_line(list(self._exchanges))
+        self._turn_offset(remote)
         return True
 
-    def _start_again(self) -> None:
+    def _restart(self) -> None:
         self.jumps += 1
         self._exchanges.clear()
         self._last, self._not_before = None, self._latest
 
-    def _aim(self, remote: int) -> None:
+    def _turn_offset(self, remote: int) -> None:
         """Turn from what is applied at the last time given out, so that nothing given out changes."""
         drift = min(max(self._line.drift, -SLEW), SLEW)
         if self._last is None:
             self._from, self._applied, self._turn = remote, self._line.value(remote), drift
         else:
-            held = self._at(self._last)
+            held = self._offset_at(self._last)
             wanted = drift + (self._line.value(self._last) - held) / HORIZON
             self._from, self._applied, self._turn = self._last, held, min(max(wanted, -SLEW), SLEW)
         self._after = drift
 
-    def _at(self, remote: int) -> float:
+    def _offset_at(self, remote: int) -> float:
         """The applied offset: it turns for one horizon, and drifts on from there."""
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
@@ -137,21 +137,21 @@ class TimeSync:
 
         While nothing is known the time comes out as it is.
         """
-        local = round(remote - self._at(remote))
+        local = round(remote - self._offset_at(remote))
         if self._not_before is not None:
             local = max(local, self._not_before)
-        if self.known:
+        if self.is_known:
             self._last = remote if self._last is None else max(self._last, remote)
             self._latest = local if self._latest is None else max(self._latest, local)
         return local
 
     def to_remote(self, local: int) -> int:
         """This end's time as theirs: where `to_local` would give it back."""
-        near = local + self._at(local + round(self._applied))
-        return round(local + self._at(round(near)))
+        near = local + self._offset_at(local + round(self._applied))
+        return round(local + self._offset_at(round(near)))
 
 
-def fit(exchanges: list[Exchange]) -> Line:
+def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:
     """The weighted line through the offsets, at the newest exchange; a drift that few exchanges tell is taken small."""
     shortest = min(e.round_trip for e in exchanges)
     least = FLOOR[0] * shortest + FLOOR[1]
@@ -166,4 +166,4 @@ def fit(exchanges: list[Exchange]) -> Line:
     moment = sum(w * (x - t) * (y - o) for w, x, y in zip(weights, times, offsets, strict=True))
     drift = moment / (spread + (least / DRIFT) ** 2)
     newest = exchanges[-1].remote
-    return Line(newest, base.offset + o + drift * (newest - base.remote - t), drift)
+    return OffsetLine(newest, base.offset + o + drift * (newest - base.remote - t), drift)

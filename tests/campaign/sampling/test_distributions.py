@@ -28,8 +28,8 @@ def test_shares_are_of_the_scenarios_own_value():
     assert parse_distribution("uniform(80%, 120%)").quantile(np.array([0.25]), -2.0) == pytest.approx(-1.8)
     mixed = parse_distribution("normal(2.6, 10%)")
     assert mixed.quantile(np.array([stats.norm.cdf(1.0)]), 3.0) == pytest.approx(2.9)
-    assert not mixed.relative
-    assert parse_distribution("normal(100%, 5%)").relative
+    assert not mixed.is_relative
+    assert parse_distribution("normal(100%, 5%)").is_relative
 
 
 def test_a_choice_takes_each_as_often():

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.sampling.spread import arrays_of, parse_factors, resolve, values_of
+from trimtab.campaign.sampling.spread import parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.core.errors import InputError
 from trimtab.scenarios.build import build
 
@@ -20,12 +20,12 @@ def scenario():
 
 def spread_of(scenario, correlate=(), **texts):
     factors = parse_factors((path.replace("__", "."), parse_distribution(t)) for path, t in texts.items())
-    return resolve(scenario, factors, correlate)
+    return resolve_spread(scenario, factors, correlate)
 
 
 def made(scenario, spread, u):
-    values = values_of(spread, scenario, u)
-    return values, arrays_of(spread, scenario, values)
+    values = spread_values(spread, scenario, u)
+    return values, spread_arrays(spread, scenario, values)
 
 
 def test_a_number_gets_its_own_values(scenario):
@@ -36,20 +36,20 @@ def test_a_number_gets_its_own_values(scenario):
 
 def test_an_array_is_scaled_whole_and_its_numbers_one_by_one(scenario):
     table = np.asarray(scenario.world.uplink.latency)
-    whole = resolve(scenario, parse_factors([(LATENCY, parse_distribution("uniform(50%, 150%)"))]))
+    whole = resolve_spread(scenario, parse_factors([(LATENCY, parse_distribution("uniform(50%, 150%)"))]))
     values, arrays = made(scenario, whole, np.array([[0.25], [0.5]]))
     assert values[LATENCY].tolist() == [0.75, 1.0]
     np.testing.assert_allclose(arrays[LATENCY], [0.75 * table, table], rtol=1e-15)
     one = parse_factors(
         [(f"{LATENCY}[3]", parse_distribution("uniform(0, 1)")), (f"{LATENCY}[1]", parse_distribution("uniform(0, 2)"))]
     )
-    _, arrays = made(scenario, resolve(scenario, one), np.array([[0.5, 0.25]]))
+    _, arrays = made(scenario, resolve_spread(scenario, one), np.array([[0.5, 0.25]]))
     assert arrays[LATENCY][0, [0, 1, 2, 3, 4]].tolist() == [table[0], 1.0, table[2], 0.25, table[4]]
 
 
 def test_an_option_is_picked_by_number(scenario):
     factors = parse_factors([("autopilot.period", parse_distribution("choice(1 ms, 2 ms)"))])
-    values, arrays = made(scenario, resolve(scenario, factors), np.array([[0.2], [0.7]]))
+    values, arrays = made(scenario, resolve_spread(scenario, factors), np.array([[0.2], [0.7]]))
     assert values["autopilot.period"].tolist() == [0, 1]
     assert arrays == {}
 
@@ -84,7 +84,7 @@ def test_correlated_numbers_keep_their_distributions(scenario):
 )
 def test_what_does_not_fit_is_refused(scenario, path, text, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
-        resolve(scenario, parse_factors([(path, parse_distribution(text))]))
+        resolve_spread(scenario, parse_factors([(path, parse_distribution(text))]))
     assert problem in str(refused.value)
 
 
@@ -111,4 +111,4 @@ def test_correlations_that_cannot_be_are_refused(scenario, correlate, problem):
     spread = dict.fromkeys((MASS, INERTIA, "world.vehicle.arm"), "normal(100%, 5%)")
     factors = parse_factors((p, parse_distribution(t)) for p, t in spread.items())
     with pytest.raises(InputError, match=problem):
-        resolve(scenario, factors, correlate)
+        resolve_spread(scenario, factors, correlate)

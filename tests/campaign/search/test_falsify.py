@@ -10,8 +10,8 @@ import trimtab.commands.falsify as command
 from trimtab.campaign.search.falsify import falsify, margin, margins, with_margin
 from trimtab.campaign.statistics.condition import parse_condition
 from trimtab.campaign.statistics.metrics import Rows, parse_metric
-from trimtab.campaign.workers.block import measured_log
-from trimtab.campaign.workers.ready import prepare
+from trimtab.campaign.workers.block import compute_log_metrics
+from trimtab.campaign.workers.ready import prepare_campaign
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf
 from trimtab.logs.metrics import Target
@@ -75,7 +75,7 @@ SPREAD = {"world.vehicle.mass": "uniform(80%, 120%)", "autopilot.law.k2": "norma
 @pytest.fixture(scope="module")
 def worst(tmp_path_factory):
     folder = tmp_path_factory.mktemp("worst")
-    request = command.Request(
+    request = command.FalsifyRequest(
         NAME, SPREAD, ("error_rms:yaw_rate <= 2.5",), runs=1200, seed=3, settings=SHORT, out=folder / "worst.py"
     )
     return request, falsify(
@@ -85,7 +85,7 @@ def worst(tmp_path_factory):
 
 def test_search_is_no_better_than_a_grid_says(worst):
     _, found = worst
-    ready = with_margin(prepare(found.plan))
+    ready = with_margin(prepare_campaign(found.plan))
     nominal = {p: float(v) for p, v, _ in leaves(ready.scenario) if p in SPREAD}
     grid = []
     for mass in (0.8, 1.0, 1.2):
@@ -95,9 +95,9 @@ def test_search_is_no_better_than_a_grid_says(worst):
             for path, share in at.items():
                 scenario = with_leaf(scenario, path, lambda old, d, p=path, s=share: nominal[p] * s)
             log = simulate(scenario, seed=3, run=found.word, log_period=found.plan.log_period)
-            grid.append(float(margins(measured_log(ready, log))[0]))
+            grid.append(float(margins(compute_log_metrics(ready, log))[0]))
     assert found.margin <= min(grid) + 1e-9
-    assert found.flown <= 1200
+    assert found.flown_runs <= 1200
 
 
 def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
@@ -108,12 +108,12 @@ def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
     again = falsify(
         NAME, spread=SPREAD, success=("error_rms:yaw_rate <= 2.5",), runs=1200, seed=3, settings=SHORT, backend="auto"
     )
-    assert np.array_equal(again.tried, found.tried)
+    assert np.array_equal(again.candidate_margins, found.candidate_margins)
 
 
 def test_the_file_fails_as_found(worst):
     request, found = worst
-    command._write(request, found)
+    command._write_files(request, found)
     text = request.out.read_text(encoding="utf-8")
     assert found.fails
     assert f"--seed 3 --run {found.word}" in text
@@ -121,13 +121,13 @@ def test_the_file_fails_as_found(worst):
     values = {p: v for p, v, _ in leaves(scenario)}
     assert {p: values[p] for p in found.values} == found.values
     log = simulate(scenario, seed=3, run=found.word, log_period=found.plan.log_period)
-    columns = measured_log(with_margin(prepare(found.plan)), log)
+    columns = compute_log_metrics(with_margin(prepare_campaign(found.plan)), log)
     assert not columns["success"][0]
-    assert float(margins(columns)[0]) == found.margin == pytest.approx(found.tried.min(), rel=1e-9)
+    assert float(margins(columns)[0]) == found.margin == pytest.approx(found.candidate_margins.min(), rel=1e-9)
 
 
 def test_command_says_what_it_found(capsys, tmp_path):
-    asked = command.Request(NAME, SPREAD, ("peak:yaw_rate <= 50",), 300, settings=SHORT, as_json=True)
+    asked = command.FalsifyRequest(NAME, SPREAD, ("peak:yaw_rate <= 50",), 300, settings=SHORT, as_json=True)
     assert command.falsify(asked._replace(plot=tmp_path / "made" / "worst.png"))
     found = json.loads(capsys.readouterr().out)
     assert (found["failed"], found["first_failure_after"]) == (False, None)
@@ -153,7 +153,7 @@ def test_command_says_what_it_found(capsys, tmp_path):
     ],
 )
 def test_refused_before_anything_flies(change, said):
-    asked = command.Request(NAME, SPREAD, settings=SHORT)._replace(**change)
+    asked = command.FalsifyRequest(NAME, SPREAD, settings=SHORT)._replace(**change)
     with pytest.raises(InputError, match=said):
         command.falsify(asked)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
-from trimtab.campaign.search.axes import changed, of_link
+from trimtab.campaign.search.axes import axis_of_link, with_values
 from trimtab.campaign.search.map_theory import loop_delay
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -17,7 +17,7 @@ from trimtab.scenarios import catalogue
 
 @pytest.fixture(scope="module")
 def forward():
-    return catalogue.load("hovercraft/forward")[0]
+    return catalogue.load_scenario("hovercraft/forward")[0]
 
 
 def direct(scenario):
@@ -57,19 +57,19 @@ def test_the_age_of_what_acts_is_what_a_flight_shows(forward, latency):
 
 
 def test_frames_round_a_latency_up(forward):
-    axis = of_link("delay", [0.0, 0.3])
+    axis = axis_of_link("delay", [0.0, 0.3])
     base = axis.prepare(forward)
 
     def least(delay):
-        return loop_delay(changed(base, axis.change(base, delay))).least - 0.036
+        return loop_delay(with_values(base, axis.change(base, delay))).least - 0.036
 
     np.testing.assert_allclose([least(d) for d in (0.0, 0.02, 0.0201, 0.14, 0.141)], [0, 0.02, 0.04, 0.14, 0.16])
 
 
 def test_jitter_adds_half_of_it_on_the_mean(forward):
-    axis = of_link("jitter", [0.0, 0.1])
+    axis = axis_of_link("jitter", [0.0, 0.1])
     base = axis.prepare(direct(forward))
-    without, with_jitter = (loop_delay(changed(base, axis.change(base, j))) for j in (0.0, 0.1))
+    without, with_jitter = (loop_delay(with_values(base, axis.change(base, j))) for j in (0.0, 0.1))
     assert with_jitter.mean - without.mean == pytest.approx(0.0505, abs=2e-4)  # and half a look
     assert with_jitter.most - without.most == pytest.approx(0.1, abs=1e-3)
     assert 0 <= with_jitter.least - without.least <= 1.0001e-3  # its least is just above 0: seen a look later

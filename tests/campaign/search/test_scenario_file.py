@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.falsify import levels
+from trimtab.campaign.search.falsify import spread_levels
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.workers.ready import Plan, parameters_at, prepare, scenario_at
+from trimtab.campaign.workers.ready import CampaignPlan, parameters_at, prepare_campaign, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.scenarios.build import build
@@ -25,7 +25,7 @@ def of(path, *names):
 
 
 def test_values_settings_and_what_is_left_out_come_back(tmp_path):
-    plan = Plan("hovercraft/zero-velocity", (("duration", "2 s"),), ("navigation-error",))
+    plan = CampaignPlan("hovercraft/zero-velocity", (("duration", "2 s"),), ("navigation-error",))
     values = {"world.vehicle.mass": np.float64(0.1 + 0.2), "autopilot.law.k1": np.nextafter(1.0, 2.0)}
     write_scenario(tmp_path / "made" / "found.py", plan, values, 'says """this"""')
     name = f"{tmp_path / 'made' / 'found.py'}:scenario"
@@ -40,7 +40,7 @@ def test_a_scenario_of_ones_own_is_found_from_another_folder(tmp_path, monkeypat
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "boat.py").write_text(OWN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    plan = Plan("mine/boat.py:boat")
+    plan = CampaignPlan("mine/boat.py:boat")
     write_scenario(tmp_path / "out" / "found.py", plan, {"world.vehicle.mass": np.float64(3.0)}, "mine")
     monkeypatch.chdir(tmp_path / "out")
     assert of("found.py:scenario", "world.vehicle.mass", "duration") == [3.0, 20_000_000]
@@ -50,7 +50,7 @@ def test_a_recorded_line_is_found_from_another_folder(tmp_path, monkeypatch):
     (tmp_path / "radio").mkdir()
     (tmp_path / "radio" / "up.csv").write_text("sent_s,latency_s\n0.0,0.041\n0.02,0.5\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    plan = Plan("hovercraft/zero-velocity", settings=(("duration", "2"), ("uplink", "radio/up.csv")))
+    plan = CampaignPlan("hovercraft/zero-velocity", settings=(("duration", "2"), ("uplink", "radio/up.csv")))
     write_scenario(tmp_path / "out" / "found.py", plan, {"world.vehicle.mass": np.float64(3.0)}, "recorded")
     monkeypatch.chdir(tmp_path / "out")
     mass, latency = of("found.py:scenario", "world.vehicle.mass", "world.uplink.latency")
@@ -60,11 +60,11 @@ def test_a_recorded_line_is_found_from_another_folder(tmp_path, monkeypatch):
 def test_parameters_at_a_point_are_those_of_the_distributions():
     texts = {"world.vehicle.mass": "uniform(80%, 120%)", "autopilot.law.k1": "normal(2, 0.1)"}
     spread = tuple((p, parse_distribution(t)) for p, t in sorted(texts.items()))
-    ready = prepare(Plan("hovercraft/zero-velocity", spread=spread, runs=4))
-    low, high = (parameters_at(ready, levels(ready, np.full(2, end))) for end in (0.0, 1.0))
+    ready = prepare_campaign(CampaignPlan("hovercraft/zero-velocity", spread=spread, runs=4))
+    low, high = (parameters_at(ready, spread_levels(ready, np.full(2, end))) for end in (0.0, 1.0))
     assert [low["autopilot.law.k1"], high["autopilot.law.k1"]] == pytest.approx([1.7, 2.3])  # three deviations
     assert [low["world.vehicle.mass"], high["world.vehicle.mass"]] == pytest.approx([0.8 * 2.6, 1.2 * 2.6])
-    made = {p: v for p, v, _ in leaves(scenario_at(ready, levels(ready, np.full(2, 1.0))))}
+    made = {p: v for p, v, _ in leaves(scenario_at(ready, spread_levels(ready, np.full(2, 1.0))))}
     assert {p: made[p] for p in high} == high
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
-from trimtab.campaign.search.axes import changed, of_link, of_path
+from trimtab.campaign.search.axes import axis_of_link, axis_of_path, with_values
 from trimtab.campaign.search.map_theory import loop_delay
-from trimtab.campaign.search.stability_map import on_target, stability_map, values_at
+from trimtab.campaign.search.stability_map import stability_map, target_success, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.design.delay_margin import delay_margin
-from trimtab.design.loop_transfer import of_law
+from trimtab.design.loop_transfer import loop_of_law
 from trimtab.logs.metrics import Target
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
@@ -22,7 +22,7 @@ from trimtab.vehicles.hovercraft import HovercraftState
 @pytest.fixture(scope="module")
 def linear():
     """Forward flight without noise, limits and frames, from a small error: what linear theory speaks of."""
-    s = catalogue.load("hovercraft/forward")[0].without("navigation-error")
+    s = catalogue.load_scenario("hovercraft/forward")[0].without("navigation-error")
     s = replace(s, world=replace(s.world, actuators=DirectActuation()), duration=seconds(20))
     s = replace(s, autopilot=replace(s.autopilot, allocation=DirectAllocation()))
     return replace(s, initial=HovercraftState(surge_velocity=2.8 / 2.6, sway_velocity=0.02, yaw_rate=0.05))
@@ -31,20 +31,20 @@ def linear():
 @pytest.fixture(scope="module")
 def found(linear):
     rounds = []
-    axes = of_link("delay", np.linspace(0.08, 0.24, 3)), of_link("jitter", np.linspace(0.0, 0.16, 3))
+    axes = axis_of_link("delay", np.linspace(0.08, 0.24, 3)), axis_of_link("jitter", np.linspace(0.0, 0.16, 3))
     made = stability_map(linear, *axes, runs=3, depth=3, tell=lambda text, n: rounds.append(n))
-    assert sum(rounds) == made.traced.looked_at
+    assert sum(rounds) == made.traced_boundary.evaluated_points
     return made
 
 
 def test_without_jitter_the_boundary_is_the_delay_margin(found):
     """The mean delay of the loop on both sides of it: 191.2 ms, within 4 %, for a run of 20 s is not endless."""
     law = found.scenario.autopilot.law
-    limit = delay_margin(of_law(found.scenario.world.vehicle, law, law.equilibrium())).delay
+    limit = delay_margin(loop_of_law(found.scenario.world.vehicle, law, law.equilibrium())).delay
     ((low, high),) = found.crossings(0.0)
     means = []
     for delay in (low, high):
-        scenario = changed(found.scenario, values_at(found.scenario, found.x, found.y, delay, 0.0))
+        scenario = with_values(found.scenario, values_at(found.scenario, found.x, found.y, delay, 0.0))
         means.append(loop_delay(scenario).mean)
     assert limit * 0.98 < means[0] < means[1] < limit * 1.06
     assert high - low == pytest.approx(0.01)
@@ -53,14 +53,14 @@ def test_without_jitter_the_boundary_is_the_delay_margin(found):
 def test_jitter_moves_it_to_shorter_delays(found):
     ends = [found.crossings(j)[0][1] for j in (0.0, 0.08)]
     assert 0.02 < ends[0] - ends[1] < 0.08
-    assert found.traced.looked_at < 0.45 * found.traced.of == 0.45 * 17 * 17
+    assert found.traced_boundary.evaluated_points < 0.45 * found.traced_boundary.of == 0.45 * 17 * 17
 
 
 def test_a_point_is_the_share_of_its_flights_one_by_one(found):
     edge = np.flatnonzero((found.share > 0) & (found.share < 1))
     for n in edge[:1] if len(edge) else [len(found.share) - 1]:
-        a, b = found.points[n]
-        scenario = changed(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
+        a, b = found.flown_points[n]
+        scenario = with_values(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
         ok = []
         for seed in range(3):
             log = simulate(scenario, seed=seed, log_period=ms(1))
@@ -71,9 +71,11 @@ def test_a_point_is_the_share_of_its_flights_one_by_one(found):
 
 def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
     turned = stability_map(linear, found.y, found.x, runs=3, depth=1)
-    shares = {tuple(p): s for p, s in zip(found.points.tolist(), found.share, strict=True)}
+    shares = {tuple(p): s for p, s in zip(found.flown_points.tolist(), found.share, strict=True)}
     both = [
-        (s, shares[b, a]) for (a, b), s in zip(turned.points.tolist(), turned.share, strict=True) if (b, a) in shares
+        (s, shares[b, a])
+        for (a, b), s in zip(turned.flown_points.tolist(), turned.share, strict=True)
+        if (b, a) in shares
     ]
     assert len(both) >= 9
     assert all(mine == theirs for mine, theirs in both)
@@ -83,7 +85,7 @@ def test_success_of_ones_own(linear):
     def slow(batch):
         return batch.most["truth.yaw_rate"] < 0.1
 
-    x, y = of_path("initial.yaw_rate", [0.0, 0.2]), of_path("autopilot.law.k1", [0.5, 1.5])
+    x, y = axis_of_path("initial.yaw_rate", [0.0, 0.2]), axis_of_path("autopilot.law.k1", [0.5, 1.5])
     made = stability_map(linear, x, y, runs=1, depth=3, success=slow, signals=("truth.yaw_rate",))
     ((low, high),) = made.crossings(0.5)
     assert (low, high) == pytest.approx((0.075, 0.1))  # it starts at its highest
@@ -94,15 +96,15 @@ def test_success_of_angles_is_modulo_full_turns(linear):
     s = replace(s, initial=replace(s.initial, sway_velocity=0.0, yaw_rate=0.0))
     headings = 0.1 + np.array([0.0, 2 * np.pi, -4 * np.pi, 1.0])
     batch = simulate_batch(s, seeds=range(4), spread={"initial.heading": headings}, log=True, signals=("truth",))
-    np.testing.assert_array_equal(on_target(s)(batch), [True, True, True, False])
+    np.testing.assert_array_equal(target_success(s)(batch), [True, True, True, False])
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"x": of_path("autopilot.law.k3", [1, 2])}, "autopilot.law.k2"),
-        ({"x": of_path("autopilot.law.k2", [-1.0, 2])}, "above 0"),
-        ({"x": of_path("autopilot.law.k2", [1.0])}, "rising"),
+        ({"x": axis_of_path("autopilot.law.k3", [1, 2])}, "autopilot.law.k2"),
+        ({"x": axis_of_path("autopilot.law.k2", [-1.0, 2])}, "above 0"),
+        ({"x": axis_of_path("autopilot.law.k2", [1.0])}, "rising"),
         ({"runs": 0}, "one run or more"),
         ({"threshold": 1.5}, "threshold"),
         ({"depth": 99}, "depth"),
@@ -110,11 +112,11 @@ def test_success_of_angles_is_modulo_full_turns(linear):
 )
 def test_refused_before_anything_flies(linear, monkeypatch, change, says):
     monkeypatch.setattr("trimtab.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
-    axes = {"x": of_path("autopilot.law.k2", [1.0, 2.0]), "y": of_link("delay", [0.0, 0.1])}
+    axes = {"x": axis_of_path("autopilot.law.k2", [1.0, 2.0]), "y": axis_of_link("delay", [0.0, 0.1])}
     with pytest.raises(InputError, match=says):
         stability_map(linear, **(axes | change))
 
 
 def test_a_scenario_without_targets_needs_a_success_function(linear):
     with pytest.raises(InputError, match="no targets"):
-        on_target(replace(linear, targets=()))
+        target_success(replace(linear, targets=()))

@@ -8,11 +8,18 @@ import pytest
 from scipy import stats
 
 import trimtab.commands.tune as command
-from trimtab.campaign.search.cost import cost_of, parse_cost, running
+from trimtab.campaign.search.cost import evaluate_cost, integral_cost, parse_cost
 from trimtab.campaign.search.tune import UNSEEN, parse_gain, tune
-from trimtab.campaign.search.tune_gradient import combined, descend, fold, merit, search, smoothed
+from trimtab.campaign.search.tune_gradient import (
+    combine_estimates,
+    descend_gradient,
+    estimate_slope,
+    fold_points,
+    merit,
+    search_gains,
+)
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.ready import Plan, prepare
+from trimtab.campaign.workers.ready import CampaignPlan, prepare_campaign
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms, seconds, to_seconds
@@ -36,7 +43,7 @@ def jump(x, first):
 @pytest.mark.parametrize("x0", [0.42, 0.5, 0.55])
 def test_smoothed_slope_sees_the_jump(x0):
     width, eps = 0.08, np.random.default_rng(5).standard_normal((20000, 2))
-    cost, found = smoothed(jump, np.array([x0, 0.5]), eps, width, 7)
+    cost, found = estimate_slope(jump, np.array([x0, 0.5]), eps, width, 7)
     known = stats.norm.pdf(0.5, x0, width)  # derivative of P(x0 + width eps > 0.5)
     assert found.slope[0] == pytest.approx(known, rel=0.05)
     assert found.weight[0] < 0.05
@@ -49,15 +56,15 @@ def test_smoothed_slope_sees_the_jump(x0):
 def test_estimates_that_agree_are_weighted_by_scatter_and_others_by_bias():
     rng = np.random.default_rng(0)
     quiet, loud = 1 + 0.1 * rng.standard_normal((400, 1)), 1 + rng.standard_normal((400, 1))
-    assert combined(quiet, loud).weight[0] > 0.9
-    assert combined(loud, quiet).weight[0] < 0.1
-    assert combined(quiet + 2, loud).weight[0] < 0.05
-    assert combined(quiet + 2, loud).slope[0] == pytest.approx(1, abs=0.2)
+    assert combine_estimates(quiet, loud).weight[0] > 0.9
+    assert combine_estimates(loud, quiet).weight[0] < 0.1
+    assert combine_estimates(quiet + 2, loud).weight[0] < 0.05
+    assert combine_estimates(quiet + 2, loud).slope[0] == pytest.approx(1, abs=0.2)
 
 
 def test_fold_is_continuous_and_keeps_to_the_range():
     y = np.linspace(-1.4, 2.4, 4001)
-    x, sign = fold(y)
+    x, sign = fold_points(y)
     assert x.min() >= 0
     assert x.max() <= 1
     assert np.abs(np.diff(x)).max() < 2e-3
@@ -72,13 +79,13 @@ def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
         noise = np.random.default_rng(first).standard_normal((len(x) // 2, 2)).repeat(2, axis=0)
         return ((x - least) ** 2).sum(axis=1) + 0.1 * noise[:, 0], 2 * (x - least) + 0.2 * noise
 
-    x, steps, _ = descend(bowl, np.array([0.1, 0.9]), 64, 80, 0.05, 3)
+    x, steps, _ = descend_gradient(bowl, np.array([0.1, 0.9]), 64, 80, 0.05, 3)
     assert x == pytest.approx(least, abs=0.05)
     assert steps[-1].cost < steps[0].cost
     words = 0.1 * np.random.default_rng(0).standard_normal(16)
-    x, steps = search(lambda x: ((x - least) ** 2).sum(axis=1)[:, None] + words, np.array([0.1, 0.9]), 16, 60, 3)
+    x, steps = search_gains(lambda x: ((x - least) ** 2).sum(axis=1)[:, None] + words, np.array([0.1, 0.9]), 16, 60, 3)
     assert x == pytest.approx(least, abs=0.02)
-    assert steps[-1].flown <= 16 * (60 * 8 + 2)
+    assert steps[-1].flown_runs <= 16 * (60 * 8 + 2)
 
 
 def test_candidates_with_infinite_costs_come_last_in_order():
@@ -88,7 +95,7 @@ def test_candidates_with_infinite_costs_come_last_in_order():
 
 def test_descent_refuses_a_start_without_slope():
     with pytest.raises(InputError, match="infinitely"):
-        descend(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
+        descend_gradient(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
 
 
 def test_comparison_is_the_paired_t_interval_of_scipy():
@@ -110,9 +117,9 @@ def test_slopes_of_a_cost_are_those_of_differences():
     """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
     ideal = replace(build(NAME).ideal(), duration=seconds(3))
     terms = parse_cost("error_rms:yaw_rate + 2*rms:truth.sway_velocity + 0.5*mean:truth.surge_velocity")
-    plan = Plan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
-    ready = prepare(plan, ideal)
-    of = running(terms, ready)
+    plan = CampaignPlan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
+    ready = prepare_campaign(plan, ideal)
+    of = integral_cost(terms, ready)
     along = [("autopilot.law.k1", ()), ("autopilot.law.k2", ())]
     k2 = np.array([2.0, 3.0])
     found = gradients(ideal, of.cost, along, seeds=[0, 0], runs=[0, 1], spread={along[1][0]: k2}, since=of.since)
@@ -137,7 +144,10 @@ def test_slopes_of_a_cost_are_those_of_differences():
 @needs_c
 def test_many_gradients_are_each_that_of_one_run():
     scenario = replace(build(NAME), duration=seconds(1))
-    of = running(parse_cost("rms:truth.yaw_rate"), prepare(Plan(NAME, metrics=("rms:truth.yaw_rate",)), scenario))
+    of = integral_cost(
+        parse_cost("rms:truth.yaw_rate"),
+        prepare_campaign(CampaignPlan(NAME, metrics=("rms:truth.yaw_rate",)), scenario),
+    )
     many = gradients(scenario, of.cost, [("autopilot.law.k2", ())], seeds=[4, 5], runs=[0, 0], since=of.since)
     for i, seed in enumerate((4, 5)):
         one = gradient(scenario, of.cost, ("autopilot.law.k2",), seed=seed)
@@ -151,7 +161,9 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
     grid, path = np.linspace(2.5, 2.6, 401), "autopilot.law.k2"
     scenario = build(NAME)
     half = scenario.duration // 2
-    of = running(parse_cost("error_rms:yaw_rate"), prepare(Plan(NAME, metrics=("error_rms:yaw_rate",))))
+    of = integral_cost(
+        parse_cost("error_rms:yaw_rate"), prepare_campaign(CampaignPlan(NAME, metrics=("error_rms:yaw_rate",)))
+    )
     words = np.ones(401, int)
     found = gradients(scenario, of.cost, [(path, ())], seeds=0 * words, runs=words, spread={path: grid}, since=(half,))
     costs, slopes = of.finish(found.costs, found.slopes)
@@ -168,7 +180,7 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
 def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path, capsys):
     """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
     poor = SHORT | {"autopilot.law.k2": "0.8"}
-    asked = command.Request(NAME, GAINS, "error_rms:yaw_rate", method, 32, 64, 12, settings=poor, as_json=True)
+    asked = command.TuneRequest(NAME, GAINS, "error_rms:yaw_rate", method, 32, 64, 12, settings=poor, as_json=True)
     asked = asked._replace(out=tmp_path / "tuned.py", plot=tmp_path / "tune.png")
     assert command.tune(asked)
     found = json.loads(capsys.readouterr().out)
@@ -193,7 +205,7 @@ def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path, capsys):
     """From gains that are good already, on four runs: better in these, worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
     ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
-    asked = command.Request(NAME, ranges, runs=4, held_out=64, iterations=6, seed=3, settings=good)
+    asked = command.TuneRequest(NAME, ranges, runs=4, held_out=64, iterations=6, seed=3, settings=good)
     assert not command.tune(asked._replace(out=tmp_path / "tuned.py"))
     out = capsys.readouterr().out
     assert "does NOT help" in out
@@ -207,7 +219,7 @@ def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path, capsys):
 
 def test_a_lost_run_costs_infinitely_much():
     columns = {"peak:a": np.array([1.0, 2.0, np.nan]), "lost": np.array([False, True, False])}
-    assert cost_of(parse_cost("2*peak:a"), columns).tolist() == [2.0, np.inf, np.inf]
+    assert evaluate_cost(parse_cost("2*peak:a"), columns).tolist() == [2.0, np.inf, np.inf]
 
 
 @pytest.mark.parametrize(
@@ -229,11 +241,11 @@ def test_a_lost_run_costs_infinitely_much():
 )
 def test_refused_before_anything_flies(change, said):
     with pytest.raises(InputError, match=said):
-        command.tune(command.Request(NAME, GAINS, settings=SHORT)._replace(**change))
+        command.tune(command.TuneRequest(NAME, GAINS, settings=SHORT)._replace(**change))
 
 
 def test_a_range_is_written_in_numbers_or_shares():
-    assert parse_gain("a", "50%:200%").relative
+    assert parse_gain("a", "50%:200%").is_relative
     assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
     with pytest.raises(InputError, match="settings are for"):
         tune(build(NAME), gains=GAINS, cost="rms:yaw_rate", settings=SHORT)

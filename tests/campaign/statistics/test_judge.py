@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.search.stability_map import success_of
+from trimtab.campaign.search.stability_map import parse_success
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, seconds
 from trimtab.run.batch import simulate_batch
@@ -13,7 +13,7 @@ from trimtab.scenarios.build import build
 
 def test_conditions_are_those_of_each_log():
     scenario = build("hovercraft/zero-velocity", {"duration": "4"})
-    judge, signals = success_of(scenario, ["peak:truth.surge_velocity <= 0.75", "error_rms:yaw_rate < 3.5"])
+    judge, signals = parse_success(scenario, ["peak:truth.surge_velocity <= 0.75", "error_rms:yaw_rate < 3.5"])
     assert signals == ("truth.surge_velocity", "truth.yaw_rate")
     batch = simulate_batch(scenario, seeds=range(24), signals=signals, log=True, log_period=ms(10))
     found = judge(batch)
@@ -29,4 +29,4 @@ def test_conditions_are_those_of_each_log():
 def test_a_condition_on_what_there_is_not_is_refused():
     scenario = build("hovercraft/zero-velocity")
     with pytest.raises(InputError, match="no target"):
-        success_of(scenario, ["settling:heading <= 3"])
+        parse_success(scenario, ["settling:heading <= 3"])

@@ -22,7 +22,7 @@ def test_ranks_are_the_narrowest_that_keep_the_tails(n, p, level):
 def test_too_few_runs_have_no_upper_bound():
     assert least_trials(0.95, 0.95) == 72
     few, enough = quantile(np.arange(71.0), 0.95), quantile(np.arange(72.0), 0.95)
-    assert (few.high, few.wanted) == (math.inf, 72)
+    assert (few.high, few.needed_runs) == (math.inf, 72)
     assert enough.high == 71.0
     assert "both bounds want 72 runs" in str(few)
     assert str(enough) == "p95 68 (63 to 71)"
@@ -53,7 +53,7 @@ def test_a_band_for_stopping_is_wider():
     x = np.random.default_rng(0).normal(size=2000)
     fixed, anytime = quantile(x, 0.9), quantile(x, 0.9, anytime=True)
     assert anytime.low < fixed.low < fixed.high < anytime.high
-    assert anytime.wanted > fixed.wanted == 36
+    assert anytime.needed_runs > fixed.needed_runs == 36
 
 
 @pytest.mark.parametrize(

@@ -5,27 +5,27 @@ import math
 import pytest
 from scipy import stats
 
-from trimtab.campaign.statistics.requirement import Requirement, requirement
+from trimtab.campaign.statistics.requirement import Requirement, parse_requirement
 from trimtab.core.errors import InputError
 
 
 def test_reads_every_form():
     text = "success >= 0.99 @ 95%"
-    assert requirement(text)[:3] == (text, "success", "success")
-    assert requirement(text)[4:] == (">=", 0.99, 0.95)
-    settling = requirement("p95(settling:yaw_rate) <= 10 @ 90%")
+    assert parse_requirement(text)[:3] == (text, "success", "success")
+    assert parse_requirement(text)[4:] == (">=", 0.99, 0.95)
+    settling = parse_requirement("p95(settling:yaw_rate) <= 10 @ 90%")
     assert settling == Requirement(settling.text, "quantile", "settling:yaw_rate", 0.95, "<=", 10.0, 0.90)
-    assert requirement(" p99.9( max:truth.sway_velocity )<=1e-1@0.99 ")[1:] == (
+    assert parse_requirement(" p99.9( max:truth.sway_velocity )<=1e-1@0.99 ")[1:] == (
         "quantile", "max:truth.sway_velocity", pytest.approx(0.999), "<=", 0.1, 0.99,
     )  # fmt: skip
-    assert requirement("mean(rms:x) >= -2")[1:3] == ("mean", "rms:x")
-    assert requirement("mean(rms:x) >= -2").level == 0.95
+    assert parse_requirement("mean(rms:x) >= -2")[1:3] == ("mean", "rms:x")
+    assert parse_requirement("mean(rms:x) >= -2").level == 0.95
     for name in ("max", "min"):
-        found = requirement(f"{name}(max:truth.x) <= 3")
+        found = parse_requirement(f"{name}(max:truth.x) <= 3")
         assert (found.statistic, found.metric) == (name, "max:truth.x")
         assert math.isnan(found.level)
-    assert requirement("success >= 99.5 %").bound == pytest.approx(0.995)
-    assert requirement("success <= 1% @ 99 %").bound == pytest.approx(0.01)
+    assert parse_requirement("success >= 99.5 %").bound == pytest.approx(0.995)
+    assert parse_requirement("success <= 1% @ 99 %").bound == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize(
@@ -58,18 +58,18 @@ def test_reads_every_form():
 )
 def test_refuses_with_what_to_type(text, says):
     with pytest.raises(InputError) as caught:
-        requirement(text)
+        parse_requirement(text)
     assert says in str(caught.value)
     assert "Fix:" in str(caught.value)
 
 
 def test_refuses_a_metric_that_is_not_there_before_anything_flies():
-    wanted = requirement("p95(settling:yaw_rat) <= 10")
+    wanted = parse_requirement("p95(settling:yaw_rat) <= 10")
     with pytest.raises(InputError, match=r"Choices: settling:yaw_rate"):
         wanted.check(["success", "settling:yaw_rate"])
-    requirement("success >= 0.9").check(["success"], anytime=True)
+    parse_requirement("success >= 0.9").check(["success"], anytime=True)
     with pytest.raises(InputError, match="fixed number"):
-        requirement("mean(x) <= 1").check(["x"], anytime=True)
+        parse_requirement("mean(x) <= 1").check(["x"], anytime=True)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_refuses_a_metric_that_is_not_there_before_anything_flies():
 )
 def test_how_many_runs_it_takes_at_least(text, runs):
     """299 and 59: the numbers every tolerance table has (Wilks 1941)."""
-    wanted = requirement(text)
+    wanted = parse_requirement(text)
     assert wanted.least_runs() == runs
     if wanted.statistic == "success" and wanted.relation == ">=":
         assert stats.binom.cdf(runs - 1, runs, 0.99) >= 0.95 > stats.binom.cdf(runs - 2, runs - 1, 0.99)

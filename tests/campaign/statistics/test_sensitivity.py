@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.sampling.saltelli import rows_per_base, saltelli
+from trimtab.campaign.sampling.saltelli import rows_per_base, saltelli_rows
 from trimtab.campaign.statistics.sensitivity import sensitivity
 from trimtab.core.errors import InputError
 
@@ -28,7 +28,7 @@ def ishigami_indices():
 
 
 def rows_of(base, seed=0, parameters=3, noise=False):
-    return saltelli(seed, 0, base * rows_per_base(parameters, noise=noise), parameters, noise=noise)
+    return saltelli_rows(seed, 0, base * rows_per_base(parameters, noise=noise), parameters, noise=noise)
 
 
 def test_ishigami():

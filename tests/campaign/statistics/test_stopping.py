@@ -8,15 +8,15 @@ from scipy import special, stats
 
 from trimtab.campaign.statistics.anytime import ranks_anytime
 from trimtab.campaign.statistics.quantiles import ranks
-from trimtab.campaign.statistics.requirement import judge, requirement
-from trimtab.campaign.statistics.stopping import TAILS, narrowed, stopping
+from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
+from trimtab.campaign.statistics.stopping import TAILS, evaluate_stopping, parse_stopping
 from trimtab.core.errors import InputError
 
 
 def test_reads_both_forms():
-    found = stopping("width(success) <= 0.01 @ 99%")
+    found = parse_stopping("width(success) <= 0.01 @ 99%")
     assert (found.statistic, found.metric, found.width, found.level) == ("success", "success", 0.01, 0.99)
-    found = stopping("width( p95(max:truth.x) ) <= 0.5")
+    found = parse_stopping("width( p95(max:truth.x) ) <= 0.5")
     assert (found.statistic, found.metric, found.p, found.width, found.level) == (
         "quantile",
         "max:truth.x",
@@ -35,12 +35,12 @@ def test_reads_both_forms():
 )  # fmt: skip
 def test_refuses_with_what_to_type(text):
     with pytest.raises(InputError, match=r"stopping '.*\n(Choices.*\n)?Fix:"):
-        stopping(text)
+        parse_stopping(text)
 
 
 def test_refuses_a_metric_that_is_not_there():
     with pytest.raises(InputError, match="Choices: settling:a"):
-        stopping("width(p50(settling:b)) <= 1").check(["success", "settling:a"])
+        parse_stopping("width(p50(settling:b)) <= 1").check(["success", "settling:a"])
 
 
 def clopper_pearson(n, tails, most):
@@ -94,33 +94,33 @@ def test_plain_interval_stopped_at_a_width_holds_less_than_it_says():
 
 
 def test_it_stops_where_the_interval_is_as_narrow_as_wanted():
-    rule = stopping("width(success) <= 0.1 @ 95%")
+    rule = parse_stopping("width(success) <= 0.1 @ 95%")
     success = np.random.default_rng(0).random(2000) < 0.9
     for n in range(50, 2001, 50):
-        now = narrowed(rule, {"success": success[:n]})
+        now = evaluate_stopping(rule, {"success": success[:n]})
         k = int(success[:n].sum())
         low, high = (x[k] for x in clopper_pearson(n, TAILS * 0.05, k))
         assert (now.low, now.high) == pytest.approx((low, high), rel=1e-9)
-        assert now.done == (high - low <= 0.1)
-        if now.done:
+        assert now.is_met == (high - low <= 0.1)
+        if now.is_met:
             break
     assert 100 < n < 400
-    assert now.foreseen == n
-    early = narrowed(rule, {"success": success[:50]})
-    assert early.foreseen == pytest.approx(50 * ((early.high - early.low) / 0.1) ** 2)
+    assert now.expected_runs == n
+    early = evaluate_stopping(rule, {"success": success[:50]})
+    assert early.expected_runs == pytest.approx(50 * ((early.high - early.low) / 0.1) ** 2)
     assert "50 runs, of about" in str(early)
 
 
 def test_quantile_waits_for_both_bounds_and_for_finite_ones():
-    rule = stopping("width(p90(m)) <= 0.2")
+    rule = parse_stopping("width(p90(m)) <= 0.2")
     x = np.random.default_rng(1).random(4000)
-    assert not narrowed(rule, {"m": x[:20]}).done
-    assert math.isinf(narrowed(rule, {"m": x[:20]}).foreseen)
-    found = narrowed(rule, {"m": x})
+    assert not evaluate_stopping(rule, {"m": x[:20]}).is_met
+    assert math.isinf(evaluate_stopping(rule, {"m": x[:20]}).expected_runs)
+    found = evaluate_stopping(rule, {"m": x})
     low, high = ranks_anytime(4000, 0.9, 0.95)
-    assert found.done
+    assert found.is_met
     assert (found.low, found.high) == (np.sort(x)[low - 1], np.sort(x)[high - 1])
-    assert not narrowed(rule, {"m": np.where(x > 0.8, np.nan, x)}).done
+    assert not evaluate_stopping(rule, {"m": np.where(x > 0.8, np.nan, x)}).is_met
 
 
 def cliff(rng, size):
@@ -157,7 +157,7 @@ def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
 @pytest.mark.slow
 def test_stopping_when_a_requirement_is_met():
     """The numbers of docs/campaign/stopping.md: success is exactly 0.9, demanded is more than that. About a minute."""
-    wanted = requirement("success >= 0.9 @ 95%")
+    wanted = parse_requirement("success >= 0.9 @ 95%")
     success = np.random.default_rng(8).random((2000, 4000)) < 0.9
     counts = success.cumsum(axis=1)[:, 49::50]
     share = {}
@@ -165,7 +165,10 @@ def test_stopping_when_a_requirement_is_met():
         met = np.zeros(len(counts), bool)
         for j, column in enumerate(counts.T):
             n = 50 * (j + 1)
-            good = {k: judge(wanted, {"success": np.arange(n) < k}, anytime=anytime).good for k in np.unique(column)}
+            good = {
+                k: evaluate_requirement(wanted, {"success": np.arange(n) < k}, anytime=anytime).is_met
+                for k in np.unique(column)
+            }
             met |= np.array([good[k] for k in column])
         share[anytime] = met.mean()
     assert share[False] > 0.15

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.statistics.requirement import judge, requirement
+from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
 from trimtab.core.errors import InputError
 
 
 def judged(text, anytime=False, **columns):
-    return judge(requirement(text), {name.replace("_of_", ":"): x for name, x in columns.items()}, anytime=anytime)
+    return evaluate_requirement(
+        parse_requirement(text), {name.replace("_of_", ":"): x for name, x in columns.items()}, anytime=anytime
+    )
 
 
 def trials(successes, n):
@@ -26,7 +28,7 @@ def test_success_against_the_binomial(successes, outcome):
     found = judged("success >= 0.99 @ 95%", success=trials(successes, 1000))
     so_many, so_few = stats.binom.sf(successes - 1, 1000, 0.99), stats.binom.cdf(successes, 1000, 0.99)
     assert outcome == ("met" if so_many <= 0.05 else "not met" if so_few < 0.05 else "undecided")
-    assert (found.outcome, found.good) == (outcome, outcome == "met")
+    assert (found.outcome, found.is_met) == (outcome, outcome == "met")
     assert found.value == successes / 1000
 
 
@@ -61,7 +63,7 @@ def test_runs_without_a_number_count_against_it_on_either_side():
     assert (below.value, above.value) == (math.inf, -math.inf)
     assert below.not_finite == above.not_finite == 60
     assert "60 runs have no finite value and count against it" in str(below)
-    assert judged("p90(m) <= 1", m=x).good
+    assert judged("p90(m) <= 1", m=x).is_met
     assert judged("mean(m) <= 1", m=x).outcome == judged("max(m) <= 1", m=x).outcome == "not met"
 
 
@@ -69,8 +71,8 @@ def test_too_few_runs_are_undecided_and_say_how_many_it_takes():
     found = judged("success >= 0.99", success=trials(298, 298))
     assert found.outcome == "undecided"
     assert "it takes 299 runs at least" in str(found)
-    assert judged("success >= 0.99", success=trials(299, 299)).good
-    assert not judged("success >= 0.99", True, success=trials(299, 299)).good
+    assert judged("success >= 0.99", success=trials(299, 299)).is_met
+    assert not judged("success >= 0.99", True, success=trials(299, 299)).is_met
 
 
 def test_mean():
@@ -84,12 +86,12 @@ def test_mean():
 def test_extremes_speak_of_the_runs_flown():
     x = np.arange(1000.0)
     found = judged("max(m) <= 999", m=x)
-    assert found.good
+    assert found.is_met
     share = float(str(found).split("at least ")[1].split(" %")[0]) / 100
     assert share**1000 == pytest.approx(0.05, rel=0.05)  # of 1000 runs, none beyond
-    assert not judged("max(m) <= 998", m=x).good
-    assert judged("min(m) >= 0", m=x).good
-    assert judged("max(m) >= 999", m=x).good
+    assert not judged("max(m) <= 998", m=x).is_met
+    assert judged("min(m) >= 0", m=x).is_met
+    assert judged("max(m) >= 999", m=x).is_met
     assert "of all worlds" not in str(judged("max(m) >= 999", m=x))
 
 
@@ -102,10 +104,10 @@ def test_which_bound_decided_is_said():
 def test_it_is_wrongly_met_in_at_most_5_per_cent():
     """True probability exactly at the limit, and at the limit's quantile: 2000 campaigns each."""
     rng = np.random.default_rng(9)
-    met = [judged("success >= 0.9", success=trials(k, 400)).good for k in rng.binomial(400, 0.9, 2000)]
+    met = [judged("success >= 0.9", success=trials(k, 400)).is_met for k in rng.binomial(400, 0.9, 2000)]
     assert 0.02 < np.mean(met) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
     limit = float(stats.expon.ppf(0.9))
-    met = [judged(f"p90(m) <= {limit}", m=rng.exponential(size=400)).good for _ in range(2000)]
+    met = [judged(f"p90(m) <= {limit}", m=rng.exponential(size=400)).is_met for _ in range(2000)]
     assert 0.02 < np.mean(met) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
 
 

@@ -7,9 +7,9 @@ import pyarrow.parquet
 import pytest
 from campaign.small import BLOCK, assert_same, small
 
-from trimtab.campaign.store.parquet import dataset, read_parquet, write_columns, write_parquet
+from trimtab.campaign.store.parquet import as_dataset, read_parquet, write_columns, write_parquet
 from trimtab.campaign.store.store import read_store
-from trimtab.campaign.workers.ready import plan_of
+from trimtab.campaign.workers.ready import plan_from_dict
 from trimtab.core.errors import InputError
 
 COLUMNS = {
@@ -28,7 +28,7 @@ def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
     told, found = read_parquet(tmp_path / "rows.parquet")
     assert_same(found, columns)
     assert told == about
-    assert plan_of(told["plan"]) == of.plan
+    assert plan_from_dict(told["plan"]) == of.plan
     assert {"version", "machine", "backend", "scenario"} <= set(told["identity"])
     assert [f.name for f in tmp_path.iterdir() if f.name.startswith(".")] == []
 
@@ -39,7 +39,7 @@ def test_rows_of_a_result(tmp_path):
     write_parquet(result, tmp_path / "rows.parquet")
     told, found = read_parquet(tmp_path / "rows.parquet")
     assert_same(found, result.columns)
-    assert plan_of(told["plan"]) == of.plan
+    assert plan_from_dict(told["plan"]) == of.plan
     of.run(tmp_path / "rows.zarr")
     about = read_store(tmp_path / "rows.zarr")[0]
     assert told == {name: about[name] for name in ("identity", "plan")}
@@ -72,7 +72,7 @@ def test_files_that_are_none(tmp_path):
 
 
 def test_dataset_over_runs():
-    made = dataset(COLUMNS, {"seed": 1})
+    made = as_dataset(COLUMNS, {"seed": 1})
     assert dict(made.sizes) == {"run": 5}
     assert json.loads(made.attrs["trimtab"]) == {"seed": 1}
     assert made["settling:yaw_rate"].sel(run=3) == -np.inf

@@ -39,7 +39,7 @@ def test_metric_of_a_file_that_was_changed(store, tmp_path):
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
     asked = {"metrics": [f"{file}:worst"]}
     small(BLOCK, **asked).run(store)
-    assert small(BLOCK, **asked).run(store).flown == 0
+    assert small(BLOCK, **asked).run(store).flown_runs == 0
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].min(axis=1)\n")
     with pytest.raises(InputError, match="another campaign: files"):
         small(BLOCK, **asked).run(store)
@@ -64,7 +64,7 @@ def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     else:
         chunk.unlink()
     again = small(4 * BLOCK).run(store)
-    assert again.flown == BLOCK
+    assert again.flown_runs == BLOCK
     assert_same(again.columns, {n: c[: 4 * BLOCK] for n, c in whole.items()})
 
 

@@ -11,7 +11,7 @@ from campaign.small import BLOCK, assert_same, small
 
 from trimtab.campaign.store.store import read_store
 from trimtab.campaign.workers import cluster as of_cluster
-from trimtab.campaign.workers.cluster import about, cluster, fly_rows
+from trimtab.campaign.workers.cluster import cluster_workers, fly_rows, machine_identity
 from trimtab.core.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
@@ -49,32 +49,32 @@ def test_addresses_and_files_that_are_none(folder):
         "tls://a b:1",
     ):
         with pytest.raises(InputError, match=r"is not tls://HOST:PORT"):
-            cluster(uri, **good)
+            cluster_workers(uri, **good)
     with pytest.raises(InputError, match="anyone who reaches the port runs programs") as refused:
-        cluster("tcp://10.0.0.1:8786")
+        cluster_workers("tcp://10.0.0.1:8786")
     assert refused.value.fix.startswith("--cluster tls://10.0.0.1:8786 --tls-ca ")
     with pytest.raises(InputError, match="uses no certificates"):
-        cluster("tcp://127.0.0.1:8786", **good)
+        cluster_workers("tcp://127.0.0.1:8786", **good)
     for flag, name in (("--tls-ca", "ca"), ("--tls-cert", "cert"), ("--tls-key", "key")):
         with pytest.raises(InputError, match=f"^{flag}: tls:// needs"):
-            cluster("tls://10.0.0.1:8786", **{**good, name: ""})
+            cluster_workers("tls://10.0.0.1:8786", **{**good, name: ""})
         with pytest.raises(InputError, match=f"^{flag}: there is no file"):
-            cluster("tls://10.0.0.1:8786", **{**good, name: folder / "none.pem"})
+            cluster_workers("tls://10.0.0.1:8786", **{**good, name: folder / "none.pem"})
     with pytest.raises(InputError, match="can't be used: KEY_VALUES_MISMATCH"):
-        cluster("tls://10.0.0.1:8786", **{**good, "key": folder / "one.key"})
-    cluster("tls://[::1]:8786", **good)
-    cluster("tcp://localhost:8786")
+        cluster_workers("tls://10.0.0.1:8786", **{**good, "key": folder / "one.key"})
+    cluster_workers("tls://[::1]:8786", **good)
+    cluster_workers("tcp://localhost:8786")
 
 
 def test_nobody_listens(folder):
     with pytest.raises(InputError, match="no scheduler is reached there: Connection refused") as refused:
-        small(BLOCK).run(workers=cluster("tls://127.0.0.1:9", **files(folder)))
+        small(BLOCK).run(workers=cluster_workers("tls://127.0.0.1:9", **files(folder)))
     assert "dask scheduler --protocol tls --port 9" in refused.value.fix
 
 
 def test_worker_whose_rows_would_be_others():
     ready = small(BLOCK).ready
-    told = about(ready, "c")
+    told = machine_identity(ready, "c")
     columns = fly_rows(ready.plan.plain(), told, 3, 7)
     whole = small(BLOCK).run().columns
     for name, column in columns.items():
@@ -90,19 +90,19 @@ def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tm
     for host in ("one", "two"):
         processes.worker(host, uri)
     told = []
-    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=told.append)
+    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=told.append)
     assert_same(found.columns, whole)
-    assert (found.flown, len(told)) == (RUNS, 12)
-    assert small(RUNS).run(tmp_path / "rows.zarr").flown == 0
+    assert (found.flown_runs, len(told)) == (RUNS, 12)
+    assert small(RUNS).run(tmp_path / "rows.zarr").flown_runs == 0
     stranger = files(folder / "other")
     with pytest.raises(InputError, match="is not of the authority in"):
-        small(BLOCK).run(workers=cluster(uri, **stranger))
+        small(BLOCK).run(workers=cluster_workers(uri, **stranger))
     with pytest.raises(InputError, match="it refuses the certificate: TLSV1_ALERT"):
-        small(BLOCK).run(workers=cluster(uri, **{**stranger, "ca": folder / "ca.pem"}))
+        small(BLOCK).run(workers=cluster_workers(uri, **{**stranger, "ca": folder / "ca.pem"}))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
     with pytest.raises(InputError, match=r"worker tls://[^ ]+: --metric mine.py:worst: there is no file 'mine.py'"):
-        small(BLOCK, metrics=["mine.py:worst"]).run(workers=cluster(uri, **files(folder)))
+        small(BLOCK, metrics=["mine.py:worst"]).run(workers=cluster_workers(uri, **files(folder)))
 
 
 class Slowly:
@@ -127,9 +127,9 @@ def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
     doomed = processes.worker("one", uri)
     processes.worker("two", uri)
     watch = Slowly(3 * BLOCK, doomed.kill)
-    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+    found = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=watch)
     assert doomed.wait(5) == -signal.SIGKILL
-    assert found.flown == RUNS
+    assert found.flown_runs == RUNS
     assert_same(found.columns, whole)
 
 
@@ -140,7 +140,7 @@ def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
     processes.worker("one", uri)
     watch = Slowly(3 * BLOCK, scheduler.kill)
     with pytest.raises(InputError, match=r"the scheduler is gone: [1-9][0-9]* runs are kept") as ended:
-        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=watch)
     print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 15
     assert "start the same command again" in ended.value.fix
@@ -148,8 +148,8 @@ def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
     assert kept == len(read_store(tmp_path / "rows.zarr")[1]["run"]) < RUNS
     _, uri = processes.scheduler()
     processes.worker("one", uri)
-    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)))
-    assert again.flown == RUNS - kept
+    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)))
+    assert again.flown_runs == RUNS - kept
     assert_same(again.columns, whole)
 
 
@@ -160,7 +160,7 @@ def test_scheduler_that_hangs(folder, processes, tmp_path):
     processes.worker("one", uri)
     watch = Slowly(2 * BLOCK, lambda: scheduler.send_signal(signal.SIGSTOP))
     with pytest.raises(InputError, match=r"scheduler (is gone|does not answer).*: [1-9][0-9]* runs are kept"):
-        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=watch)
     print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 60
 
@@ -168,12 +168,12 @@ def test_scheduler_that_hangs(folder, processes, tmp_path):
 @pytest.mark.slow
 def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
     """Half a minute."""
-    monkeypatch.setattr(of_cluster, "PATIENCE", 4.0)
+    monkeypatch.setattr(of_cluster, "WORKER_TIMEOUT", 4.0)
     _, uri = processes.scheduler()
     only = processes.worker("one", uri)
     watch = Slowly(2 * BLOCK, only.kill)
     with pytest.raises(InputError, match=r"for 4 s it had no worker: [1-9][0-9]* runs are kept"):
-        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
+        small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=watch)
     print("ended after", time.monotonic() - watch.when)
     assert time.monotonic() - watch.when < 60
     monkeypatch.undo()
@@ -185,6 +185,6 @@ def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
 
     done = len(read_store(tmp_path / "rows.zarr")[1]["run"])
     watch = Slowly(done + BLOCK, replace)
-    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster(uri, **files(folder)), progress=watch)
-    assert again.flown == RUNS - done
+    again = small(RUNS).run(tmp_path / "rows.zarr", workers=cluster_workers(uri, **files(folder)), progress=watch)
+    assert again.flown_runs == RUNS - done
     assert_same(again.columns, whole)

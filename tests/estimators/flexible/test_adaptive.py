@@ -17,26 +17,26 @@ from scipy.stats import chi2
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.core.signals import Frame, measured
+from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.estimators.flexible.adaptive import (
     APART,
     LEAST,
     SHARE,
     AdaptiveFlexibleModeFilter,
-    adapted,
-    bending,
-    jolt,
-    mixture,
-    moved,
-    stretch,
-    unstretched,
-    weighed,
+    disturbance_direction,
+    mixture_flight,
+    mixture_mean,
+    modal_accelerations,
+    propagate_modes,
+    stretch_factors,
+    unstretch,
+    update_probabilities,
 )
 from trimtab.estimators.flexible.discrete import FlexibleModeFilter
-from trimtab.estimators.flexible.model import FlexibleFlight, ModalFrequencies, RigidFlight, dynamics_of, forcing
+from trimtab.estimators.flexible.model import FlexibleFlight, ModalFrequencies, RigidFlight, forcing, modal_dynamics
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
 from trimtab.vehicles.hypersonic import Hypersonic
@@ -46,7 +46,7 @@ X = np.array([0.9, 3.0, 0.7, -4.0, 0.08, -0.06])
 FILTERS = {
     "no update": FlexibleModeFilter(corrects=False),
     "tuned": FlexibleModeFilter(),
-    "accurate": FlexibleModeFilter.accurate(),
+    "accurate": FlexibleModeFilter.for_exact_model(),
     "adaptive": AdaptiveFlexibleModeFilter(),
 }
 OFF = ((0.9, 0.9), (1.1, 1.1), (0.9, 1.0), (1.0, 1.1))
@@ -81,15 +81,15 @@ def test_stretched_motion_is_that_of_the_modes_with_other_frequencies(kmode):
     """Oracle: scipy's exponential of the linear model of a vehicle that has these frequencies."""
     nominal, other = _with(kmode, X[4:])
     nominal = replace(nominal, modes=replace(nominal.modes, kmode=kmode))
-    A, C = (np.asarray(m) for m in dynamics_of(other))
+    A, C = (np.asarray(m) for m in modal_dynamics(other))
     b = np.array([0.0, 150.0, 0.0, 240.0])
     by = np.exp(2 * X[[4, 4, 5, 5]])
     eta = X[:4] / by
-    np.testing.assert_allclose(stretch(X), by, rtol=1e-14)
-    assert float(bending(nominal, X)[0]) == pytest.approx(float(C @ eta), rel=1e-12)
+    np.testing.assert_allclose(stretch_factors(X), by, rtol=1e-14)
+    assert float(modal_accelerations(nominal, X)[0]) == pytest.approx(float(C @ eta), rel=1e-12)
     Ad = expm(A * DT)
     want = Ad @ eta + np.linalg.solve(A, (Ad - np.eye(4)) @ b)
-    got = np.asarray(moved(nominal, X, b, DT))
+    got = np.asarray(propagate_modes(nominal, X, b, DT))
     np.testing.assert_allclose(got[:4] / by, want, rtol=1e-9)
     np.testing.assert_array_equal(got[4:], X[4:])
 
@@ -100,9 +100,9 @@ def test_at_rest_the_frequencies_act_on_nothing():
     b, _, _ = forcing(craft, RigidFlight(x.h, 0.0, x.V, x.alpha, x.q), u)
     for lam in ((0.0, 0.0), (0.1, -0.1)):
         still = jnp.array([float(x.eta1), 0.0, float(x.eta2), 0.0, *lam])
-        np.testing.assert_allclose(moved(craft, still, b, DT), still, atol=1e-9)
-        np.testing.assert_allclose(jax.jacfwd(lambda y: moved(craft, y, b, DT))(still)[:4, 4:], 0, atol=1e-9)
-        np.testing.assert_allclose(jax.jacfwd(lambda y: bending(craft, y)[0])(still)[4:], 0, atol=1e-12)
+        np.testing.assert_allclose(propagate_modes(craft, still, b, DT), still, atol=1e-9)
+        np.testing.assert_allclose(jax.jacfwd(lambda y: propagate_modes(craft, y, b, DT))(still)[:4, 4:], 0, atol=1e-9)
+        np.testing.assert_allclose(jax.jacfwd(lambda y: modal_accelerations(craft, y)[0])(still)[4:], 0, atol=1e-12)
 
     def felt(w):
         return replace(craft, modes=replace(craft.modes, w1=w)).coupled_accelerations(0.0, x, u)[0]
@@ -112,11 +112,13 @@ def test_at_rest_the_frequencies_act_on_nothing():
 
 def test_a_moment_jolts_the_modes_as_in_the_vehicle():
     craft, x, u = trim()
-    pushed = replace(craft, disturbance=numeric(replace(KNOCK, start=0.0)))
+    pushed = replace(craft, disturbance=to_arrays(replace(KNOCK, start=0.0)))
     before, after = (c.dynamics(0.0, x, u) for c in (craft, pushed))
     q_rate = float(after.q - before.q)
     want = [float(getattr(after, n) - getattr(before, n)) / q_rate for n in NAMES]
-    np.testing.assert_allclose(jolt(craft, np.append(X[:4], [0.0, 0.0]))[:4], want, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        disturbance_direction(craft, np.append(X[:4], [0.0, 0.0]))[:4], want, rtol=1e-9, atol=1e-12
+    )
 
 
 def test_mixture_is_mean_and_covariance_of_its_samples():
@@ -127,15 +129,15 @@ def test_mixture_is_mean_and_covariance_of_its_samples():
     p = np.array([0.3, 0.7])
     draws = [rng.multivariate_normal(x[i], P[i], size=int(500_000 * p[i])) for i in (0, 1)]
     y = np.concatenate([np.hstack([d[:, :4] * np.exp(-2 * d[:, [4, 4, 5, 5]]), d[:, 4:]]) for d in draws])
-    mean, spread = mixture(x, P, p)
+    mean, spread = mixture_mean(x, P, p)
     scale = np.sqrt(np.diag(np.cov(y.T)))
     np.testing.assert_allclose((mean - y.mean(0)) / scale, 0, atol=0.02)
     np.testing.assert_allclose(spread / np.outer(scale, scale), np.corrcoef(y.T), atol=0.02)
-    np.testing.assert_allclose(unstretched(X, P[0])[0][:4], X[:4] * np.exp(-2 * X[[4, 4, 5, 5]]))
+    np.testing.assert_allclose(unstretch(X, P[0])[0][:4], X[:4] * np.exp(-2 * X[[4, 4, 5, 5]]))
 
 
 def test_probabilities_are_those_of_bayes_with_a_floor():
-    p = np.asarray(weighed(np.array([0.5, 0.3, 0.2]), np.log([0.1, 0.4, 1e-30])))
+    p = np.asarray(update_probabilities(np.array([0.5, 0.3, 0.2]), np.log([0.1, 0.4, 1e-30])))
     np.testing.assert_allclose(p[:2], np.array([0.05, 0.12]) / 0.17, rtol=1e-5)
     assert p[2] == pytest.approx(LEAST, rel=1e-5)
     assert p.sum() == pytest.approx(1)
@@ -146,8 +148,8 @@ def test_it_tells_all_that_the_fixed_filter_tells():
     one = AdaptiveFlexibleModeFilter()
     assert isinstance(one, Estimator)
     state = one.init(key(0))
-    assert type(adapted(state)) is FlexibleFlight
-    assert type(adapted(state).frequencies) is ModalFrequencies
+    assert type(mixture_flight(state)) is FlexibleFlight
+    assert type(mixture_flight(state).frequencies) is ModalFrequencies
     np.testing.assert_allclose(state.mean[4:], 0, atol=1e-15)
     np.testing.assert_allclose(np.sqrt(np.diag(state.spread)[4:]), 0.1, rtol=1e-12)
 
@@ -185,13 +187,13 @@ def test_steps_of_the_elevator_teach_it():
 def _frame(t, x, u, acceleration, **changes):
     o = {"altitude": x.h * 0.3048, "climb": 0.0, "speed": x.V * 0.3048, "alpha": x.alpha, "pitch_rate": 0.0}
     z = AngularAccelerationReading(acceleration)
-    samples = {"flight": measured(t, FlightReading(**(o | changes))), "angular-accelerometer": measured(t, z)}
-    return Frame(t, samples | {"actuators": measured(t, u)})
+    samples = {"flight": new_sample(t, FlightReading(**(o | changes))), "angular-accelerometer": new_sample(t, z)}
+    return Frame(t, samples | {"actuators": new_sample(t, u)})
 
 
 def test_what_is_not_finite_is_not_used():
     _, x, u = (jax.tree.map(float, part) for part in trim())
-    one = numeric(AdaptiveFlexibleModeFilter(bound=1.12))
+    one = to_arrays(AdaptiveFlexibleModeFilter(bound=1.12))
     step = jax.jit(one.step)
     start = jax.tree.map(jnp.asarray, one.init(key(0)))
     state, first = step(np.int64(0), start, _frame(np.int64(0), x, u, 0.1))
@@ -299,7 +301,7 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
 @pytest.mark.parametrize("move", [steps, buzz])
 def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
     """Why nine: from nominal frequencies, all of the deviation in one filter, both modes 10 % low, modes shaken."""
-    one = numeric(AdaptiveFlexibleModeFilter(deviation=(0.1 / SHARE,) * 2))
+    one = to_arrays(AdaptiveFlexibleModeFilter(deviation=(0.1 / SHARE,) * 2))
     seeds = range(300, 308)
     flown = fly_many([(0.9, 0.9)] * 8, AdaptiveFlexibleModeFilter(), seeds, move)
     state, craft = one.init(key(0)), trim()[0]

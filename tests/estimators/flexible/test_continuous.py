@@ -10,14 +10,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.estimators.flexible.continuous import ContinuousModeFilter
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
-from trimtab.estimators.flexible.model import dynamics_of
+from trimtab.estimators.flexible.model import modal_dynamics
 
 
 def _model():
-    A, C = dynamics_of(trim()[0])
+    A, C = modal_dynamics(trim()[0])
     return np.asarray(A), np.asarray(C)
 
 
@@ -46,7 +46,7 @@ def test_it_is_the_differential_equation_at_the_trim():
 
 def test_its_covariance_settles_at_the_algebraic_equation():
     A, C = _model()
-    one = numeric(ContinuousModeFilter(R=1e-4, substeps=2))
+    one = to_arrays(ContinuousModeFilter(R=1e-4, substeps=2))
     eta, P = np.zeros(4), 1e-3 * np.eye(4)
     for _ in range(4):  # a few periods by the part's own step, the rest by what it must settle at
         eta, P = one.integrate(eta, P, np.zeros(4), 0.0, True)

@@ -15,12 +15,12 @@ from scipy.stats import chi2
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.core.signals import Frame, measured
+from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
-from trimtab.estimators.flexible.model import RigidFlight, dynamics_of, forcing
+from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynamics
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -43,7 +43,7 @@ OPEN_LOOP = 3.268
 def _errors(name, noise, seeds=1):
     """Errors (seeds, n, 4) of a filter from the printed first estimate, plant at its trim."""
     one = {"none": lambda: FlexibleModeFilter(corrects=False), "tuned": FlexibleModeFilter}
-    one |= {"printed": FlexibleModeFilter.printed, "accurate": FlexibleModeFilter.accurate}
+    one |= {"printed": FlexibleModeFilter.from_publication, "accurate": FlexibleModeFilter.for_exact_model}
     return np.stack([np.asarray(fly(*trim(), one[name](), seed, noise)[0]) for seed in range(seeds)])
 
 
@@ -57,7 +57,7 @@ def _chi(x):
 
 def test_model_is_the_closed_form():
     """[H] section 5.1, to the digits that it prints; poles -0.30596 +- 16.0147i, -0.34506 +- 18.3930i."""
-    A, C = (np.asarray(m) for m in dynamics_of(Hypersonic()))
+    A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     np.testing.assert_allclose(A, A_PARKER, rtol=2e-8)
     np.testing.assert_allclose(C, C_PARKER, rtol=1e-6)
     poles = np.linalg.eigvals(A)
@@ -73,7 +73,7 @@ def test_model_is_the_closed_form():
 def test_model_is_linear_in_the_modes_for_every_reading(kmode):
     """eta' and Q' of the vehicle itself are A eta + b and C eta + d + M/Iyy, anywhere."""
     craft, x, u = trim(kmode)
-    A, C = dynamics_of(craft)
+    A, C = modal_dynamics(craft)
     rng = np.random.default_rng(0)
     for eta in rng.normal(size=(5, 4)) * [1, 10, 1, 10]:
         y = replace(x, alpha=x.alpha + 0.01 * rng.normal(), **dict(zip(NAMES, eta, strict=True)))
@@ -94,7 +94,7 @@ def test_check_07_rank_and_time_constant():
     C = C_PARKER[None]
     P = solve_continuous_are(A_PARKER.T, C.T, 1e-5 * np.eye(4), np.array([[10.0]]))
     assert _slowest(np.linalg.eigvals(A_PARKER - P @ C.T @ C / 10)) == pytest.approx(OPEN_LOOP, rel=1e-3)
-    model, R = numeric(FlexibleModeFilter.printed()).model(), 10.0
+    model, R = to_arrays(FlexibleModeFilter.from_publication()).model(), 10.0
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[R]]))
     L = P @ C.T / (C @ P @ C.T + R)
@@ -105,7 +105,7 @@ def test_check_07_rank_and_time_constant():
 @pytest.mark.parametrize(("R", "constant"), [(10, 3.27), (1e-5, 3.21), (1e-7, 1.61), (1e-8, 0.80)])
 def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
     """[H] section 5.4, last line: steady gain of the continuous filter with Q = 1e-5 I."""
-    A, C = (np.asarray(m) for m in dynamics_of(Hypersonic()))
+    A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     C = C[None]
     P = solve_continuous_are(A.T, C.T, 1e-5 * np.eye(4), np.array([[R]]))
     assert _slowest(np.linalg.eigvals(A - P @ C.T @ C / R)) == pytest.approx(constant, abs=6e-3)
@@ -124,7 +124,7 @@ def test_without_update_the_error_is_that_of_the_damping():
     """The observer switched off has the error expm(A t) e0 and nothing else: its convergence is no one's merit."""
     craft, x, _ = trim()
     truth = np.array([float(getattr(x, n)) for n in NAMES])
-    A = np.asarray(dynamics_of(craft)[0])
+    A = np.asarray(modal_dynamics(craft)[0])
     want = np.stack([expm(A * DT * k) @ (np.array(PRINTED_ETA0) - truth) for k in range(0, 2000, 50)])
     np.testing.assert_allclose(_errors("none", 0.0)[0][::50], want, atol=2e-6)
 
@@ -171,13 +171,13 @@ def test_innovation_needs_the_affine_part():
     """[H] section 4.4, item 10: without d truth minus estimate of the rates is (-0.174, -0.491) at R = 1e-4."""
     craft, x, u = trim()
     d = float(forcing(craft, _chi(x), u)[1])
-    model = numeric(FlexibleModeFilter.accurate()).model()
+    model = to_arrays(FlexibleModeFilter.for_exact_model()).model()
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[1e-4]]))
     L = P @ C.T / (C @ P @ C.T + 1e-4)
     steady = np.linalg.solve(np.eye(4) - (np.eye(4) - L @ C) @ Ad, L[:, 0] * d)
     np.testing.assert_allclose(-steady[[1, 3]], (-0.174, -0.491), atol=1e-3)
-    biased = np.asarray(fly(craft, x, u, FlexibleModeFilter.accurate(), 0, 0.0, offset=d)[0])[1800:].mean(0)
+    biased = np.asarray(fly(craft, x, u, FlexibleModeFilter.for_exact_model(), 0, 0.0, offset=d)[0])[1800:].mean(0)
     np.testing.assert_allclose(biased[[1, 3]], steady[[1, 3]], rtol=0.03)  # nearly settled after 10 s
     assert np.abs(_errors("accurate", 0.0)[0][1800:].mean(0)[[1, 3]]).max() < 2e-3
 
@@ -187,7 +187,7 @@ def test_filter_is_the_dense_one():
     craft, x, u = trim()
     _, estimate, P_got = fly(craft, x, u, FlexibleModeFilter(), 3, 0.01, wobble)
     s = jax.tree.map(np.asarray, estimate.state)
-    A, C = (np.asarray(m) for m in dynamics_of(craft))
+    A, C = (np.asarray(m) for m in modal_dynamics(craft))
     Ad = expm(A * DT)
     Bd = np.linalg.solve(A, Ad - np.eye(4))
     V = expm(np.block([[-A, np.diag([1e-5, 100, 1e-5, 100])], [np.zeros((4, 4)), A.T]]) * DT)
@@ -210,7 +210,7 @@ def test_innovation_is_measured_minus_expected():
     """On the flight that shakes, without noise: Q' of the vehicle under the input that acted, minus that of eta_hat."""
     craft, x, u = trim()
     errors, estimate, _ = fly(craft, x, u, FlexibleModeFilter(corrects=False), 0, 0.0, wobble)
-    _, C = dynamics_of(craft)
+    _, C = modal_dynamics(craft)
     want = -np.asarray(errors) @ np.asarray(C)  # rigid part and d are known exactly: only the modes' error is left
     np.testing.assert_allclose(estimate.state.innovation, want, rtol=1e-6, atol=1e-9)
 
@@ -264,8 +264,8 @@ def test_modes_off_by_a_tenth(detuned):
 def _frame(t, x, u, acceleration, **changes):
     o = {"altitude": x.h * 0.3048, "climb": 0.0, "speed": x.V * 0.3048, "alpha": x.alpha, "pitch_rate": 0.0}
     z = AngularAccelerationReading(acceleration)
-    samples = {"flight": measured(t, FlightReading(**(o | changes))), "angular-accelerometer": measured(t, z)}
-    return Frame(t, samples | {"actuators": measured(t, u)})
+    samples = {"flight": new_sample(t, FlightReading(**(o | changes))), "angular-accelerometer": new_sample(t, z)}
+    return Frame(t, samples | {"actuators": new_sample(t, u)})
 
 
 def test_what_is_not_finite_is_not_used():
@@ -323,4 +323,4 @@ def test_refusals():
     for wrong in ({"Q": (1.0, -1.0, 1.0, 1.0)}, {"P0": (1.0, np.nan, 1.0, 1.0)}, {"R": np.inf}, {"period": ms(80)}):
         with pytest.raises(InputError):
             replace(FlexibleModeFilter(), **wrong).check()
-    FlexibleModeFilter(craft=Hypersonic(modes=FlexibleModes().detuned(1.1))).check()
+    FlexibleModeFilter(craft=Hypersonic(modes=FlexibleModes().detune(1.1))).check()

@@ -6,7 +6,7 @@ import pytest
 from estimators.flights import DT, QUICK, TICK, draws, fly_frames, own_model, ride, ticks, weave
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rotation import wrap
 from trimtab.core.time import ms
 from trimtab.estimators.inertial.aided import Intake
@@ -22,7 +22,7 @@ NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-8, forward=6.7e-3, starboard=6.7
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.2)
 BIASES = (0.012, 0.1, -0.08)
 PARTS = {"noise": NOISE, "start": START, "intake": Intake(slots=48)}
-FEEDBACK = numeric(AidedInertialFeedback(**PARTS))
+FEEDBACK = to_arrays(AidedInertialFeedback(**PARTS))
 TRUTH = weave(ticks(N))
 
 
@@ -68,7 +68,7 @@ def test_all_forms_agree_where_the_model_is_linear():
     decoupled = AidedInertialCoupled(**PARTS, smoothing=1e15, rest="correct")
     forms = [AidedInertialFeedforward(**PARTS), AidedInertialDirect(**PARTS), decoupled, FEEDBACK]
     run = jax.jit(lambda form: own_model(form, TRUTH, draws(3, N), every=15), compiler_options=QUICK)
-    *others, want = [run(numeric(form)) for form in forms]
+    *others, want = [run(to_arrays(form)) for form in forms]
     for form, got in zip(forms, others, strict=False):
         np.testing.assert_allclose(got.x, want.x, atol=1e-9, err_msg=type(form).__name__)
         np.testing.assert_allclose(got.P, want.P, atol=1e-9, err_msg=type(form).__name__)
@@ -92,7 +92,7 @@ def test_late_positions_are_fused_when_they_were_measured(made):
     early = {k for k in np.flatnonzero(sent.fix_fresh) if k not in set(due)}
     in_time = sent._replace(fix_fresh=sent.fix_fresh & ~np.isin(np.arange(N), list(early)))
     late = sent._replace(fix_t=fix_t, fix=fix, fix_fresh=fresh)
-    form = numeric(made(**PARTS))
+    form = to_arrays(made(**PARTS))
     (state, (_, belief)), (_, (_, want)) = flown(late, form), flown(in_time, form)
     assert last < N
     assert form.ANY_ORDER, "so that a real line's late samples are given to it"

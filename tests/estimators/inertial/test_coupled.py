@@ -7,14 +7,14 @@ import pytest
 from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, rest, ticks, weave
 from scipy.linalg import expm
 
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric, replace
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.estimators.inertial.coupled import AidedInertialCoupled, coupled_noise, coupled_transition
+from trimtab.estimators.inertial.coupled import AidedInertialCoupled, coupled_process_noise, coupled_transition
 from trimtab.estimators.inertial.mechanisation import LeverArms
 from trimtab.logs.consistency import CONSISTENT, OPTIMISTIC, nees_verdict
 
-FORM = numeric(AidedInertialCoupled(noise=MEMS, start=NEAR))
+FORM = to_arrays(AidedInertialCoupled(noise=MEMS, start=NEAR))
 HERTZ = 153
 """Ticks between positions, near 1 s."""
 
@@ -41,7 +41,7 @@ def test_the_transition_is_the_derivative_of_the_process():
 
 
 def test_its_noise_is_that_of_the_dual_filters():
-    Q = np.asarray(coupled_noise(np.array([9.0, 8, 1, 1, 3, 4]), 0.3, 0.0))
+    Q = np.asarray(coupled_process_noise(np.array([9.0, 8, 1, 1, 3, 4]), 0.3, 0.0))
     np.testing.assert_allclose(Q, np.diag([9.0, 1, 1, 0, 0, 8, 3, 4]), atol=1e-14)
 
 
@@ -136,10 +136,10 @@ def test_nees_over_500_seeds_for_forty_seconds():
 
 
 def test_its_step_exports():
-    form = numeric(AidedInertialCoupled())
+    form = to_arrays(AidedInertialCoupled())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)
     t = np.full(1, TICK)
     stacked = frames(form, t, (t, np.zeros((1, 3)), one), (t, np.zeros((1, 1)), one), (t, np.zeros((1, 2)), one))
     frame = jax.tree.map(lambda a: a[0], stacked)
-    assert lowered(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")
+    assert lower_function(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from estimators.flights import DT, MEMS, NEAR, TICK, frames, monte_carlo, ticks, turn
 
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric, replace
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.estimators.inertial.direct import AidedInertialDirect
 from trimtab.logs.consistency import CONSISTENT, nees_verdict
 
-FORM = numeric(AidedInertialDirect(noise=MEMS, start=NEAR))
+FORM = to_arrays(AidedInertialDirect(noise=MEMS, start=NEAR))
 
 
 @pytest.mark.slow
@@ -53,10 +53,10 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
 
 
 def test_its_step_exports():
-    form = numeric(AidedInertialDirect())
+    form = to_arrays(AidedInertialDirect())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)
     t = np.full(1, TICK)
     stacked = frames(form, t, (t, np.zeros((1, 3)), one), (t, np.zeros((1, 1)), one), (t, np.zeros((1, 2)), one))
     frame = jax.tree.map(lambda a: a[0], stacked)
-    assert lowered(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")
+    assert lower_function(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")

@@ -7,16 +7,16 @@ import pytest
 from estimators.flights import DT
 from scipy.linalg import expm
 
-from trimtab.core.record import numeric
+from trimtab.core.record import to_arrays
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     InertialNoise,
     belief_covariance,
-    heading_noise,
+    heading_process_noise,
     heading_transition,
-    motion_noise,
+    lever_arm_noise,
+    motion_process_noise,
     motion_transition,
-    turned_noise,
 )
 from trimtab.estimators.kalman import predict, update
 
@@ -36,8 +36,8 @@ def test_noise_enters_along_the_body():
     G = np.zeros((6, 4))
     G[:2, :2], G[4:, 2:] = rotation(0.7), np.eye(2)
     growth = np.array([9.0, 9.0, 1.0, 2.0, 3.0, 4.0])
-    np.testing.assert_allclose(motion_noise(growth, 0.7, 0.0), G @ np.diag(growth[2:]) @ G.T, atol=1e-14)
-    np.testing.assert_allclose(heading_noise(growth, 0.0), np.diag([9.0, 9.0]))
+    np.testing.assert_allclose(motion_process_noise(growth, 0.7, 0.0), G @ np.diag(growth[2:]) @ G.T, atol=1e-14)
+    np.testing.assert_allclose(heading_process_noise(growth, 0.0), np.diag([9.0, 9.0]))
 
 
 def test_noise_over_a_long_step_is_that_of_many_short_ones():
@@ -47,14 +47,14 @@ def test_noise_over_a_long_step_is_that_of_many_short_ones():
     P1, P2 = np.zeros((2, 2)), np.zeros((6, 6))
     F1, F2 = np.asarray(heading_transition(dt)), np.asarray(motion_transition(dt, 0.7))
     g = noise.growth(dt, none)
-    Q1, Q2 = np.asarray(heading_noise(g, dt)), np.asarray(motion_noise(g, 0.7, dt))
+    Q1, Q2 = np.asarray(heading_process_noise(g, dt)), np.asarray(motion_process_noise(g, 0.7, dt))
     for _ in range(n):
         P1, P2 = F1 @ P1 @ F1.T + Q1, F2 @ P2 @ F2.T + Q2
     whole = noise.growth(T, none)
-    np.testing.assert_allclose(heading_noise(whole, T), P1, rtol=1e-10)
-    np.testing.assert_allclose(motion_noise(whole, 0.7, T), P2, rtol=1e-9, atol=1e-12)
-    assert noise.reach(T) == T
-    assert InertialNoise(covariance="literal").reach(jnp.asarray(T)) == 0
+    np.testing.assert_allclose(heading_process_noise(whole, T), P1, rtol=1e-10)
+    np.testing.assert_allclose(motion_process_noise(whole, 0.7, T), P2, rtol=1e-9, atol=1e-12)
+    assert noise.integration_time(T) == T
+    assert InertialNoise(covariance="literal").integration_time(jnp.asarray(T)) == 0
 
 
 def test_covariance_settings_by_their_units():
@@ -77,8 +77,8 @@ def test_doubt_lets_a_state_wander():
 @pytest.mark.parametrize(("covariance", "gains"), [("literal", (0.795, 0.800)), ("consistent", (0.0438, 0.140))])
 def test_steady_gains_of_the_heading_filter(covariance, gains):
     """Specification 2.4: K = (0.795, 0.800) with the units as printed, (0.0438, 0.140) mended."""
-    noise = numeric(InertialNoise(covariance=covariance))
-    Q = heading_noise(noise.growth(DT, jnp.zeros(2)), noise.reach(jnp.asarray(DT)))
+    noise = to_arrays(InertialNoise(covariance=covariance))
+    Q = heading_process_noise(noise.growth(DT, jnp.zeros(2)), noise.integration_time(jnp.asarray(DT)))
     R = jnp.reshape(noise.heading, (1, 1))
 
     def step(P, _):
@@ -103,4 +103,4 @@ def test_belief_covariance_puts_blocks_and_signs_where_they_belong():
 
 
 def test_a_turning_lever_arm_is_noise():
-    np.testing.assert_allclose(turned_noise(np.eye(2), np.array([0.0, 2.0]), 0.25), [[1, 0], [0, 2]])
+    np.testing.assert_allclose(lever_arm_noise(np.eye(2), np.array([0.0, 2.0]), 0.25), [[1, 0], [0, 2]])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from estimators.flights import DT, MEMS, NEAR, QUICK, TICK, frames, monte_carlo, ticks, turn
 
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric, replace
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.logs.consistency import CONSISTENT, nees_verdict
 
-FORM = numeric(AidedInertialFeedback(noise=MEMS, start=NEAR))
+FORM = to_arrays(AidedInertialFeedback(noise=MEMS, start=NEAR))
 
 
 def alone(form, felt, n):
@@ -47,7 +47,7 @@ def test_without_aiding_errors_grow_as_the_theorys_polynomials():
 
 def test_without_aiding_variances_grow_as_the_theorys_polynomials():
     noise = InertialNoise(gyro=1e-4, gyro_walk=1e-4, forward=1e-2, starboard=1e-2, force_walk=1e-3)
-    form = numeric(AidedInertialFeedback(noise=noise, start=NEAR))
+    form = to_arrays(AidedInertialFeedback(noise=noise, start=NEAR))
     n = 3000
     t = np.arange(1, n + 1) * DT
     P = np.asarray(alone(form, np.zeros(3), n).P)
@@ -74,7 +74,7 @@ def test_a_heading_is_taken_the_short_way_round(turns):
 
 def test_the_first_fix_takes_over_from_an_unknown_start():
     """As [1] does, which starts at the first measurement with its variance."""
-    form = numeric(AidedInertialFeedback())
+    form = to_arrays(AidedInertialFeedback())
     node = form.correct_position(form.correct_heading(form.first(), np.float64(3.0)), np.array([4.0, -5.0]))
     x, P = form.belief(node)
     np.testing.assert_allclose(np.asarray(x)[[0, 3, 4]], [3.0, 4.0, -5.0], atol=1e-3)
@@ -82,10 +82,10 @@ def test_the_first_fix_takes_over_from_an_unknown_start():
 
 
 def test_its_step_exports():
-    form = numeric(AidedInertialFeedback())
+    form = to_arrays(AidedInertialFeedback())
     state, now = form.init(key(0)), np.int64(TICK)
     one = np.ones(1, bool)
     t = np.full(1, TICK)
     stacked = frames(form, t, (t, np.zeros((1, 3)), one), (t, np.zeros((1, 1)), one), (t, np.zeros((1, 2)), one))
     frame = jax.tree.map(lambda a: a[0], stacked)
-    assert lowered(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")
+    assert lower_function(lambda f, s, x: f.step(now, s, x), (form, state, frame)).text("f")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from estimators.flights import DT, MEMS, NEAR, QUICK, Truth, draws, monte_carlo, own_model, ticks, turn, weave
 
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric, replace
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace, to_arrays
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.logs.consistency import CONSISTENT, OPTIMISTIC, PESSIMISTIC, nees_verdict, nis_verdict, whiteness
@@ -20,10 +20,10 @@ RUNS = 12
 def turning():
     """Heading errors (deg) and NIS of both covariances on a platform at 166 deg/s; the gyro's bias is constant."""
     truth = turn(ticks(N))
-    sensors = numeric(InertialNoise(gyro_walk=0.0))
+    sensors = to_arrays(InertialNoise(gyro_walk=0.0))
     found = {}
     for covariance in ("literal", "consistent"):
-        form = numeric(AidedInertialFeedforward(noise=InertialNoise(covariance=covariance)))
+        form = to_arrays(AidedInertialFeedforward(noise=InertialNoise(covariance=covariance)))
         form = replace(form, start=replace(form.start, sigma_heading=0.0126, sigma_gyro_bias=0.02))
 
         def run(k, form=form):
@@ -60,7 +60,7 @@ def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
 @pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model: turning without force, so that heading errors do nothing to velocity (issue 4)."""
-    form = numeric(AidedInertialFeedforward(noise=MEMS, start=NEAR))
+    form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))
     nees, _, nis = monte_carlo(form, turn(ticks(250)), n=250, every=15, reads=True, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)
     assert verdict.verdict == CONSISTENT, verdict
@@ -77,7 +77,7 @@ def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
     cls = {"feedforward": AidedInertialFeedforward, "feedback": AidedInertialFeedback, "direct": AidedInertialDirect}
     n = int(30 / DT)
     nees, _, nis = monte_carlo(
-        numeric(cls[form](noise=MEMS, start=NEAR)), turn(ticks(n)), n=n, every=15, reads=True, runs=500, keep=100
+        to_arrays(cls[form](noise=MEMS, start=NEAR)), turn(ticks(n)), n=n, every=15, reads=True, runs=500, keep=100
     )
     assert nees_verdict(np.asarray(nees), 8).verdict == CONSISTENT
     assert nis_verdict(np.asarray(nis), 2).verdict == CONSISTENT
@@ -85,7 +85,7 @@ def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
 
 def test_the_ins_itself_is_never_reset():
     """Without noise or aiding errors the INS drifts with its biases while the output does not."""
-    form = numeric(AidedInertialFeedforward(noise=MEMS, start=NEAR))
+    form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))
     truth = weave(ticks(600))
     bias = np.array([0.01, 0.1, -0.1])
 
@@ -113,8 +113,8 @@ def test_the_ins_itself_is_never_reset():
 
 
 def test_its_functions_export():
-    form = numeric(AidedInertialFeedforward())
+    form = to_arrays(AidedInertialFeedforward())
     node = form.first()
-    assert lowered(lambda f, n: f.propagate(n, np.float64(DT), np.zeros(3), np.zeros(2)), (form, node)).text("f")
-    assert lowered(lambda f, n: f.correct_heading(n, np.float64(0.1)), (form, node)).text("f")
-    assert lowered(lambda f, n: f.correct_position(n, np.zeros(2)), (form, node)).text("f")
+    assert lower_function(lambda f, n: f.propagate(n, np.float64(DT), np.zeros(3), np.zeros(2)), (form, node)).text("f")
+    assert lower_function(lambda f, n: f.correct_heading(n, np.float64(0.1)), (form, node)).text("f")
+    assert lower_function(lambda f, n: f.correct_position(n, np.zeros(2)), (form, node)).text("f")

@@ -14,7 +14,7 @@ from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial, GyroCompensator
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.gyro_dynamics import IdentifiedGyro
 
 PLAIN = AidedInertialFeedforward(intake=Intake(frozen_imu=0))
@@ -37,7 +37,7 @@ def flown(given):
         state, estimate = BEHIND.step(frame.t, state, frame)
         return state, (state.rate, estimate)
 
-    return jax.lax.scan(step, strong(BEHIND.init(key(0))), given)[1]
+    return jax.lax.scan(step, strengthen_types(BEHIND.init(key(0))), given)[1]
 
 
 def rates_told(given):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from studies.hovercraft2006.gyro_compensation import TABLE_6_5
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.estimators.inertial.gyro_compensated import GyroCompensator
 from trimtab.sensors.gyro_dynamics import IdentifiedGyro
 
@@ -68,4 +68,4 @@ def test_it_raises_noise_sevenfold_at_half_the_sampling_rate():
 
 def test_exportable():
     compensator = GyroCompensator()
-    lowered(lambda c, s, y: c.compensate(s, y), (compensator, compensator.start(jnp.zeros(3)), jnp.zeros(3)))
+    lower_function(lambda c, s, y: c.compensate(s, y), (compensator, compensator.start(jnp.zeros(3)), jnp.zeros(3)))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.record import quantity, record, replace
 from trimtab.estimators.inertial import measurement_history as ring
 from trimtab.estimators.inertial.measurement_history import HEADING, IMU, POSITION, Event
@@ -63,11 +63,11 @@ def take(h, t, kind, value, doubt):
 
     def one(k):
         event = Event(t, k, value, doubt)
-        reached = ring.done(h)
-        room, known = ring.fits(h, reached, event)
+        reached = ring.newest_imu_index(h)
+        room, known = ring.check_room(h, reached, event)
         use = room & ~known
-        put, now = jax.lax.cond(use, lambda: ring.insert(h, reached, event), lambda: (h, reached))
-        new, node = ring.replay(FORM, put, now)
+        put, now = jax.lax.cond(use, lambda: ring.insert_event(h, reached, event), lambda: (h, reached))
+        new, node = ring.replay_events(FORM, put, now)
         return new, node, use
 
     return jax.lax.switch(kind - 1, [lambda: one(IMU), lambda: one(HEADING), lambda: one(POSITION)])
@@ -75,7 +75,7 @@ def take(h, t, kind, value, doubt):
 
 def play(events, slots=32):
     """The node after all events, in the order in which they come, and which of them were used."""
-    h = jax.tree.map(jnp.asarray, ring.empty(FORM.first(), slots))
+    h = jax.tree.map(jnp.asarray, ring.empty_history(FORM.first(), slots))
     node, used = FORM.first(), []
     for t, kind, value, *doubt in events:
         value = np.resize(np.append(value, np.zeros(3)), 3)
@@ -183,7 +183,7 @@ def test_doubt_holds_on_both_sides_of_a_sample():
 
 
 def test_it_exports():
-    h = ring.empty(FORM.first(), 8)
-    assert lowered(lambda h, r: ring.replay(FORM, h, r), (h, np.int32(3))).text("f")
+    h = ring.empty_history(FORM.first(), 8)
+    assert lower_function(lambda h, r: ring.replay_events(FORM, h, r), (h, np.int32(3))).text("f")
     event = Event(np.int64(5), POSITION, np.zeros(3), np.zeros(2))
-    assert lowered(lambda h, r: ring.insert(h, r, event), (h, np.int32(3))).text("f")
+    assert lower_function(lambda h, r: ring.insert_event(h, r, event), (h, np.int32(3))).text("f")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from estimators.flights import DT, fly
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.rotation import planar
-from trimtab.estimators.inertial.mechanisation import InertialStart, LeverArms, mechanise, turned_lever
+from trimtab.estimators.inertial.mechanisation import InertialStart, LeverArms, mechanise, rotate_lever
 
 
 def navigate(truth, dt):
@@ -67,11 +67,13 @@ def test_perfect_sensors_close_a_lap_at_speed(samples, largest):
 
 def test_a_lever_arm_turns_with_the_heading():
     arm = np.array([0.3, -0.1])
-    turned, slope = turned_lever(0.7, arm)
+    turned, slope = rotate_lever(0.7, arm)
     c, s = np.cos(0.7), np.sin(0.7)
     np.testing.assert_allclose(turned, [c * 0.3 + s * 0.1, s * 0.3 - c * 0.1], rtol=1e-14)
-    np.testing.assert_allclose(slope, jax.jacfwd(lambda p: turned_lever(p, arm)[0])(0.7), rtol=1e-14)
-    np.testing.assert_array_equal(LeverArms(imu=np.array([0.1, 0.0]), aiding=arm).between(), arm - [0.1, 0.0])
+    np.testing.assert_allclose(slope, jax.jacfwd(lambda p: rotate_lever(p, arm)[0])(0.7), rtol=1e-14)
+    np.testing.assert_array_equal(
+        LeverArms(imu=np.array([0.1, 0.0]), aiding=arm).imu_to_aided_point(), arm - [0.1, 0.0]
+    )
 
 
 def test_the_start_is_in_the_order_of_the_filters():
@@ -85,4 +87,4 @@ def test_the_start_is_in_the_order_of_the_filters():
 
 def test_the_mechanisation_exports():
     v = np.zeros(2)
-    assert lowered(mechanise, (0.1, v, v, v, v)).text("f")
+    assert lower_function(mechanise, (0.1, v, v, v, v)).text("f")

@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.estimators.inertial.mechanisation import Belief, LeverArms
-from trimtab.estimators.inertial.navigation_state import at_reference, counted, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.navigation_state import (
+    count_measurement,
+    fuse_measurement,
+    no_heading_fix,
+    no_position_fix,
+    reference_kinematics,
+)
 from trimtab.estimators.kalman import update
 
 ARMS = LeverArms(imu=np.array([0.3, -0.2]))
@@ -26,7 +32,7 @@ def test_values_and_sigmas_of_the_reference_point():
     x = np.array([0.7, 1.2, -0.4, 3.0, 4.0, 0.02, 0.1, -0.1])
     A = 0.01 * g.standard_normal((8, 8))
     P = A @ A.T
-    told = at_reference(Belief(x, P), np.float64(0.9), 1e-4, ARMS)
+    told = reference_kinematics(Belief(x, P), np.float64(0.9), 1e-4, ARMS)
     want = geometry(x[None], 0.9, ARMS.imu)[0]
     np.testing.assert_allclose([told[n] for n in NAMES], want, rtol=1e-13)
     drawn = x + g.multivariate_normal(np.zeros(8), P, 400_000)
@@ -46,11 +52,11 @@ def test_fixes_are_counted():
     missing = update(np.zeros(1), np.eye(1), np.array([np.nan]), np.eye(1), np.eye(1))
     fix = no_heading_fix()
     for done in (used, refused, refused):
-        fix = counted(fix, done)
+        fix = count_measurement(fix, done)
     assert (fix.used, fix.rejected, fix.rejected_in_a_row) == (1, 2, 2)
     np.testing.assert_allclose(fix.normalised, [50 / np.sqrt(2)], rtol=1e-12)
     np.testing.assert_allclose(fix.nis, 1250, rtol=1e-12)
-    fix = counted(counted(fix, missing), used, -1.0)
+    fix = count_measurement(count_measurement(fix, missing), used, -1.0)
     assert (fix.used, fix.rejected, fix.rejected_in_a_row) == (2, 2, 0)
     assert fix.innovation[0] == -0.5
     assert no_position_fix().innovation.shape == (2,)
@@ -63,31 +69,33 @@ def test_after_so_many_refused_in_a_row_the_filter_gives_in():
     believed = {"gate": 18.0, "patience": np.int32(3)}
     fix = no_position_fix()
     for k in range(3):
-        done, fix = fuse(fix, x, P, y, np.eye(2), R, **believed)
+        done, fix = fuse_measurement(fix, x, P, y, np.eye(2), R, **believed)
         assert not done.accepted
         np.testing.assert_array_equal(done.P, P)
         assert fix.rejected_in_a_row == k + 1
     refused = fix
-    done, fix = fuse(fix, x, P, y, np.eye(2), R, **believed)
+    done, fix = fuse_measurement(fix, x, P, y, np.eye(2), R, **believed)
     assert done.accepted
     np.testing.assert_allclose(done.x, y, rtol=1e-3)
     assert done.nis < 2.1
     assert (fix.given_in, fix.rejected_in_a_row, fix.used) == (1, 0, 1)
-    done, same = fuse(refused, x, P, np.array([np.nan, 0.0]), np.eye(2), R, **believed)
+    done, same = fuse_measurement(refused, x, P, np.array([np.nan, 0.0]), np.eye(2), R, **believed)
     np.testing.assert_array_equal(done.P, P)  # to what is no number it does not give in
     assert same.given_in == 0
     stubborn = no_position_fix()
     for _ in range(6):
-        done, stubborn = fuse(stubborn, x, P, y, np.eye(2), R, gate=18.0, patience=np.int32(0))
+        done, stubborn = fuse_measurement(stubborn, x, P, y, np.eye(2), R, gate=18.0, patience=np.int32(0))
     assert stubborn.rejected_in_a_row == 6
     assert not done.accepted
 
 
 def test_sigmas_stay_finite_where_rounding_makes_a_variance_negative():
-    told = at_reference(Belief(np.zeros(8), -1e-18 * np.eye(8)), 0.0, 0.0, ARMS)
+    told = reference_kinematics(Belief(np.zeros(8), -1e-18 * np.eye(8)), 0.0, 0.0, ARMS)
     assert all(np.isfinite(told[f"sigma_{n}"]) for n in NAMES)
     assert not told["covariance"].positive
 
 
 def test_it_exports():
-    assert lowered(lambda x, P: at_reference(Belief(x, P), 0.1, 1e-4, ARMS), (np.zeros(8), np.eye(8))).text("f")
+    assert lower_function(
+        lambda x, P: reference_kinematics(Belief(x, P), 0.1, 1e-4, ARMS), (np.zeros(8), np.eye(8))
+    ).text("f")

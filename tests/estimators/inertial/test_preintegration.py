@@ -4,10 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.rotation import planar
 from trimtab.estimators.inertial.mechanisation import mechanise
-from trimtab.estimators.inertial.preintegration import between, no_samples, noted
+from trimtab.estimators.inertial.preintegration import append_sample, empty_imu_history, preintegrate
 
 TICK = 65536
 
@@ -15,9 +15,9 @@ TICK = 65536
 def history(n=12, slots=16, seed=0):
     g = np.random.default_rng(seed)
     felt = g.standard_normal((n, 3))
-    h = no_samples(slots)
+    h = empty_imu_history(slots)
     for k in range(n):
-        h = noted(h, np.int64(k * TICK), felt[k], np.array([k == 5, False], float))
+        h = append_sample(h, np.int64(k * TICK), felt[k], np.array([k == 5, False], float))
     return h, felt
 
 
@@ -38,7 +38,7 @@ def plain(felt, begin, end, phi, v, r, bias):
 def test_it_is_the_mechanisation(begin, end):
     """Between samples too, with accelerometer biases; exact."""
     h, felt = history()
-    m = jax.jit(between)(h, begin, end)
+    m = jax.jit(preintegrate)(h, begin, end)
     phi, v, r, ba = 0.7, np.array([0.3, -0.1]), np.array([1.0, 2.0]), np.array([0.1, -0.2])
     want = plain(felt, begin, end, phi, v, r, np.r_[0.0, ba])
     T, B = float(m.time), np.asarray(planar(phi))
@@ -52,7 +52,7 @@ def test_a_gyro_bias_is_left_out_only_to_second_order():
     """1 deg/s over 0.1 s under 1 m/s^2: 0.1 mm/s."""
     h, felt = history(n=16)
     end = 15 * TICK
-    m = jax.jit(between)(h, 0, end)
+    m = jax.jit(preintegrate)(h, 0, end)
     bias = np.deg2rad(1.0)
     want = plain(felt, 0, end, 0.0, np.zeros(2), np.zeros(2), np.r_[bias, 0, 0])
     np.testing.assert_allclose(m.turn - bias * m.time, want[0], atol=1e-12)
@@ -61,13 +61,13 @@ def test_a_gyro_bias_is_left_out_only_to_second_order():
 
 def test_it_reaches_as_far_as_samples_do_and_tells_doubt():
     h, _ = history(n=20, slots=8)
-    m = jax.jit(between)(h, 0, 30 * TICK)
+    m = jax.jit(preintegrate)(h, 0, 30 * TICK)
     assert float(m.time) == pytest.approx(7 * TICK * 1e-7)
     h, _ = history()
-    np.testing.assert_array_equal(jax.jit(between)(h, 0, 11 * TICK).doubt, [1, 0])
-    np.testing.assert_array_equal(jax.jit(between)(h, 7 * TICK, 11 * TICK).doubt, [0, 0])
-    assert float(jax.jit(between)(no_samples(8), 0, TICK).time) == 0.0
+    np.testing.assert_array_equal(jax.jit(preintegrate)(h, 0, 11 * TICK).doubt, [1, 0])
+    np.testing.assert_array_equal(jax.jit(preintegrate)(h, 7 * TICK, 11 * TICK).doubt, [0, 0])
+    assert float(jax.jit(preintegrate)(empty_imu_history(8), 0, TICK).time) == 0.0
 
 
 def test_it_exports():
-    assert lowered(between, (history()[0], np.int64(0), np.int64(TICK))).text("f")
+    assert lower_function(preintegrate, (history()[0], np.int64(0), np.int64(TICK))).text("f")

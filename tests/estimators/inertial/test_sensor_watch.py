@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from estimators.flights import Fix
 
-from trimtab.compiler.function import lowered
-from trimtab.core.signals import held, measured
-from trimtab.estimators.inertial.sensor_watch import judge, unwatched
+from trimtab.compiler.function import lower_function
+from trimtab.core.signals import hold_sample, new_sample
+from trimtab.estimators.inertial.sensor_watch import initial_watch, validate_sample
 
 
 def look(watch, now, t, value, fresh, ordered, frozen_after):
-    sample = held(now, measured(t, Fix(*value)), fresh=fresh)
-    return judge(watch, now, sample, (value[0], value[1]), frozen_after=frozen_after, ordered=ordered)
+    sample = hold_sample(now, new_sample(t, Fix(*value)), fresh=fresh)
+    return validate_sample(watch, now, sample, (value[0], value[1]), frozen_after=frozen_after, ordered=ordered)
 
 
 compiled = jax.jit(look, static_argnames="ordered")
@@ -20,7 +20,7 @@ compiled = jax.jit(look, static_argnames="ordered")
 
 def watched(stream, *, ordered=False, frozen_after=3):
     """The last judgement of a stream of (t, north[, now]), and which were usable."""
-    watch, used, last = unwatched(), [], None
+    watch, used, last = initial_watch(), [], None
     for t, north, *now in stream:
         value = np.array([north, 1.0])
         last = compiled(watch, np.int64(now[0] if now else t), np.int64(t), value, True, ordered, frozen_after)
@@ -86,12 +86,12 @@ def test_equal_samples_mean_frozen():
 
 def test_nothing_fresh_is_nothing_new():
     value = np.array([1.0, 2.0])
-    watch = unwatched()
+    watch = initial_watch()
     found = compiled(watch, np.int64(20), np.int64(10), value, False, False, 3)
     assert not found.usable
     assert jax.tree.all(jax.tree.map(lambda a, b: bool(np.array_equal(a, b)), found.watch, watch))
 
 
 def test_it_exports():
-    args = (unwatched(), np.int64(20), np.int64(10), np.ones(2), np.bool_(True))
-    assert lowered(lambda w, now, t, v, f: look(w, now, t, v, f, True, 3), args).text("f")
+    args = (initial_watch(), np.int64(20), np.int64(10), np.ones(2), np.bool_(True))
+    assert lower_function(lambda w, now, t, v, f: look(w, now, t, v, f, True, 3), args).text("f")

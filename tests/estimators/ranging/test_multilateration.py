@@ -3,14 +3,21 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares as scipy_least_squares
 
-from trimtab.compiler.function import lowered
-from trimtab.estimators.ranging.multilateration import bancroft, least_squares, leave_one_out, two_ranges
+from trimtab.compiler.function import lower_function
+from trimtab.estimators.ranging.multilateration import (
+    intersect_circles,
+    solve_bancroft,
+    solve_least_squares,
+    solve_leaving_one_out,
+)
 
 H = 2.7048
 SQUARE = np.array([[1.5, 1.5], [1.5, -1.5], [-1.5, -1.5], [-1.5, 1.5]])
 UNEVEN = np.array([[0.0, 0.0], [3.1, 0.4], [2.6, 3.3], [-0.5, 2.2], [1.2, 4.4]])
-CLOSED = jax.jit(jax.vmap(bancroft, in_axes=(None, None, 0, 0)))
-FITTED = jax.jit(jax.vmap(lambda p, h, r, u: least_squares(p, h, r, u, bancroft(p, h, r, u).place), (None, None, 0, 0)))
+CLOSED = jax.jit(jax.vmap(solve_bancroft, in_axes=(None, None, 0, 0)))
+FITTED = jax.jit(
+    jax.vmap(lambda p, h, r, u: solve_least_squares(p, h, r, u, solve_bancroft(p, h, r, u).place), (None, None, 0, 0))
+)
 
 
 def exact(plan, height, places, bias=0.0):
@@ -102,12 +109,12 @@ def test_leave_one_out_finds_the_wrong_range():
     used = np.ones(5, bool)
 
     def solve(p, h, r, u):
-        return least_squares(p, h, r, u, bancroft(p, h, r, u).place)
+        return solve_least_squares(p, h, r, u, solve_bancroft(p, h, r, u).place)
 
     def agrees(one):
         return one.residual < 0.02
 
-    find = jax.jit(jax.vmap(lambda r: leave_one_out(solve, UNEVEN, np.full(5, H), r, used, agrees)))
+    find = jax.jit(jax.vmap(lambda r: solve_leaving_one_out(solve, UNEVEN, np.full(5, H), r, used, agrees)))
     out = find(ranges)
     np.testing.assert_array_equal(np.argmin(np.nan_to_num(out.residual, nan=9.0), axis=1), wrong + 1)
     best = np.asarray(out.place)[np.arange(50), wrong + 1]
@@ -123,20 +130,20 @@ def test_two_ranges_take_the_side_of_the_fix_before():
     ranges = exact(SQUARE, H, true)
     for place, r in zip(true, ranges, strict=True):
         near = place + np.array([0.1, -0.05])
-        found = two_ranges(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
+        found = intersect_circles(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
         np.testing.assert_allclose(found.place, place, atol=1e-12)
         assert float(found.residual) < 1e-12
-        mirrored = two_ranges(SQUARE, np.full(4, H), r, used, place[::-1])  # the line runs along the diagonal
+        mirrored = intersect_circles(SQUARE, np.full(4, H), r, used, place[::-1])  # the line runs along the diagonal
         np.testing.assert_allclose(mirrored.place, place[::-1], atol=1e-12)
 
 
 def test_circles_that_miss_give_the_point_between():
     used = np.array([True, True, False, False])
     ranges = np.sqrt(np.array([1.4, 1.5, 1, 1]) ** 2 + H**2)
-    found = two_ranges(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
+    found = intersect_circles(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
     np.testing.assert_allclose(found.place, [1.5, 0.05], atol=0.01)
     assert 0.01 < float(found.residual) < 0.1
-    below = two_ranges(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
+    below = intersect_circles(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
     assert np.isfinite(below.place).all()
 
 
@@ -144,10 +151,10 @@ def test_exportable():
     height, ranges, used = np.full(4, H), np.full(4, 3.0), np.ones(4, bool)
 
     def all_of_it(r, u):
-        start = bancroft(SQUARE, height, r, u)
-        pair = two_ranges(SQUARE, height, r, u, start.place)
-        return leave_one_out(
-            lambda *a: least_squares(*a, start.place), SQUARE, height, r, u, lambda one: one.residual < 0.02
+        start = solve_bancroft(SQUARE, height, r, u)
+        pair = intersect_circles(SQUARE, height, r, u, start.place)
+        return solve_leaving_one_out(
+            lambda *a: solve_least_squares(*a, start.place), SQUARE, height, r, u, lambda one: one.residual < 0.02
         ), pair
 
-    assert lowered(all_of_it, [ranges, used]).outputs
+    assert lower_function(all_of_it, [ranges, used]).outputs

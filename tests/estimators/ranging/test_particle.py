@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from estimators import range_flights as rf
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.rotation import wrap
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.ranging.particle import Particle
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 
 START = InertialStart(sigma_gyro_bias=np.deg2rad(0.7), sigma_force_bias=0.1)
-FORM = numeric(Particle(noise=rf.IMU, start=START, units=rf.LEVERS, N=120))
+FORM = to_arrays(Particle(noise=rf.IMU, start=START, units=rf.LEVERS, N=120))
 FLIGHT = rf.plan(rf.platform, 6.0)
 
 
@@ -29,11 +29,11 @@ def _fly(frames, run):
     def step(state, frame):
         return FORM.step(frame.t, state, frame)
 
-    return jax.lax.scan(step, strong(FORM.init(replace(key(1), run=run))), frames)[1]
+    return jax.lax.scan(step, strengthen_types(FORM.init(replace(key(1), run=run))), frames)[1]
 
 
 def flown(run, sensor=None, spoil=None):
-    sensor = numeric(rf.network() if sensor is None else sensor)
+    sensor = to_arrays(rf.network() if sensor is None else sensor)
     felt, _ = rf.inertial(FLIGHT, run)
     replies, last = _pings(sensor, run)
     replies = jax.tree.map(np.array, replies)
@@ -141,14 +141,14 @@ def test_nan_doubled_and_backward_samples_are_flagged():
 
 @pytest.mark.slow
 def test_it_exports():
-    form = numeric(replace(FORM, N=8, intake=replace(FORM.intake, slots=8)))
+    form = to_arrays(replace(FORM, N=8, intake=replace(FORM.intake, slots=8)))
     frame = jax.tree.map(
         lambda leaf: leaf[0],
         rf.late_frames(
-            form, FLIGHT, np.zeros((len(FLIGHT.ticks), 3)), _pings(numeric(rf.network()), 0)[0], np.full(59, 0.05)
+            form, FLIGHT, np.zeros((len(FLIGHT.ticks), 3)), _pings(to_arrays(rf.network()), 0)[0], np.full(59, 0.05)
         ),
     )
-    assert lowered(lambda s, f: form.step(f.t, s, f), (strong(form.init(key(0))), frame)).text("f")
+    assert lower_function(lambda s, f: form.step(f.t, s, f), (strengthen_types(form.init(key(0))), frame)).text("f")
 
 
 def test_it_is_an_estimator_and_refuses_what_cannot_be():

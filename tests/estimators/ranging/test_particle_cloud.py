@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.record import replace
-from trimtab.estimators.inertial.preintegration import Motion
+from trimtab.estimators.inertial.preintegration import PreintegratedMotion
 from trimtab.estimators.ranging import particle_cloud as pc
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import Geometry, predicted
+from trimtab.estimators.ranging.range_model import Geometry, predict_range
 
 G = Geometry(SQUARE, np.array([0.2, 0.0]), 0.0, True)
 
@@ -29,7 +29,7 @@ def cloud(n=50, seed=0):
 def test_systematic_resampling_is_a_comb(u):
     """Every particle is copied floor or ceil of N w times: Arulampalam 2002, algorithm 2."""
     w = cloud().weight
-    index = np.asarray(jax.jit(pc.systematic)(w, u))
+    index = np.asarray(jax.jit(pc.systematic_indices)(w, u))
     want = np.searchsorted(np.cumsum(w), (np.arange(50) + u) / 50)
     np.testing.assert_array_equal(index, want)
     counts = np.bincount(index, minlength=50)
@@ -39,9 +39,9 @@ def test_systematic_resampling_is_a_comb(u):
 def test_one_particle_with_all_the_weight_is_all_that_is_left():
     w = np.zeros(50)
     w[17] = 1.0
-    assert set(np.asarray(pc.systematic(w, 0.3))) == {17}
-    assert float(pc.effective(w)) == 1.0
-    assert float(pc.effective(np.full(50, 0.02))) == pytest.approx(50)
+    assert set(np.asarray(pc.systematic_indices(w, 0.3))) == {17}
+    assert float(pc.effective_sample_size(w)) == 1.0
+    assert float(pc.effective_sample_size(np.full(50, 0.02))) == pytest.approx(50)
 
 
 def test_redrawing_keeps_mean_and_covariance():
@@ -50,7 +50,7 @@ def test_redrawing_keeps_mean_and_covariance():
     n = 20000
     many = pc.Cloud(np.repeat(one.x, n, 0), np.repeat(one.P, n, 0), np.full(n, 1 / n))
     z = np.random.default_rng(1).standard_normal(n)
-    mean, P = jax.jit(lambda c: pc.summary(pc.redrawn(c, 0.5, z, 0.5)))(many)
+    mean, P = jax.jit(lambda c: pc.cloud_moments(pc.resample(c, 0.5, z, 0.5)))(many)
     sigma = np.sqrt(np.diag(one.P[0]))
     assert np.abs((mean - one.x[0]) / sigma).max() < 0.03
     assert np.abs((P - one.P[0]) / np.outer(sigma, sigma)).max() < 0.03
@@ -58,7 +58,7 @@ def test_redrawing_keeps_mean_and_covariance():
 
 def test_a_summary_is_the_mixtures():
     c = cloud()
-    mean, P = pc.summary(c)
+    mean, P = pc.cloud_moments(c)
     away = c.x - np.asarray(mean)
     np.testing.assert_allclose(mean[1:], c.weight @ c.x[:, 1:], atol=1e-14)
     want = np.einsum("n,nij->ij", c.weight, c.P) + np.einsum("n,ni,nj->ij", c.weight, away, away)
@@ -67,11 +67,13 @@ def test_a_summary_is_the_mixtures():
 
 @pytest.mark.slow
 def test_moving_is_linear_about_itself():
-    m = Motion(0.1, 0.2, np.array([0.1, -0.2]), np.array([0.01, 0.02]), 0.1 * np.eye(2), 0.005 * np.eye(2), np.zeros(2))
+    m = PreintegratedMotion(
+        0.1, 0.2, np.array([0.1, -0.2]), np.array([0.01, 0.02]), 0.1 * np.eye(2), 0.005 * np.eye(2), np.zeros(2)
+    )
     x, P = cloud().x[0], np.asarray(cloud().P[0])
-    F = jax.jacfwd(lambda x: pc.moved(x, P, m, np.zeros((8, 8)))[0])(x)
+    F = jax.jacfwd(lambda x: pc.predict_particle(x, P, m, np.zeros((8, 8)))[0])(x)
     F = np.asarray(F)
-    np.testing.assert_allclose(pc.moved(x, P, m, np.zeros((8, 8)))[1], F @ P @ F.T, atol=1e-12)
+    np.testing.assert_allclose(pc.predict_particle(x, P, m, np.zeros((8, 8)))[1], F @ P @ F.T, atol=1e-12)
     np.testing.assert_allclose(F[0], np.eye(13)[0] - 0.1 * np.eye(13)[5], atol=1e-14)
 
 
@@ -80,24 +82,24 @@ def test_weights_are_likelihoods():
     c = replace(cloud(20), P=np.zeros((20, 13, 13)))
     errors = RangeErrorModel(noise=0.05, gate=1e9, second_order=False)
     z = np.array([3.4, 3.5, 0.0, 3.5])
-    done = pc.weighed(c, z, G, errors, 0.1, 6.0, jnp.ones(13))
+    done = pc.update_cloud(c, z, G, errors, 0.1, 6.0, jnp.ones(13))
     want = np.array(c.weight)
     for k, x in enumerate(c.x):
         cos, sin = np.cos(x[0]), np.sin(x[0])
         place = x[3:5] + 0.2 * np.array([cos, sin])
         for i in (0, 1, 3):
-            h = (1 + x[8]) * float(predicted(SQUARE[i], place, 0.0, cone=True).range) + x[9 + i]
+            h = (1 + x[8]) * float(predict_range(SQUARE[i], place, 0.0, cone=True).range) + x[9 + i]
             want[k] *= 0.9 * stats.norm.pdf(z[i], h, 0.05) + 0.1 / 6.0
     np.testing.assert_allclose(done.cloud.weight, want / want.sum(), rtol=1e-9)
-    assert float(done.believed[2]) == 0.0
+    assert float(done.inlier_share[2]) == 0.0
 
 
 def test_it_exports():
     c = cloud(10)
-    assert lowered(lambda c, z: pc.redrawn(c, 0.5, z, 0.5), (c, np.zeros(10))).text("f")
+    assert lower_function(lambda c, z: pc.resample(c, 0.5, z, 0.5), (c, np.zeros(10))).text("f")
     errors = RangeErrorModel()
 
     def f(c, z):
-        return pc.weighed(c, z, G, errors, 0.1, 6.0, jnp.ones(13))
+        return pc.update_cloud(c, z, G, errors, 0.1, 6.0, jnp.ones(13))
 
-    assert lowered(f, (c, np.ones(4))).text("f")
+    assert lower_function(f, (c, np.ones(4))).text("f")

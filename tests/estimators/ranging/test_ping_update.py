@@ -5,16 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
-from trimtab.core.record import numeric, replace
-from trimtab.estimators.ranging.range_model import predicted
-from trimtab.estimators.ranging.start import agreeing, either, learns, tracked
+from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace, to_arrays
+from trimtab.estimators.ranging.range_model import predict_range
+from trimtab.estimators.ranging.start import correction_mask, find_agreeing_ranges, tree_where, update_running
 from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
 
-FORM = numeric(TightlyCoupled(begins="given"))
+FORM = to_arrays(TightlyCoupled(begins="given"))
 YES = np.ones(4, bool)
-_tracked = jax.jit(lambda node, z: tracked(FORM, node, z, 0, YES))
-_agreeing = jax.jit(lambda node, z: agreeing(FORM, node, z, 0))
+_tracked = jax.jit(lambda node, z: update_running(FORM, node, z, 0, YES))
+_agreeing = jax.jit(lambda node, z: find_agreeing_ranges(FORM, node, z, 0))
 
 
 def node(sure=True):
@@ -30,7 +30,7 @@ def node(sure=True):
 def ranges(off=(0.0, 0.0, 0.0, 0.0)):
     place = np.array([0.3 + 0.2 * np.cos(0.4), -0.2 + 0.2 * np.sin(0.4)])
     g = FORM.geometry(0)
-    return np.array([float(predicted(b, place, g.down, cone=True).range) for b in np.asarray(g.beacons)]) + off
+    return np.array([float(predict_range(b, place, g.down, cone=True).range) for b in np.asarray(g.beacons)]) + off
 
 
 def least(P):
@@ -77,16 +77,16 @@ def test_ranges_must_agree_with_each_other_while_it_is_unsure():
 
 def test_who_learns():
     """Two units: all but the beacons' errors. One unit at rest: neither heading nor gyro bias."""
-    assert list(np.asarray(learns(FORM, node()))) == [1] * 9 + [0] * 4
+    assert list(np.asarray(correction_mask(FORM, node()))) == [1] * 9 + [0] * 4
     one = replace(FORM, units=PAIR[:1])
-    assert list(np.asarray(learns(one, node()))) == [0, 1, 1, 1, 1, 0, 1, 1, 1] + [0] * 4
+    assert list(np.asarray(correction_mask(one, node()))) == [0, 1, 1, 1, 1, 0, 1, 1, 1] + [0] * 4
     pushed = replace(node(), steady=np.array([30.0, 0.0]))
-    assert list(np.asarray(learns(one, pushed))) == [1] * 9 + [0] * 4
+    assert list(np.asarray(correction_mask(one, pushed))) == [1] * 9 + [0] * 4
 
 
 def test_either_chooses_whole_trees():
-    assert either(np.bool_(True), {"a": 1.0}, {"a": 2.0})["a"] == 1.0
+    assert tree_where(np.bool_(True), {"a": 1.0}, {"a": 2.0})["a"] == 1.0
 
 
 def test_it_exports():
-    assert lowered(lambda n, z: tracked(FORM, n, z, 0, YES), (node(), ranges())).text("f")
+    assert lower_function(lambda n, z: update_running(FORM, n, z, 0, YES), (node(), ranges())).text("f")

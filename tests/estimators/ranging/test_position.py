@@ -5,15 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import Frame, Motion, Sample
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.ranging.position import MODES, SQUARE, RangingPosition
-from trimtab.native.build import build, load
+from trimtab.native.build import build_library, load_library
 from trimtab.native.compiler import find_compiler
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
@@ -37,7 +37,7 @@ _step = jax.jit(lambda e, t, s, f: e.step(t, s, f))
 
 def feed(estimator, samples):
     """Steps of 1 ms; samples: time handed out -> (time of the ping, ranges, arrived, unit)."""
-    estimator = numeric(estimator)
+    estimator = to_arrays(estimator)
     state, out = estimator.init(key(0)), []
     for now, (t, ranges, arrived, unit) in samples.items():
         value = Ranges(np.asarray(ranges, float), np.asarray(arrived, bool), np.int32(unit))
@@ -61,7 +61,7 @@ def run(sensor, estimator, seed=0, **moving):
         e, estimate = estimator.step(t, e, Frame(t, {"ranging": sample}))
         return (s, e), estimate
 
-    sensor, estimator = numeric(sensor), numeric(estimator)
+    sensor, estimator = to_arrays(sensor), to_arrays(estimator)
     start = (sensor.init(key(seed)), estimator.init(key(seed)))
     start = jax.tree.map(jnp.asarray, start)
     times = np.arange(0, seconds(2), sensor.period)
@@ -103,7 +103,7 @@ def _located(replies, near, known):
 
 def located(sensor, place, near=(0.0, 0.0), known=False):
     """Replies, and what the estimator makes of them."""
-    replies = _pings(numeric(sensor), np.array([*place, 0.0]))
+    replies = _pings(to_arrays(sensor), np.array([*place, 0.0]))
     return jax.tree.map(np.asarray, (replies, _located(replies, np.array(near), np.bool_(known))))
 
 
@@ -197,7 +197,7 @@ def test_strays_do_not_throw_it_off(known):
     sensor = replace(ALONE, errors=RangeErrors(stray_probability=0.1))
     place = (0.3, -0.2)
     replies, found = located(sensor, place, near=(0.4, -0.1), known=known)
-    exact_ranges = _pings(numeric(sensor.without("stray-ranges").without("range-noise")), np.array([*place, 0.0]))
+    exact_ranges = _pings(to_arrays(sensor.without("stray-ranges").without("range-noise")), np.array([*place, 0.0]))
     wrong = np.sum(abs(replies.range - np.asarray(exact_ranges.range)) > 0.025, axis=1)
     accepted = np.isin(found.mode, [MODES.index("all ranges"), MODES.index("one rejected")])
     error = np.linalg.norm(found.place - [0.3, -0.2], axis=1)
@@ -218,7 +218,7 @@ def as_c(estimator, *example):
         return jax.tree.leaves(e.step(*rest))
 
     shapes, out = jax.eval_shape(flat, *leaves), jax.tree.structure(jax.eval_shape(estimator.step, *example))
-    library = load(build(lowered(flat, leaves).text("step")))
+    library = load_library(build_library(lower_function(flat, leaves).text("step")))
 
     def call(*inputs):
         given = [np.ascontiguousarray(x) for x in jax.tree.leaves(inputs)]
@@ -232,7 +232,7 @@ def as_c(estimator, *example):
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler")
 def test_exported_c_is_the_same():
     """Sixty pings of two units with missing, stray and NaN ranges: states and estimates within rounding."""
-    estimator, rng = numeric(TWO), np.random.default_rng(0)
+    estimator, rng = to_arrays(TWO), np.random.default_rng(0)
     state = jax.tree.map(np.asarray, estimator.init(key(0)))
     in_c, call, modes = state, None, set()
     for k in range(60):

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from trimtab.core.record import replace
-from trimtab.estimators.ranging.range_errors import FORGIVES, RangeErrorModel, counted_ranges, doubted, no_range_fix
+from trimtab.estimators.ranging.range_errors import (
+    FORGIVENESS_FACTOR,
+    RangeErrorModel,
+    count_ranges,
+    diagnose_beacons,
+    no_range_fix,
+)
 
 ERRORS = RangeErrorModel(patience=4)
 
@@ -20,8 +26,8 @@ def pings(*accepted, heard=(True,) * 4, innovation=1.0, fix=None):
             variance=np.full(4, 1.0 + 1e-4),
             nis=np.ones(4),
         )
-        fix = counted_ranges(fix, np.array(heard), done, ERRORS)
-    return fix, [np.asarray(a) for a in doubted(fix, ERRORS)]
+        fix = count_ranges(fix, np.array(heard), done, ERRORS)
+    return fix, [np.asarray(a) for a in diagnose_beacons(fix, ERRORS)]
 
 
 def test_a_beacon_that_stands_alone_has_moved():
@@ -58,7 +64,7 @@ def test_silence_says_nothing():
 @pytest.mark.parametrize(("innovation", "forgiven"), [(0.02, True), (0.5, False)])
 def test_a_moved_beacon_that_fits_its_survey_for_long_is_forgiven(innovation, forgiven):
     fix = replace(no_range_fix(4), moved=np.array([False, True, False, False]))
-    fix, (_, forgives, _) = pings(*[(1, 1, 1, 1)] * (FORGIVES * 4), innovation=innovation, fix=fix)
+    fix, (_, forgives, _) = pings(*[(1, 1, 1, 1)] * (FORGIVENESS_FACTOR * 4), innovation=innovation, fix=fix)
     np.testing.assert_array_equal(forgives, [False, forgiven, False, False])
 
 

@@ -18,7 +18,7 @@ from estimators.ranging.test_tightly_coupled import (
     still,
 )
 
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ONE_LEFT = rf.spoil(LONG, 3.0, who=[False, True, True, True])
@@ -65,7 +65,7 @@ def test_nees_of_the_page(name, path):
     for kind in ("consider", "estimate", "ignore"):
         form = replace(TIGHT, errors=replace(TIGHT.errors, survey_errors=kind))
         calm = rf.spoil(10.0)
-        out = rf.monte_carlo(form, numeric(rf.network()), calm, path=path, seconds=10.0, runs=100)
+        out = rf.monte_carlo(form, to_arrays(rf.network()), calm, path=path, seconds=10.0, runs=100)
         found[kind] = float(rf.nees_of(jax.tree.map(np.asarray, out))[:, FROM:].mean())
     print(name, found)
     assert 8.35 < found["consider"] < 8.65  # of 8, as the page says

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.estimators.ranging import start as rs
 
 LEVERS = np.array([[0.2, 0.0], [-0.2, 0.0]])
@@ -20,18 +20,18 @@ def turned(a, x):
 
 @jax.jit
 def _carried(start, dt, felt):
-    return rs.carried(start, dt, felt, felt, jnp.zeros(3))
+    return rs.propagate_start(start, dt, felt, felt, jnp.zeros(3))
 
 
 def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
     """Places of two units in turn each 100 ms, felt constant in B; the start, and the truth at its end."""
     g = np.random.default_rng(5)
-    start, dt = jax.tree.map(jnp.asarray, rs.nothing()), 0.1 / steps
+    start, dt = jax.tree.map(jnp.asarray, rs.empty_start()), 0.1 / steps
     state = np.array([heading, *v, *p])
     for k in range(pings):
         lever = LEVERS[k % 2]
         place = state[3:] + turned(state[0], lever) + noise * g.standard_normal(2)
-        start = rs.located(start, place, lever, W)
+        start = rs.add_unit_position(start, place, lever, W)
         if k == pings - 1:
             break
         for _ in range(steps):
@@ -48,26 +48,26 @@ def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
 def test_four_pings_of_two_units_give_all(heading):
     """Turning and accelerating, from any heading: exact."""
     start, truth = fly(heading, -2.0, (0.3, -1.2), (0.4, -0.2), (1.0, 2.0))
-    found = rs.found(start, np.zeros(2), **LIMITS)
-    assert found.believed
+    found = rs.solve_start(start, np.zeros(2), **LIMITS)
+    assert found.usable
     np.testing.assert_allclose(found.x, truth, atol=1e-9)
 
 
 @pytest.mark.slow
 def test_three_pings_are_refused_and_nonsense_is_refuted():
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=3)
-    assert not rs.found(start, np.zeros(2), **LIMITS).believed
+    assert not rs.solve_start(start, np.zeros(2), **LIMITS).usable
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=8, noise=0.5)
-    found = rs.found(start, np.zeros(2), **LIMITS)
-    assert not found.believed
-    assert found.refuted
+    found = rs.solve_start(start, np.zeros(2), **LIMITS)
+    assert not found.usable
+    assert found.inconsistent
 
 
 def test_the_covariance_is_that_of_least_squares():
     """Errors of 400 noisy starts, against the covariance that each tells: NEES 5 of 5."""
     total = []
     start, truth = fly(0.7, 0.5, (0.2, 0.1), (0.1, 0.2), (1.0, 2.0), pings=6)
-    found = jax.jit(lambda s: rs.found(s, np.zeros(2), **LIMITS))
+    found = jax.jit(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS))
     C = np.linalg.inv(np.asarray(start.N))
     L = np.linalg.cholesky(C)
     g = np.random.default_rng(2)
@@ -84,21 +84,21 @@ def vars_of(start):
 
 
 def test_one_unit_that_stands_still_needs_a_heading():
-    start = jax.tree.map(jnp.asarray, rs.nothing())
+    start = jax.tree.map(jnp.asarray, rs.empty_start())
     for _ in range(5):
-        start = rs.located(start, np.array([1.0, 2.0]), np.zeros(2), W)
+        start = rs.add_unit_position(start, np.array([1.0, 2.0]), np.zeros(2), W)
         start = _carried(start, 0.1, np.zeros(3))
-    assert not rs.found(start, np.zeros(2), **LIMITS).believed
-    found = rs.found(rs.pointed(start, 0.6, 1e-4), np.zeros(2), **LIMITS)
-    assert found.believed
+    assert not rs.solve_start(start, np.zeros(2), **LIMITS).usable
+    found = rs.solve_start(rs.add_heading(start, 0.6, 1e-4), np.zeros(2), **LIMITS)
+    assert found.usable
     np.testing.assert_allclose(found.x, [0.6, 0, 0, 1, 2], atol=1e-9)
 
 
 def test_nothing_is_carried_before_the_first_ping():
-    start = jax.tree.map(jnp.asarray, rs.nothing())
+    start = jax.tree.map(jnp.asarray, rs.empty_start())
     assert float(_carried(start, 0.1, np.ones(3)).elapsed) == 0.0
-    assert float(rs.pointed(start, 0.3, 1.0).N[4, 4]) == 0.0
+    assert float(rs.add_heading(start, 0.3, 1.0).N[4, 4]) == 0.0
 
 
 def test_it_exports():
-    assert lowered(lambda s: rs.found(s, np.zeros(2), **LIMITS), (rs.nothing(),)).text("f")
+    assert lower_function(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS), (rs.empty_start(),)).text("f")

@@ -14,27 +14,27 @@ import pytest
 from estimators import range_flights as rf
 from estimators.flights import fly
 
-from trimtab.compiler.function import lowered
+from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Estimator
-from trimtab.core.record import numeric, replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.measurement_history import newest
+from trimtab.estimators.inertial.measurement_history import newest_node
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.start import tracked
+from trimtab.estimators.ranging.start import update_running
 from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.logs.consistency import CONSISTENT, chi_square_bounds, nees_verdict
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.time_of_flight import Beacons
 
 START = InertialStart(sigma_gyro_bias=np.deg2rad(0.7), sigma_force_bias=0.1)
-TIGHT = numeric(TightlyCoupled(noise=rf.IMU, start=START, units=rf.LEVERS))
+TIGHT = to_arrays(TightlyCoupled(noise=rf.IMU, start=START, units=rf.LEVERS))
 RUNS = 40
 FROM = 50
 """First ping that counts, at 5 s."""
@@ -56,7 +56,7 @@ LIES = rf.spoil(LONG, 3.0, 4.5, who=[True, True, True, False], by=np.array([0.7,
 def flown(form=TIGHT, sensor=None, spoilt=NOBODY):
     sensor = rf.network() if sensor is None else sensor
     return jax.tree.map(
-        np.asarray, rf.monte_carlo(form, numeric(sensor), spoilt, path=rf.platform, seconds=LONG, runs=RUNS)
+        np.asarray, rf.monte_carlo(form, to_arrays(sensor), spoilt, path=rf.platform, seconds=LONG, runs=RUNS)
     )
 
 
@@ -85,7 +85,7 @@ def test_perfect_ranges_give_the_truth(path, place, heading):
     sensor = rf.network(beacons=Beacons(), collisions=False)
     for fault in ("range-noise", "sound-speed", "clock-error"):
         sensor = sensor.without(fault)
-    sensor = replace(numeric(sensor), beacons=replace(sensor.beacons, crystal=np.float64(0)))
+    sensor = replace(to_arrays(sensor), beacons=replace(sensor.beacons, crystal=np.float64(0)))
     values = rf.numbers(rf.pings(sensor, flight, 0)[0])
     out = in_time(LINEAR, flight, flight.felt.felt, np.zeros(3), values)
     assert list(out.node.position_fix.tracking[:5]) == [False, False, False, True, True]
@@ -100,7 +100,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
     beacons = far * np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     start = InertialStart(heading=0.3, sigma_heading=s, sigma_gyro_bias=s, sigma_position=0.1, sigma_force_bias=0.2)
     errors = RangeErrorModel(scale=1e-18, scale_walk=0.0, survey=0.01, gate=1e9, patience=0, wide=99.0)
-    form = numeric(
+    form = to_arrays(
         TightlyCoupled(
             start=start,
             errors=errors,
@@ -136,7 +136,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
     H[:, 2:4], H[:, 6:] = -beacons[:, :2] / far, np.eye(4)
     node = jax.tree.map(jnp.asarray, replace(form.first(), t=np.int64(0)))
     yes = np.ones(4, bool)
-    step = jax.jit(lambda n, v: tracked(form, form.propagate(n, dt, jnp.zeros(3), jnp.zeros(2)), v, 0, yes))
+    step = jax.jit(lambda n, v: update_running(form, form.propagate(n, dt, jnp.zeros(3), jnp.zeros(2)), v, 0, yes))
     learns = np.r_[np.ones(6), np.zeros(4)]
     for row in z:
         node = step(node, row)
@@ -156,7 +156,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model, with scale and beacons' errors drawn: [4] section 5.4; issue 4."""
     start = replace(START, sigma_heading=0.05, sigma_position=0.05, sigma_velocity=0.1)
-    form = numeric(TightlyCoupled(noise=rf.IMU, start=start, units=rf.LEVERS, begins="given"))
+    form = to_arrays(TightlyCoupled(noise=rf.IMU, start=start, units=rf.LEVERS, begins="given"))
     out = rf.own_model(form, path=rf.platform, seconds=3.0, runs=500)
     verdict = nees_verdict(rf.nees_of(out), 8)
     assert verdict.verdict == CONSISTENT, verdict
@@ -199,7 +199,7 @@ def loose(unit):
     )
     noise = replace(rf.IMU, position=0.008**2, heading=0.05**2)
     form = AidedInertialCoupled(noise=noise, start=begun, intake=Intake(heading=""))
-    return numeric(rf.Loose(form, RangingPosition(units=rf.LEVERS), np.bool_(unit)))
+    return to_arrays(rf.Loose(form, RangingPosition(units=rf.LEVERS), np.bool_(unit)))
 
 
 @pytest.mark.slow
@@ -290,7 +290,7 @@ def test_a_filter_that_is_lost_starts_again():
 def ride():
     flight = rf.plan(rf.platform, 5.0)
     felt, off = rf.inertial(flight, 3)
-    replies, last = rf.pings(numeric(rf.strays()), flight, 3)
+    replies, last = rf.pings(to_arrays(rf.strays()), flight, 3)
     return flight, np.asarray(felt), off, jax.tree.map(np.array, replies), np.asarray(last)
 
 
@@ -299,8 +299,8 @@ def _fly(form, frames):
     def step(state, frame):
         return form.step(frame.t, state, frame)
 
-    state, told = jax.lax.scan(step, strong(form.init(key(0))), frames)
-    return told, newest(state.history)
+    state, told = jax.lax.scan(step, strengthen_types(form.init(key(0))), frames)
+    return told, newest_node(state.history)
 
 
 @pytest.mark.slow
@@ -355,9 +355,9 @@ def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
 @pytest.mark.slow
 def test_a_heading_sensor_helps_to_start_and_later():
     """One unit at rest: ranges tell no heading, the sensor does."""
-    form = numeric(replace(TIGHT, units=np.zeros((1, 3)), intake=replace(TIGHT.intake, heading="compass")))
+    form = to_arrays(replace(TIGHT, units=np.zeros((1, 3)), intake=replace(TIGHT.intake, heading="compass")))
     flight = rf.plan(still, 3.0)
-    sensor = numeric(rf.network(units=np.zeros((1, 3)), clients=1))
+    sensor = to_arrays(rf.network(units=np.zeros((1, 3)), clients=1))
     felt, off = rf.inertial(flight, 1)
     values = rf.numbers(rf.pings(sensor, flight, 1)[0])
 
@@ -373,11 +373,13 @@ def test_a_heading_sensor_helps_to_start_and_later():
 
 
 def test_it_exports():
-    form = numeric(replace(TIGHT, intake=replace(TIGHT.intake, slots=24)))
+    form = to_arrays(replace(TIGHT, intake=replace(TIGHT.intake, slots=24)))
     node = form.first()
     value = np.array([3.4, 3.5, 3.6, 3.5, 0.0])
-    assert lowered(lambda f, n, v: f.correct_ranges(n, v), (form, node, value)).text("f")
-    assert lowered(lambda f, n: f.propagate(n, np.float64(0.006), np.zeros(3), np.zeros(2)), (form, node)).text("f")
+    assert lower_function(lambda f, n, v: f.correct_ranges(n, v), (form, node, value)).text("f")
+    assert lower_function(lambda f, n: f.propagate(n, np.float64(0.006), np.zeros(3), np.zeros(2)), (form, node)).text(
+        "f"
+    )
 
 
 def test_it_is_an_estimator_and_refuses_what_cannot_be():

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from trimtab.compiler.function import lowered
-from trimtab.estimators.ranging.multilateration import assisted_heading, heading_error, two_unit_heading
+from trimtab.compiler.function import lower_function
+from trimtab.estimators.ranging.multilateration import assisted_heading, heading_sigma, two_unit_heading
 
 A, B = np.array([0.2, 0.0]), np.array([-0.2, 0.0])
 
@@ -48,8 +48,8 @@ def test_error_follows_the_base():
     rng = np.random.default_rng(0)
     noise = rng.normal(0, 0.004, (20000, 2, 2))
     found = [float(np.arctan2(*(A - B + n[0] - n[1])[::-1])) for n in noise]
-    assert np.std(found) == pytest.approx(float(heading_error(0.004, A, B)), rel=0.02)
+    assert np.std(found) == pytest.approx(float(heading_sigma(0.004, A, B)), rel=0.02)
 
 
 def test_exportable():
-    assert lowered(assisted_heading, [np.zeros(2)] * 5).outputs
+    assert lower_function(assisted_heading, [np.zeros(2)] * 5).outputs

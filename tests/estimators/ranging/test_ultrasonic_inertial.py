@@ -17,7 +17,7 @@ from trimtab.estimators.inertial.mechanisation import LeverArms
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.links.wire import Wire
-from trimtab.loop.structure import strong
+from trimtab.loop.structure import strengthen_types
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 
@@ -27,7 +27,7 @@ SEEDS = range(16)
 
 @pytest.fixture(scope="module")
 def scenario():
-    made, _ = catalogue.load("hovercraft/zero-velocity", {"navigation": "ins"})
+    made, _ = catalogue.load_scenario("hovercraft/zero-velocity", {"navigation": "ins"})
     ranging = made.world.sensors["ranging"]
     none_moved = np.zeros_like(ranging.beacons.map)  # one a beacon: with and without it is the same program
     ranging = replace(ranging, beacons=replace(ranging.beacons, moved=none_moved))
@@ -120,7 +120,7 @@ class Spoiled:
     def init(self, key):
         state = self.sensor.init(key)
         _, sample = self.sensor.step(np.int64(0), state, parts.motion(np.int64(0)))
-        return state, strong(sample.value)
+        return state, strengthen_types(sample.value)
 
     def measure(self, motion):
         return self.sensor.measure(motion)
@@ -133,7 +133,7 @@ class Spoiled:
         value = replace(value, range=jnp.where(nan, jnp.nan, value.range))
         shift = jnp.where(ahead & (t < seconds(3.1)), seconds(3600), jnp.where(back, -seconds(2), 0))
         fresh = jnp.where(twice, sample.valid & (t // ms(10) % 2 == 0), sample.fresh)
-        return (inner, strong(value)), replace(sample, value=value, t=sample.t + shift, fresh=fresh)
+        return (inner, strengthen_types(value)), replace(sample, value=value, t=sample.t + shift, fresh=fresh)
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ class Distribution(NamedTuple):
     column: tuple[float, ...] = ()
 
     @property
-    def relative(self) -> bool:
+    def is_relative(self) -> bool:
         """Whether all its numbers are shares, so that it suits an array whole."""
         return bool(self.amounts) and all(a.share for a in self.amounts)
 
@@ -52,7 +52,7 @@ class Distribution(NamedTuple):
         if self.kind == "choice":
             return np.array([a.of(nominal) for a in self.amounts])[_index(u, len(self.amounts))]
         of = KINDS[self.kind].quantile
-        if self.relative:
+        if self.is_relative:
             return nominal * of(u, *(a.number for a in self.amounts))
         return of(u, *(a.of(nominal) for a in self.amounts))
 
@@ -73,12 +73,12 @@ def _index(u: Any, n: int) -> Any:
     return np.minimum((np.asarray(u) * n).astype(np.int64), n - 1)
 
 
-def _truncated(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
+def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
     a, b = special.ndtr((low - mean) / std), special.ndtr((high - mean) / std)
     return np.clip(mean + std * special.ndtri(a + u * (b - a)), low, high)
 
 
-def _positive(*names: str) -> Callable[..., str]:
+def _check_positive(*names: str) -> Callable[..., str]:
     return lambda *values: next((f"{n} {v:g} is not above 0" for n, v in zip(names, values, strict=True) if v <= 0), "")
 
 
@@ -86,17 +86,19 @@ KINDS: Mapping[str, Kind] = {
     "normal": Kind(
         "normal(MEAN, STD)",
         lambda u, mean, std: mean + std * special.ndtri(u),
-        lambda mean, std: _positive("STD")(std),
+        lambda mean, std: _check_positive("STD")(std),
     ),
     "truncated": Kind(
         "truncated(MEAN, STD, LOW, HIGH)",
-        _truncated,
-        lambda mean, std, low, high: _positive("STD")(std) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
+        _truncated_normal,
+        lambda mean, std, low, high: (
+            _check_positive("STD")(std) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}")
+        ),
     ),
     "lognormal": Kind(
         "lognormal(MEDIAN, STD_OF_LOG)",
         lambda u, median, spread: median * np.exp(spread * special.ndtri(u)),
-        _positive("MEDIAN", "STD_OF_LOG"),
+        _check_positive("MEDIAN", "STD_OF_LOG"),
     ),
     "uniform": Kind(
         "uniform(LOW, HIGH)",
@@ -106,7 +108,7 @@ KINDS: Mapping[str, Kind] = {
     "loguniform": Kind(
         "loguniform(LOW, HIGH)",
         lambda u, low, high: low * (high / low) ** u,
-        lambda low, high: _positive("LOW")(low) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
+        lambda low, high: _check_positive("LOW")(low) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
     ),
 }
 USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv:COLUMN)"]
@@ -122,16 +124,16 @@ def parse_distribution(text: str, part: str = "--spread") -> Distribution:
         raise InputError(part, f"{text!r} is no distribution", choices=USAGE, fix=f"write e.g. {usage}")
     inside = [piece.strip() for piece in found[2].split(",")]
     if name == "file":
-        return Distribution(text, "file", column=_column(part, found[2].strip()))
+        return Distribution(text, "file", column=_read_column(part, found[2].strip()))
     if name == "choice":
-        return _choice(part, text, inside)
-    amounts = tuple(_amount(part, text, piece) for piece in inside)
+        return _parse_choice(part, text, inside)
+    amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
     if len(amounts) != kind.usage.count(",") + 1:
         raise InputError(part, f"{text!r} has {len(amounts)} numbers", fix=f"write {kind.usage}")
     made = Distribution(text, name, amounts)
-    if not any(a.share for a in amounts) or made.relative:
-        _check(part, made, [a.number for a in amounts])
+    if not any(a.share for a in amounts) or made.is_relative:
+        _check_numbers(part, made, [a.number for a in amounts])
     return made
 
 
@@ -142,17 +144,17 @@ def check_nominal(part: str, made: Distribution, nominal: float) -> None:
     if any(a.share for a in made.amounts) and nominal == 0:
         problem = f"{made.text}: the scenario's own value is 0, and a share of it is 0"
         raise InputError(part, problem, fix="give numbers without %")
-    if not made.relative:
-        _check(part, made, [a.of(nominal) for a in made.amounts])
+    if not made.is_relative:
+        _check_numbers(part, made, [a.of(nominal) for a in made.amounts])
 
 
-def _check(part: str, made: Distribution, numbers: list[float]) -> None:
+def _check_numbers(part: str, made: Distribution, numbers: list[float]) -> None:
     wrong = KINDS[made.kind].check(*numbers)
     if wrong:
         raise InputError(part, f"{made.text}: {wrong}", fix=f"write {KINDS[made.kind].usage}")
 
 
-def _amount(part: str, text: str, piece: str) -> Amount:
+def _parse_amount(part: str, text: str, piece: str) -> Amount:
     share = piece.endswith("%")
     try:
         number = float(piece.removesuffix("%"))
@@ -163,17 +165,17 @@ def _amount(part: str, text: str, piece: str) -> Amount:
     return Amount(number / 100 if share else number, share)
 
 
-def _choice(part: str, text: str, inside: list[str]) -> Distribution:
+def _parse_choice(part: str, text: str, inside: list[str]) -> Distribution:
     if inside == [""]:
         raise InputError(part, f"{text!r} offers nothing", fix="write e.g. choice(1, 2, 3)")
     try:
-        amounts = tuple(_amount(part, text, piece) for piece in inside)
+        amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     except InputError:
         amounts = ()  # choices of an option are words
     return Distribution(text, "choice", amounts, tuple(inside))
 
 
-def _column(part: str, place: str) -> tuple[float, ...]:
+def _read_column(part: str, place: str) -> tuple[float, ...]:
     """The numbers of a column of a CSV file with a header."""
     name, _, column = place.rpartition(":")
     usage = "write file(measured.csv:mass), a CSV file whose first line names its columns"

@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from trimtab.campaign.sampling.saltelli import NOISE, Rows, check_factors
-from trimtab.campaign.statistics.quantiles import column
-from trimtab.campaign.statistics.sensitivity import by_ranks, why_none
+from trimtab.campaign.sampling.saltelli import NOISE, DesignRows, check_factors
+from trimtab.campaign.statistics.quantiles import as_column
+from trimtab.campaign.statistics.sensitivity import explain_no_variance, rank_values
 from trimtab.core.errors import InputError
 from trimtab.core.rng import threefry2x32
 
@@ -74,7 +74,7 @@ def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
     return parameters + int(noise) + 1
 
 
-def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Rows:
+def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> DesignRows:
     """Rows first to last - 1 of the design; row k depends on the seed, k and the number of factors alone.
 
     Args:
@@ -92,7 +92,7 @@ def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: boo
     stepped = when < place[:, None]
     level = begin + 2 * (stepped == up)  # up: from the lower one to the one two above; down: the other way round
     words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
-    return Rows(LEVELS[level[:, :parameters]], words.astype(np.uint32))
+    return DesignRows(LEVELS[level[:, :parameters]], words.astype(np.uint32))
 
 
 def morris(
@@ -118,20 +118,20 @@ def morris(
     if not 0 < level < 1:
         raise InputError("morris: level", f"{level} is no confidence", fix="give e.g. 0.95")
     size = rows_per_trajectory(len(parameters), noise=noise)
-    x = column(values, "morris")
+    x = as_column(values, "morris")
     count = len(x) // size
     if count < LEAST:
         fix = f"fly at least {LEAST * size} runs; 20 trajectories are {20 * size} runs"
         raise InputError("morris", f"{len(x)} rows are {count} trajectories of {size}", fix=fix)
     x = x[: count * size]
     names = (*parameters, NOISE) if noise else tuple(parameters)
-    x, note = by_ranks(x) if by_rank else (x, why_none(x))
+    x, note = rank_values(x) if by_rank else (x, explain_no_variance(x))
     if note:
         v = np.full(len(names), np.nan)
         return Morris(names, v, v, v, v, v, v, v, v, v, count, count * size, level, note)
-    effects = _effects(x.reshape(count, size), seed, len(parameters), noise)
-    mu, size_of = _student(effects, level), _student(np.abs(effects), level)
-    return Morris(names, *mu, *size_of, *_deviation(effects, level), count, count * size, level, "")
+    effects = _elementary_effects(x.reshape(count, size), seed, len(parameters), noise)
+    mu, size_of = _mean_interval(effects, level), _mean_interval(np.abs(effects), level)
+    return Morris(names, *mu, *size_of, *_deviation_interval(effects, level), count, count * size, level, "")
 
 
 def _trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
@@ -143,7 +143,7 @@ def _trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, A
     return (bits & 1).astype(int), when, (bits >> 1) & 1 == 1
 
 
-def _effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
+def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
     """Elementary effects, shape (trajectories, factors)."""
     _, when, up = _trajectories(seed, np.arange(len(table)), parameters + int(noise))
     change = np.take_along_axis(np.diff(table, axis=1), when, axis=1)
@@ -153,13 +153,13 @@ def _effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
     return change / step
 
 
-def _student(x: Any, level: float) -> tuple[Any, Any, Any]:
+def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
     """Mean of each column with Student's interval."""
     width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
     return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
 
 
-def _deviation(x: Any, level: float) -> tuple[Any, Any, Any]:
+def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
     """Standard deviation of each column; its interval from a jackknife of the logarithm of the variance."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
@@ -168,7 +168,7 @@ def _deviation(x: Any, level: float) -> tuple[Any, Any, Any]:
     certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: what is left is rounding
     log = np.log(np.where(certain, 1.0, np.maximum(without, 1e-12 * whole)))
     pseudo = n * np.log(np.where(certain, 1.0, whole)) - (n - 1) * log
-    _, low, high = _student(pseudo, level)
+    _, low, high = _mean_interval(pseudo, level)
     low, high = (np.where(certain, 0.0, np.exp(np.minimum(v, 700) / 2)) for v in (low, high))
     sigma = np.sqrt(whole)
     return sigma, np.minimum(low, sigma), np.maximum(high, sigma)

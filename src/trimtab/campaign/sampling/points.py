@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.sampling.morris import morris_rows
-from trimtab.campaign.sampling.saltelli import check_factors, saltelli
+from trimtab.campaign.sampling.saltelli import check_factors, saltelli_rows
 from trimtab.core.errors import InputError
 
 DESIGNS = ("saltelli", "morris")
@@ -46,7 +46,7 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
     words = np.arange(first, last, dtype=np.uint32)
     if sampling in DESIGNS:
         check_factors(names)
-        made = (saltelli if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
+        made = (saltelli_rows if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
         return Points(made.u, made.words)
     if not names:
         return Points(np.empty((last - first, 0)), words)

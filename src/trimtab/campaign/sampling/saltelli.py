@@ -29,7 +29,7 @@ BITS = 32
 STREAM = zlib.crc32(b"campaign.sampling.saltelli")
 
 
-class Rows(NamedTuple):
+class DesignRows(NamedTuple):
     """Rows of a design. u: of each parameter, in (0, 1), shape (rows, parameters).
 
     words: which random numbers a row flies with, the second word of its key, uint32, shape (rows,); all 0 where the
@@ -65,7 +65,7 @@ def rows_per_base(parameters: int, *, noise: bool = True) -> int:
     return parameters + int(noise) + 2
 
 
-def saltelli(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Rows:
+def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> DesignRows:
     """Rows first to last - 1 of the design.
 
     Args:
@@ -80,19 +80,19 @@ def saltelli(seed: int, first: int, last: int, parameters: int, *, noise: bool =
         raise InputError("saltelli", problem, fix="0 <= first < last and at least one parameter")
     size = rows_per_base(parameters, noise=noise)
     base, place = np.divmod(np.arange(first, last), size)
-    points = _points(seed, int(base[0]), int(base[-1]) + 1, 2 * parameters)[base - base[0]]
+    points = _shifted_points(seed, int(base[0]), int(base[-1]) + 1, 2 * parameters)[base - base[0]]
     a, b = points[:, :parameters], points[:, parameters:]
     from_b = (place[:, None] == size - 1) | (place[:, None] == np.arange(parameters) + 1)
     word = 2 * base + ((place == size - 1) | (place == parameters + 1))
     words = word if noise else np.zeros_like(word)
-    return Rows(np.where(from_b, b, a), words.astype(np.uint32))
+    return DesignRows(np.where(from_b, b, a), words.astype(np.uint32))
 
 
-def _points(seed: int, first: int, last: int, dimensions: int) -> Any:
+def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
     """Points first to last - 1 of the shifted sequence, in (0, 1)."""
     engine = qmc.Sobol(dimensions, scramble=False, bits=BITS)
     if first == 0:
-        points = np.concatenate([np.zeros((1, dimensions)), _after(engine, last - 1)])
+        points = np.concatenate([np.zeros((1, dimensions)), _later_points(engine, last - 1)])
     else:
         engine.fast_forward(first)
         points = engine.random(last - first)
@@ -102,7 +102,7 @@ def _points(seed: int, first: int, last: int, dimensions: int) -> Any:
     return ((digits ^ np.asarray(shift, np.uint32)) + 0.5) * 2.0**-BITS
 
 
-def _after(engine: qmc.Sobol, count: int) -> Any:
+def _later_points(engine: qmc.Sobol, count: int) -> Any:
     """The points after the first, which is the origin; asked for in this way it doesn't mind any number of them."""
     engine.fast_forward(1)
     return engine.random(count) if count else np.empty((0, engine.d))

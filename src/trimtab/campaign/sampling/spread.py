@@ -19,7 +19,7 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Option, Quantity, leaves
 from trimtab.loop.scenario import Scenario
 
-FLOWN = ("world.", "autopilot.", "initial.")
+SPREAD_ROOTS = ("world.", "autopilot.", "initial.")
 """Where parameters live that a run reads."""
 
 
@@ -38,7 +38,7 @@ class Spread(NamedTuple):
     factors: tuple[Factor, ...]
     mixing: Any = None
 
-    def levels(self, u: Any) -> Any:
+    def correlate(self, u: Any) -> Any:
         """Points (n, d) of a design, with the wanted correlations; each column stays uniform."""
         if self.mixing is None:
             return u
@@ -63,11 +63,11 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
     return tuple(made)
 
 
-def resolve(
+def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
     """The spread of a scenario; refuses paths, indices and distributions that don't fit it."""
-    known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(FLOWN)}
+    known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = f"--spread {factor.text}"
         if factor.path not in known:
@@ -80,7 +80,7 @@ def resolve(
             _check_option(part, factor, declared)
         else:
             _check_number(part, factor, np.asarray(value), declared)
-    return Spread(factors, _mixing([f.text for f in factors], list(correlate)))
+    return Spread(factors, _correlation_factor([f.text for f in factors], list(correlate)))
 
 
 def _check_option(part: str, factor: Factor, declared: Option) -> None:
@@ -96,13 +96,13 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
         inside = len(factor.at) == value.ndim and all(i < n for i, n in zip(factor.at, value.shape, strict=True))
         if not inside:
             raise InputError(
-                part, f"the parameter has shape {value.shape}", fix=f"--spread '{_example(factor, value)}'"
+                part, f"the parameter has shape {value.shape}", fix=f"--spread '{_example_text(factor, value)}'"
             )
         value = value[factor.at]
-    elif value.ndim and not factor.distribution.relative:
+    elif value.ndim and not factor.distribution.is_relative:
         problem = f"the parameter has shape {value.shape}, and {factor.distribution.text} is one number"
         whole = f"{factor.path}=normal(100%, 5%)"
-        fix = f"scale it whole, --spread '{whole}', or one of it, --spread '{_example(factor, value)}'"
+        fix = f"scale it whole, --spread '{whole}', or one of it, --spread '{_example_text(factor, value)}'"
         raise InputError(part, problem, fix=fix)
     if factor.distribution.kind == "choice" and not factor.distribution.amounts:
         problem = f"{factor.distribution.text!r} are not all numbers"
@@ -114,12 +114,12 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
         check_nominal(part, factor.distribution, float(value))
 
 
-def _example(factor: Factor, value: Any) -> str:
+def _example_text(factor: Factor, value: Any) -> str:
     index = f"[{','.join('0' * value.ndim)}]" if value.ndim else ""
     return f"{factor.path}{index}=normal(100%, 5%)"
 
 
-def _mixing(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
+def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
     """Lower Cholesky factor of the wanted correlations."""
     if not correlate:
         return None
@@ -141,7 +141,7 @@ def _mixing(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
     return np.linalg.cholesky(R)
 
 
-def values_of(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
+def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
     """Written path -> what the runs have there (n,); of an array scaled whole the factor, of an option its number.
 
     Args:
@@ -150,7 +150,7 @@ def values_of(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
     """
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     made = {}
-    for factor, level in zip(spread.factors, spread.levels(u).T, strict=True):
+    for factor, level in zip(spread.factors, spread.correlate(u).T, strict=True):
         value, declared = known[factor.path]
         if isinstance(declared, Option):
             made[factor.text] = factor.distribution.pick(level)
@@ -163,7 +163,7 @@ def values_of(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
     return made
 
 
-def arrays_of(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
+def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
     """Path -> values (n, …) as the batch takes them; options are left out."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     made: dict[str, Any] = {}

@@ -12,8 +12,8 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf
 from trimtab.core.time import ms
 from trimtab.links.delay_chain import DelayChain
-from trimtab.links.fifo import slots_needed
-from trimtab.links.latency import NODES, MeasuredLatency, scores
+from trimtab.links.fifo import required_slots
+from trimtab.links.latency import NODES, MeasuredLatency, normal_scores
 from trimtab.links.wire import Wire
 from trimtab.loop.scenario import Scenario
 
@@ -21,7 +21,7 @@ LINKS = ("uplink", "downlink")
 KINDS = ("delay", "jitter", "loss")
 
 
-def _same(scenario: Scenario) -> Scenario:
+def _keep_scenario(scenario: Scenario) -> Scenario:
     return scenario
 
 
@@ -37,7 +37,7 @@ class Axis(NamedTuple):
     values: Any
     unit: str
     change: Callable[[Scenario, float], Mapping[str, Any]]
-    prepare: Callable[[Scenario], Scenario] = _same
+    prepare: Callable[[Scenario], Scenario] = _keep_scenario
     link: str = ""
     kind: str = ""
 
@@ -49,21 +49,21 @@ class Axis(NamedTuple):
             raise InputError(f"axis {self.name!r}", problem, fix="give e.g. np.linspace(0.0, 0.6, 7)")
 
 
-def of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
+def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
     """The quantity at a path takes the values themselves."""
     return Axis(name or path, values, unit, lambda scenario, value: {path: value})
 
 
-def of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
+def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
     """The quantity at a path, a number or an array, is the scenario's own times a factor."""
 
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
-        return {path: np.asarray(leaf(scenario, path)[0], float) * factor}
+        return {path: np.asarray(find_quantity(scenario, path)[0], float) * factor}
 
     return Axis(name or path, factors, "× own", change)
 
 
-def of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
+def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
     """Delay (s), jitter (s) or loss (probability) of a link, which becomes a `MeasuredLatency` where it is none.
 
     delay: takes the place of the link's own latency, constant.  jitter: an even spread from 0 to the value, on top of
@@ -77,11 +77,11 @@ def of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
     def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
         if kind == "loss":
             return {path: value}
-        added = np.full(NODES, value) if kind == "delay" else value * even_spread()
-        return {path: np.asarray(leaf(scenario, path)[0]) + added}
+        added = np.full(NODES, value) if kind == "delay" else value * even_latencies()
+        return {path: np.asarray(find_quantity(scenario, path)[0]) + added}
 
     def prepare(scenario: Scenario) -> Scenario:
-        channel = measured(scenario, link)
+        channel = measured_latency(scenario, link)
         if kind == "delay":
             channel = replace(channel, latency=np.zeros(NODES))
         elif kind == "jitter":
@@ -91,16 +91,16 @@ def of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
     return Axis(f"{link} {kind}", values, "1" if kind == "loss" else "s", change, prepare, link, kind)
 
 
-def even_spread() -> Any:
+def even_latencies() -> Any:
     """Latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
     from scipy.special import ndtr
 
-    return ndtr(scores())
+    return ndtr(normal_scores())
 
 
-def leaf(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
+def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
     """Value and declaration of a quantity; InputError where there is none, or where it shapes the program."""
-    below, declared = _below(scenario, path.split("."))
+    below, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
         return below, declared
     if declared is not None:
@@ -111,25 +111,25 @@ def leaf(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
     raise InputError(f"axis {path!r}", "there is no such quantity", choices=near, fix=f"write {near[0]!r}")
 
 
-def _below(value: Any, path: list[str]) -> tuple[Any, Any]:
+def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
     """Value and declaration of the leaf at a path, or None and None."""
     for name, child, declared in children(value):
         if name == path[0] and isinstance(declared, Quantity | Option):
             return (child, declared) if len(path) == 1 else (None, None)
         if name == path[0] and len(path) > 1:
-            return _below(child, path[1:])
+            return _find_leaf(child, path[1:])
     return None, None
 
 
-def changed(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
     """The scenario with quantities changed, path -> value."""
     for path, value in values.items():
-        leaf(scenario, path)
+        find_quantity(scenario, path)
         scenario = with_leaf(scenario, path, lambda old, declared, value=value: value)
     return scenario
 
 
-def measured(scenario: Scenario, link: str) -> MeasuredLatency:
+def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
     """A link as a `MeasuredLatency` of the same delay and packets as often, or itself if it is one."""
     channel = getattr(scenario.world, link)
     if isinstance(channel, MeasuredLatency):
@@ -142,14 +142,14 @@ def measured(scenario: Scenario, link: str) -> MeasuredLatency:
     return MeasuredLatency(latency=np.full(NODES, delay), send_period=channel.period, period=looks)
 
 
-def roomy(scenario: Scenario, last: Scenario) -> Scenario:
+def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
     """The scenario with rings long enough for the latencies that its links have in `last`."""
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):
             table = np.asarray(longest.latency, float)
             needed = (
-                slots_needed(float(table[-1]), channel.send_period, channel.period) if np.isfinite(table).all() else 0
+                required_slots(float(table[-1]), channel.send_period, channel.period) if np.isfinite(table).all() else 0
             )
             channel = replace(channel, capacity=max(channel.capacity, needed))
             scenario = replace(scenario, world=replace(scenario.world, **{link: channel}))

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.workers.ready import Ready
+from trimtab.campaign.workers.ready import PreparedCampaign
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax
 from trimtab.core.time import to_seconds
 from trimtab.logs.metrics import full_path
-from trimtab.loop.walk import Signals, logged, signals, start
-from trimtab.run.prepare import inputs
+from trimtab.loop.walk import Signals, logged_signals, signals, start
+from trimtab.run.prepare import run_inputs
 
 INTEGRALS = ("error_rms", "rms", "mean")
 
@@ -51,13 +51,13 @@ def parse_cost(text: str) -> tuple[Term, ...]:
     return tuple(terms)
 
 
-def cost_of(terms: tuple[Term, ...], columns: Mapping[str, Any]) -> Any:
+def evaluate_cost(terms: tuple[Term, ...], columns: Mapping[str, Any]) -> Any:
     """Costs (n,) of a campaign's columns; infinite for a run that was lost."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
 
 
-class Running(NamedTuple):
+class IntegralCost(NamedTuple):
     """A cost that is integrated: what `run.gradient.gradients` wants, and what is made of the integrals.
 
     finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes (n, d).
@@ -68,11 +68,11 @@ class Running(NamedTuple):
     finish: Callable[[Any, Any], tuple[Any, Any]]
 
 
-def running(terms: tuple[Term, ...], ready: Ready) -> Running:
+def integral_cost(terms: tuple[Term, ...], ready: PreparedCampaign) -> IntegralCost:
     """The integrals of a cost; refuses what is none."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
-    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(ready.scenario, 0, 0))
-    declared = {path: d for path, _, d in logged(seen)}
+    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *run_inputs(ready.scenario, 0, 0))
+    declared = {path: d for path, _, d in logged_signals(seen)}
     asked, since, kinds = [], [], []
     for term in terms:
         kind, _, name = term.metric.partition(":")
@@ -88,7 +88,9 @@ def running(terms: tuple[Term, ...], ready: Ready) -> Running:
         kinds.append(kind != "mean")
     length = np.array([to_seconds(ready.scenario.duration - first) for first in since])
     weights = np.array([t.weight for t in terms])
-    return Running(_integrand(tuple(asked)), tuple(since), functools.partial(_finish, length, weights, np.array(kinds)))
+    return IntegralCost(
+        _integrand(tuple(asked)), tuple(since), functools.partial(_combine_integrals, length, weights, np.array(kinds))
+    )
 
 
 @functools.cache
@@ -96,14 +98,14 @@ def _integrand(asked: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals]
     """One function for one cost, so that it compiles once."""
 
     def integrand(seen: Signals) -> Any:
-        found = {path: value for path, value, _ in logged(seen)}
+        found = {path: value for path, value, _ in logged_signals(seen)}
         reals = [jax.numpy.asarray(found[path], np.float64) - value for path, value, _ in asked]
         return jax.numpy.stack([x * x if squared else x for x, (_, _, squared) in zip(reals, asked, strict=True)])
 
     return integrand
 
 
-def _finish(length: Any, weights: Any, squared: Any, integrals: Any, slopes: Any) -> tuple[Any, Any]:
+def _combine_integrals(length: Any, weights: Any, squared: Any, integrals: Any, slopes: Any) -> tuple[Any, Any]:
     mean, change = integrals / length, slopes / length[:, None]
     root = np.sqrt(np.maximum(mean, 0.0))
     value = np.where(squared, root, mean)

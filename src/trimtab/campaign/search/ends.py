@@ -2,19 +2,19 @@
 
 from typing import Any
 
-from trimtab.campaign.workers.ready import Ready, options_of, scenario_at
+from trimtab.campaign.workers.ready import PreparedCampaign, program_options, scenario_at
 from trimtab.core.errors import InputError
 
 
-def refuse_options(ready: Ready, part: str) -> None:
+def refuse_options(ready: PreparedCampaign, part: str) -> None:
     """Refuse a spread of what shapes the program: a search moves numbers."""
-    for text, factor in options_of(ready).items():
+    for text, factor in program_options(ready).items():
         problem = f"{factor.path} shapes the program, and a search moves numbers"
         fix = f"one search each, e.g. --set '{factor.path}={factor.distribution.choices[0]}'"
         raise InputError(f"{part} {text}", problem, fix=fix)
 
 
-def check_ends(ready: Ready, ends: Any, part: str) -> None:
+def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
     """Refuse bounds beyond what a part can be flown with: each parameter at its ends, and all at once.
 
     Args:

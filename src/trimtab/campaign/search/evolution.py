@@ -64,18 +64,18 @@ def evolve(
         if tried + size > budget:
             return
         options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": int(rng.integers(1, 2**31))}
-        with _own_numbers(), warnings.catch_warnings():
+        with _preserve_numpy_random(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             es = cma.CMAEvolutionStrategy(np.append(x0, 0.5) if d == 1 else x0, step, options)
             numbers = np.random.get_state()
         while tried + size <= budget and not es.stop():
-            with _own_numbers(numbers), warnings.catch_warnings():
+            with _preserve_numpy_random(numbers), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 asked = es.ask()
                 numbers = np.random.get_state()
             x = np.clip(np.array(asked)[:, :d], 0.0, 1.0)
             f = np.asarray(of(x), np.float64)
-            with _own_numbers(numbers), warnings.catch_warnings():
+            with _preserve_numpy_random(numbers), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 es.tell(asked, f.tolist())
                 numbers = np.random.get_state()
@@ -85,7 +85,7 @@ def evolve(
 
 
 @contextmanager
-def _own_numbers(state: Any = None) -> Iterator[None]:
+def _preserve_numpy_random(state: Any = None) -> Iterator[None]:
     """The package draws from numpy's shared numbers: they are put back afterwards."""
     kept = np.random.get_state()
     if state is not None:

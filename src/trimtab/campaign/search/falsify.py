@@ -39,12 +39,12 @@ import numpy as np
 from scipy import special
 
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.ends import check_ends, refuse_options
+from trimtab.campaign.search.ends import check_bounds, refuse_options
 from trimtab.campaign.search.evolution import evolve
 from trimtab.campaign.statistics.condition import Condition
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.workers.block import fly_points, measured_log
-from trimtab.campaign.workers.ready import Plan, Ready, parameters_at, prepare, scenario_at
+from trimtab.campaign.workers.block import compute_log_metrics, fly_points
+from trimtab.campaign.workers.ready import CampaignPlan, PreparedCampaign, parameters_at, prepare_campaign, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario
@@ -56,7 +56,7 @@ LEAST = 1e-12
 """Of the margin of a condition that does not hold by less than can be told."""
 
 
-def with_margin(ready: Ready) -> Ready:
+def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
     """The same campaign with one more column, `margin`."""
     of = {m.name: m for m in ready.metrics}
     signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
@@ -77,25 +77,25 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
         conditions: all of which must hold.
         metrics: by name, those of the conditions.
     """
-    found = np.min([_one(rows, c, metrics[c.metric]) for c in conditions], axis=0)
+    found = np.min([_condition_margin(rows, c, metrics[c.metric]) for c in conditions], axis=0)
     wrong = [~np.isfinite(v).reshape(*v.shape[:2], -1).all(axis=2) for v in rows.signals.values()]
     bad = np.any(wrong, axis=0)
     late = rows.t[np.argmax(bad, axis=1)] / max(rows.t[-1], 1e-9)
     return np.where(bad.any(axis=1), -2.0 + late, found)
 
 
-def _one(rows: Rows, condition: Condition, metric: Metric) -> Any:
+def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
     """Margins of one condition: of the sign that the condition itself has."""
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
-        room = _room(rows, condition, value)
+        room = _distance_to_bound(rows, condition, value)
         squashed = np.where(np.isinf(room), np.sign(room), room / (1 + np.abs(room)))
     holds = condition.holds(value)
     squashed = np.where(np.isnan(squashed), np.where(holds, 1.0, -1.0), squashed)
     return np.where(holds, np.maximum(squashed, 0.0), np.minimum(squashed, -LEAST))
 
 
-def _room(rows: Rows, condition: Condition, value: Any) -> Any:
+def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
     kind, _, path = condition.metric.partition(":")
     sign = 1.0 if condition.compare in ("<", "<=") else -1.0
     if kind in ("settling", "first_reach"):
@@ -114,53 +114,53 @@ APART = 0.3
 """How far apart, in the largest coordinate, two starts lie."""
 
 
-def levels(ready: Ready, x: Any) -> Any:
+def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
     """Points u of the spread at points x in [0, 1]^d: tails of what has no bounds are left out."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return np.clip(tail + (1 - 2 * tail) * x, 2.0**-54, 1 - 2.0**-53)
 
 
-class Search:
+class BoxSearch:
     """What has been flown; called with points (n, d) it flies them and gives what is to be small, (n,)."""
 
-    def __init__(self, ready: Ready, words: int, over: Callable[[Any], Any], how: Mapping[str, Any]) -> None:
+    def __init__(self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], how: Mapping[str, Any]) -> None:
         self.ready, self.words, self.over, self.how = ready, words, over, how
         self.restart = -1
         self.points: list[Any] = []
         self.margins: list[Any] = []
         self.restarts: list[Any] = []
         self.firsts: list[Any] = []
-        self.failed = False
+        self.has_failed = False
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
         """What is to be small at points x (n, d): all fly with the same words."""
-        return self.over(self.fly(x, np.zeros(len(x), np.uint32)))
+        return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
 
-    def fly(self, x: Any, first: Any) -> Any:
+    def fly_candidates(self, x: Any, first: Any) -> Any:
         """Margins (n, words) at points x (n, d), each with so many words from its first (n,) on."""
-        u = np.repeat(levels(self.ready, x), self.words, axis=0)
+        u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         found = margins(fly_points(self.ready, u, words.ravel(), **self.how)).reshape(words.shape)
         self.points.append(x)
         self.margins.append(found)
         self.firsts.append(first)
         self.restarts.append(np.full(len(x), self.restart))
-        self.failed |= bool((found < 0).any())
+        self.has_failed |= bool((found < 0).any())
         return found
 
-    def harden(self, n: int) -> None:
+    def refly_worst(self, n: int) -> None:
         """Fly the worst candidate n times more, each time with words that are new."""
         x, m = np.concatenate(self.points), self.over(np.concatenate(self.margins))
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
-        self.fly(np.repeat(x[[np.argmin(m)]], n, axis=0), first)
+        self.fly_candidates(np.repeat(x[[np.argmin(m)]], n, axis=0), first)
 
-    def left(self, runs: int) -> int:
+    def remaining_candidates(self, runs: int) -> int:
         """Candidates that may still fly."""
         return runs // self.words - sum(map(len, self.points))
 
-    def cover(self, n: int, until_first: bool) -> None:
+    def cover_box(self, n: int, until_first: bool) -> None:
         """Sobol points over the whole box, in parts."""
         from scipy.stats import qmc
 
@@ -170,7 +170,7 @@ class Search:
             points = qmc.Sobol(d, rng=np.random.default_rng(self.ready.plan.seed)).random(n)
         for part in np.array_split(points, max(n * self.words // 512, 1)):
             self(part)
-            if self.failed and until_first:
+            if self.has_failed and until_first:
                 return
 
     def start(self, restart: int) -> Any:
@@ -192,7 +192,7 @@ FIRST, LAST = 0.15, 0.1
 STEP = 0.2
 
 
-class Falsified(NamedTuple):
+class FalsificationResult(NamedTuple):
     """What was found.
 
     margin: of the worst run, as it flew again by itself; the run failed where it is negative.  values: path -> what the
@@ -202,15 +202,15 @@ class Falsified(NamedTuple):
     restarts, and last the worst point with other words.
     """
 
-    plan: Plan
+    plan: CampaignPlan
     margin: float
     values: dict[str, Any]
     point: Any
     word: int
     columns: dict[str, Any]
-    flown: int
+    flown_runs: int
     first: int | None
-    tried: Any
+    candidate_margins: Any
     points: Any
     stages: Any
     names: tuple[str, ...]
@@ -238,7 +238,7 @@ def falsify(
     backend: str = "auto",
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Falsified:
+) -> FalsificationResult:
     """Search for the run that fails worst.
 
     Args:
@@ -257,22 +257,22 @@ def falsify(
     Raises: InputError for what can't be flown, before anything is.
     """
     began = time.perf_counter()
-    ready = _ready(scenario, spread, success, runs, seed, settings, without, faults)
+    ready = _prepare_search(scenario, spread, success, runs, seed, settings, without, faults)
     _check_search(ready, runs, words, over)
-    search = Search(ready, words, OVER[over], {"backend": backend, "threads": threads, "progress": progress})
+    search = BoxSearch(ready, words, OVER[over], {"backend": backend, "threads": threads, "progress": progress})
     last = max(int(LAST * runs) // words, 1)
-    search.cover(max(int(FIRST * runs) // words, TOGETHER // words, 1), until_first)
-    if not (search.failed and until_first):
-        at_least, budget = -(-TOGETHER // words), search.left(runs) - last
+    search.cover_box(max(int(FIRST * runs) // words, TOGETHER // words, 1), until_first)
+    if not (search.has_failed and until_first):
+        at_least, budget = -(-TOGETHER // words), search.remaining_candidates(runs) - last
         for _ in evolve(search, search.start, step=STEP, population=at_least, budget=budget, seed=seed):
-            if search.failed and until_first:
+            if search.has_failed and until_first:
                 break
-    if not (search.failed and until_first):
-        search.harden(last)
-    return _result(ready, search, backend, began)
+    if not (search.has_failed and until_first):
+        search.refly_worst(last)
+    return _summarise_search(ready, search, backend, began)
 
 
-def _ready(
+def _prepare_search(
     scenario: str | Scenario,
     spread: Mapping[str, str],
     success: Iterable[str],
@@ -281,14 +281,14 @@ def _ready(
     settings: Mapping[str, str] | None,
     without: Iterable[str],
     faults: Iterable[str],
-) -> Ready:
+) -> PreparedCampaign:
     check_seed(seed)
     if not spread:
         raise InputError("--spread", "nothing may differ", fix="--spread 'world.vehicle.mass=uniform(80%, 120%)'")
     named = isinstance(scenario, str)
     if not named and (settings or tuple(without) or tuple(faults)):
         raise InputError("falsify", "settings are for a scenario that is named", fix="change the scenario itself")
-    plan = Plan(
+    plan = CampaignPlan(
         scenario=scenario if named else scenario.name,
         settings=tuple(sorted((settings or {}).items())),
         without=tuple(without),
@@ -299,10 +299,10 @@ def _ready(
         success=tuple(success),
         log_period=ms(10),
     )
-    return with_margin(prepare(plan, None if named else scenario))
+    return with_margin(prepare_campaign(plan, None if named else scenario))
 
 
-def _check_search(ready: Ready, runs: int, words: int, over: str) -> None:
+def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
         raise InputError("--over", f"{over!r} is no way to take the runs of a candidate", choices=OVER, fix="worst")
     if not 1 <= words <= TOGETHER:
@@ -310,35 +310,37 @@ def _check_search(ready: Ready, runs: int, words: int, over: str) -> None:
     if runs < 4 * TOGETHER:
         raise InputError("--runs", f"{runs} runs are no search", fix="--runs 5000")
     refuse_options(ready, "--spread")
-    check_ends(ready, np.stack([levels(ready, np.full(len(ready.spread.factors), e)) for e in (0.0, 1.0)]), "--spread")
+    check_bounds(
+        ready, np.stack([spread_levels(ready, np.full(len(ready.spread.factors), e)) for e in (0.0, 1.0)]), "--spread"
+    )
 
 
-def _result(ready: Ready, search: Search, backend: str, began: float) -> Falsified:
+def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
     """The worst run, flown once more by itself."""
     x, m = np.concatenate(search.points), np.concatenate(search.margins)
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
     word = int(np.concatenate(search.firsts)[i] + at)
-    u, plan = levels(ready, x[i]), ready.plan
+    u, plan = spread_levels(ready, x[i]), ready.plan
     log = simulate(
         scenario_at(ready, u),
         seed=plan.seed,
         run=word,
         log_period=plan.log_period,
-        signals=ready.wanted,
+        signals=ready.logged_signals,
         backend=backend,
     )
-    columns = measured_log(ready, log)
+    columns = compute_log_metrics(ready, log)
     fails = np.flatnonzero((m < 0).ravel())
-    return Falsified(
+    return FalsificationResult(
         plan=plan,
         margin=float(margins(columns)[0]),
         values=parameters_at(ready, u),
         point=x[i],
         word=word,
         columns={name: column[0] for name, column in columns.items()},
-        flown=m.size,
+        flown_runs=m.size,
         first=int(fails[0]) + 1 if len(fails) else None,
-        tried=m,
+        candidate_margins=m,
         points=x,
         stages=np.concatenate(search.restarts),
         names=tuple(f.text for f in ready.spread.factors),

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.search.axes import Axis, changed
+from trimtab.campaign.search.axes import Axis, with_values
 from trimtab.campaign.search.stability_map import StabilityMap, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.design.delay_margin import critical_loss, delay_margin, jitter_margin
-from trimtab.design.loop_transfer import Loop, of_law
+from trimtab.design.loop_transfer import FeedbackLoop, loop_of_law
 from trimtab.links.delay_chain import DelayChain
-from trimtab.links.latency import MeasuredLatency, scores
+from trimtab.links.latency import MeasuredLatency, normal_scores
 from trimtab.links.wire import Wire
 from trimtab.loop.scenario import Scenario
 
@@ -75,7 +75,7 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
         from scipy.special import ndtri
 
         even = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
-        drawn = np.interp(np.array([-np.inf, *even, np.inf]), scores(), np.asarray(channel.latency, float))
+        drawn = np.interp(np.array([-np.inf, *even, np.inf]), normal_scores(), np.asarray(channel.latency, float))
     elif isinstance(channel, DelayChain):
         drawn = np.array([channel.delay()])
     elif isinstance(channel, Wire):
@@ -95,7 +95,7 @@ FAR = 10.0
 """Where theory has no limit, so much (s) is to spare."""
 
 
-class Theory(NamedTuple):
+class StabilityCriterion(NamedTuple):
     """One criterion over the plane: what is to spare, 0 on its line and positive on the stable side.
 
     name: of the criterion.  x, y: values of the axes (nx,), (ny,).  spare: (nx, ny), s or probability.
@@ -104,29 +104,31 @@ class Theory(NamedTuple):
     name: str
     x: Any
     y: Any
-    spare: Any
+    margin: Any
 
-    def lines(self) -> list[Any]:
+    def zero_lines(self) -> list[Any]:
         """Where it is 0: lines (k, 2) of values of x and y."""
         from contourpy import contour_generator
 
-        return list(contour_generator(self.x, self.y, self.spare.T).lines(0.0))
+        return list(contour_generator(self.x, self.y, self.margin.T).lines(0.0))
 
 
-def linear_loop(scenario: Scenario) -> Loop:
+def linear_loop(scenario: Scenario) -> FeedbackLoop:
     """The loop of a scenario's law around its vehicle, about the state at which the law says that it rests.
 
-    Raises: InputError where the law has no `equilibrium`, or the loop about it is none (see `of_law`).
+    Raises: InputError where the law has no `equilibrium`, or the loop about it is none (see `loop_of_law`).
     """
     law = scenario.autopilot.law
     rest = getattr(law, "equilibrium", None)
     if rest is None:
         fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
         raise InputError("theory", f"{type(law).__name__} has no equilibrium about which it would be linear", fix=fix)
-    return of_law(scenario.world.vehicle, law, rest())
+    return loop_of_law(scenario.world.vehicle, law, rest())
 
 
-def theory(found: StabilityMap, loop: Callable[[Scenario], Loop] = linear_loop) -> tuple[Theory, ...]:
+def stability_criteria(
+    found: StabilityMap, loop: Callable[[Scenario], FeedbackLoop] = linear_loop
+) -> tuple[StabilityCriterion, ...]:
     """The criteria that apply to a map.
 
     "delay margin" and "jitter margin" where an axis is a link's delay or jitter: the loop's mean delay against the
@@ -143,35 +145,35 @@ def theory(found: StabilityMap, loop: Callable[[Scenario], Loop] = linear_loop) 
     if not kinds - {""}:
         problem = f"neither {found.x.name!r} nor {found.y.name!r} is the delay, jitter or loss of a link"
         raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
-    x, y = _fine(found.x), _fine(found.y)
+    x, y = _refine_axis(found.x), _refine_axis(found.y)
     known: dict[bytes, _Margins] = {}
     made: dict[str, Any] = {}
     for i, a in enumerate(x):
         for j, b in enumerate(y):
-            scenario = changed(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
-            key = _key(scenario)
+            scenario = with_values(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
+            key = _loop_key(scenario)
             if key not in known:
                 known[key] = _Margins.of(loop(scenario))
-            for name, spare in _spare(known[key], scenario, kinds).items():
+            for name, spare in _remaining_margins(known[key], scenario, kinds).items():
                 made.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
     if not made:
         problem = "the loss criterion is that of a scalar loop, and this one has more states"
         raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
-    return tuple(Theory(name, x, y, spare) for name, spare in made.items())
+    return tuple(StabilityCriterion(name, x, y, spare) for name, spare in made.items())
 
 
 class _Margins(NamedTuple):
     """A loop, its delay margin (0 where it is not stable even without delay), jitter margins by constant delay."""
 
-    loop: Loop
+    loop: FeedbackLoop
     delay: float
     jitter: dict[float, float]
 
     @staticmethod
-    def of(loop: Loop) -> "_Margins":
-        return _Margins(loop, 0.0 if loop.unstable() else min(delay_margin(loop).delay, FAR), {})
+    def of(loop: FeedbackLoop) -> "_Margins":
+        return _Margins(loop, 0.0 if loop.unstable_poles() else min(delay_margin(loop).delay, FAR), {})
 
-    def allowed(self, least: float) -> float:
+    def allowed_jitter(self, least: float) -> float:
         """Jitter margin on top of a constant delay; below 0 beyond the delay margin."""
         if least >= self.delay:
             return self.delay - least
@@ -180,12 +182,12 @@ class _Margins(NamedTuple):
         return self.jitter[least]
 
 
-def _spare(margins: _Margins, scenario: Scenario, kinds: set[str]) -> dict[str, float]:
+def _remaining_margins(margins: _Margins, scenario: Scenario, kinds: set[str]) -> dict[str, float]:
     spare: dict[str, float] = {}
     if kinds & {"delay", "jitter"}:
         under_way = loop_delay(scenario)
         spare["delay margin"] = margins.delay - under_way.mean
-        spare["jitter margin"] = margins.allowed(under_way.least) - (under_way.most - under_way.least)
+        spare["jitter margin"] = margins.allowed_jitter(under_way.least) - (under_way.most - under_way.least)
     channel, loop = scenario.world.uplink, margins.loop
     if "loss" in kinds and len(loop.A) == 1 and isinstance(channel, MeasuredLatency):
         a = float(np.exp(loop.A[0, 0] * to_seconds(channel.send_period)))
@@ -193,14 +195,14 @@ def _spare(margins: _Margins, scenario: Scenario, kinds: set[str]) -> dict[str, 
     return spare
 
 
-def _fine(axis: Axis) -> Any:
+def _refine_axis(axis: Axis) -> Any:
     """Values of an axis for the theory, those of the coarse grid among them."""
     coarse = np.asarray(axis.values, float)
     each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
     return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)
 
 
-def _key(scenario: Scenario) -> bytes:
+def _loop_key(scenario: Scenario) -> bytes:
     """What the linear loop follows from: all numbers of vehicle and law."""
     both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
     return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.workers.ready import Plan
+from trimtab.campaign.workers.ready import CampaignPlan
 from trimtab.core.errors import InputError
-from trimtab.logs.mcap import replacing
+from trimtab.logs.mcap import replace_file
 from trimtab.scenarios.build import LINKS
 
 BODY = '''
@@ -35,7 +35,7 @@ def scenario() -> Scenario:
 '''
 
 
-def scenario_text(plan: Plan, values: Mapping[str, Any], about: str, folder: Path) -> str:
+def scenario_text(plan: CampaignPlan, values: Mapping[str, Any], about: str, folder: Path) -> str:
     """The text of the file.
 
     Args:
@@ -47,9 +47,9 @@ def scenario_text(plan: Plan, values: Mapping[str, Any], about: str, folder: Pat
     file, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
     if file.endswith(".py"):
-        name = f'{_beside(file, folder)} + ":{function}"'
-    recorded = {link: _beside(recording, folder) for link, recording in plan.settings if link in LINKS}
-    settings = _plain({p: text for p, text in plan.settings if p not in recorded})
+        name = f'{_path_expression(file, folder)} + ":{function}"'
+    recorded = {link: _path_expression(recording, folder) for link, recording in plan.settings if link in LINKS}
+    settings = _format_literal({p: text for p, text in plan.settings if p not in recorded})
     if recorded:
         settings += f" | {{{', '.join(f'{link!r}: {path}' for link, path in recorded.items())}}}"
     if "Path(" in name + settings:
@@ -57,19 +57,19 @@ def scenario_text(plan: Plan, values: Mapping[str, Any], about: str, folder: Pat
     typed = {p: (np.asarray(v).tolist(), str(np.asarray(v).dtype)) for p, v in values.items()}
     body = BODY.format(
         settings=settings,
-        without=_plain(plan.without),
-        faults=_plain(plan.faults),
-        values=_plain(typed),
+        without=_format_literal(plan.without),
+        faults=_format_literal(plan.faults),
+        values=_format_literal(typed),
         name=name,
     )
     return head + body
 
 
-def write_scenario(file: Path, plan: Plan, values: Mapping[str, Any], about: str) -> None:
+def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str) -> None:
     """Write the file, whole or not at all."""
     text = scenario_text(plan, values, about, file.parent)
     file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as stream:
+    with replace_file(file) as stream:
         stream.write(text.encode())
 
 
@@ -82,10 +82,10 @@ def check_file(part: str, file: Path) -> None:
         raise InputError(part, f"{str(file)!r} is a folder", fix=f"{part} {file / 'found.py'}")
 
 
-def _beside(file: str, folder: Path) -> str:
+def _path_expression(file: str, folder: Path) -> str:
     """An expression for a file's path, seen from the file that will lie in the folder."""
     return f"str(Path(__file__).parent / {Path(os.path.relpath(file, folder)).as_posix()!r})"
 
 
-def _plain(value: Any) -> str:
+def _format_literal(value: Any) -> str:
     return pprint.pformat(value, width=110, sort_dicts=True)

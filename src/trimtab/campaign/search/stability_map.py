@@ -15,22 +15,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.search.axes import Axis, changed, leaf, roomy
+from trimtab.campaign.search.axes import Axis, enlarge_rings, find_quantity, with_values
 from trimtab.campaign.statistics.condition import parse_condition
 from trimtab.campaign.statistics.metrics import parse_metric
-from trimtab.campaign.workers.block import rows_of
-from trimtab.campaign.workers.ready import signals_of
+from trimtab.campaign.workers.block import batch_rows
+from trimtab.campaign.workers.ready import signal_shapes
 from trimtab.core.errors import InputError
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import ENOUGH, Batch, simulate_batch
+from trimtab.run.batch import LEAST_LANE_RUNS, Batch, simulate_batch
 
 Cell = tuple[int, int, int]
 """Lower corner and size, in steps of the finest lattice."""
 DEEPEST = 12
 
 
-class Traced(NamedTuple):
+class TracedBoundary(NamedTuple):
     """What was found on a lattice of `shape` points, of which only some were looked at.
 
     index: (n, 2) lattice points, in the order in which they were looked at.  value: (n,), in [0, 1].  round: (n,) in
@@ -41,12 +41,12 @@ class Traced(NamedTuple):
     shape: tuple[int, int]
     index: Any
     value: Any
-    round: Any
+    call_index: Any
     cells: Any
     threshold: float
 
     @property
-    def looked_at(self) -> int:
+    def evaluated_points(self) -> int:
         """How many points were needed."""
         return len(self.index)
 
@@ -61,13 +61,13 @@ class Traced(NamedTuple):
         whole[self.index[:, 0], self.index[:, 1]] = self.value
         return whole
 
-    def boundary(self) -> Any:
+    def boundary_cells(self) -> Any:
         """The cells through which the boundary passes (k, 3): points both inside and outside on their edges."""
         inside, known = self.grid() >= self.threshold, ~np.isnan(self.grid())
-        mixed = [_mixed(inside, known, c) for c in self.cells.tolist()]
+        mixed = [_is_mixed(inside, known, c) for c in self.cells.tolist()]
         return self.cells[np.array(mixed, bool)]
 
-    def changes(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
+    def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
         """Pairs of neighbouring known points between which a line along `axis` passes the boundary.
 
         line: the lattice index on the other axis; one of the coarse grid's, or few of its points are known.
@@ -78,7 +78,9 @@ class Traced(NamedTuple):
         return [(int(known[i]), int(known[i + 1])) for i in np.flatnonzero(inside[1:] != inside[:-1])]
 
 
-def trace(values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, threshold: float = 0.5) -> Traced:
+def trace_boundary(
+    values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, threshold: float = 0.5
+) -> TracedBoundary:
     """Look at a coarse grid, then only at the cells on whose edges there are points both inside and outside.
 
     Each of `depth` levels halves those cells; all their new points are asked for in one call. Where a new point on an
@@ -110,15 +112,15 @@ def trace(values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, 
     while size > 1:
         size //= 2
         while True:
-            split = [c for c in cells if c[2] > size and _mixed(inside, known, c)]
+            split = [c for c in cells if c[2] > size and _is_mixed(inside, known, c)]
             if not split:
                 break
             gone = set(split)
-            cells = [c for c in cells if c not in gone] + [q for c in split for q in _quarters(c)]
-            look(np.array(sorted({p for c in split for p in _nodes(c) if not known[p]})).reshape(-1, 2))
+            cells = [c for c in cells if c not in gone] + [q for c in split for q in _split_cell(c)]
+            look(np.array(sorted({p for c in split for p in _cell_nodes(c) if not known[p]})).reshape(-1, 2))
     index, value = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     rounds = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
-    return Traced(shape, index, value, rounds, np.array(cells), threshold)
+    return TracedBoundary(shape, index, value, rounds, np.array(cells), threshold)
 
 
 def check_grid(coarse: tuple[int, int], depth: int) -> None:
@@ -130,7 +132,7 @@ def check_grid(coarse: tuple[int, int], depth: int) -> None:
         )
 
 
-def _mixed(inside: Any, known: Any, cell: Cell) -> bool:
+def _is_mixed(inside: Any, known: Any, cell: Cell) -> bool:
     """Whether known points on the edges of a cell, in which nothing else is known, lie on both sides."""
     i, j, size = cell
     at = (slice(i, i + size + 1), slice(j, j + size + 1))
@@ -138,20 +140,20 @@ def _mixed(inside: Any, known: Any, cell: Cell) -> bool:
     return bool(seen.any() and not seen.all())
 
 
-def _quarters(cell: Cell) -> list[Cell]:
+def _split_cell(cell: Cell) -> list[Cell]:
     i, j, size = cell
     h = size // 2
     return [(i, j, h), (i + h, j, h), (i, j + h, h), (i + h, j + h, h)]
 
 
-def _nodes(cell: Cell) -> list[tuple[int, int]]:
+def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
     """Middle of a cell and of its edges."""
     i, j, size = cell
     h = size // 2
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]
 
 
-def success_of(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[Batch], Any], tuple[str, ...]]:
+def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[Batch], Any], tuple[str, ...]]:
     """Which runs of a batch meet every condition, (n,), and the signals that must be logged for it.
 
     Args:
@@ -160,12 +162,12 @@ def success_of(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[Batc
 
     Raises: InputError for a condition on what the scenario doesn't have.
     """
-    shapes, units = signals_of(scenario)
+    shapes, units = signal_shapes(scenario)
     conditions = [parse_condition(text) for text in texts]
     metrics = [parse_metric(c.metric, shapes, scenario.targets, units) for c in conditions]
 
     def judge(batch: Batch) -> Any:
-        rows = rows_of(scenario, batch)
+        rows = batch_rows(scenario, batch)
         with np.errstate(over="ignore", invalid="ignore"):
             held = [c.holds(m.of(rows)) for c, m in zip(conditions, metrics, strict=True)]
         return np.all(held, axis=0)
@@ -195,25 +197,25 @@ class StabilityMap(NamedTuple):
     y: Axis
     at_x: Any
     at_y: Any
-    traced: Traced
+    traced_boundary: TracedBoundary
     runs: int
     backend: str
 
     @property
-    def points(self) -> Any:
+    def flown_points(self) -> Any:
         """What was flown, in values of the axes (n, 2)."""
-        i, j = self.traced.index.T
+        i, j = self.traced_boundary.index.T
         return np.column_stack([self.at_x[i], self.at_y[j]])
 
     @property
     def share(self) -> Any:
         """Of successes at each of `points` (n,)."""
-        return self.traced.value
+        return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
         """Neighbouring values of x between which the boundary passes, along the lattice's line nearest to y."""
         line = int(np.abs(self.at_y - y).argmin())
-        return [(float(self.at_x[a]), float(self.at_x[b])) for a, b in self.traced.changes(line)]
+        return [(float(self.at_x[a]), float(self.at_x[b])) for a, b in self.traced_boundary.crossings(line)]
 
 
 def stability_map(
@@ -262,14 +264,14 @@ def stability_map(
     for axis in (x, y):
         axis.check()
     check_grid((len(x.values), len(y.values)), depth)
-    judge = on_target(scenario) if success is None else success
+    judge = target_success(scenario) if success is None else success
     wanted = signals or (() if success else tuple(full_path(t.path) for t in scenario.targets))
-    base, paths = _prepared(scenario, x, y)
+    base, paths = _prepare_map(scenario, x, y)
     step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
     at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
     flies: dict[str, Any] = {"signals": wanted, "log_period": step, "backend": backend, "threads": threads}
     numbers = scenario.duration // step * (len(wanted) or ALL)
-    flights = _Flights(base, range(seed, seed + runs), judge, numbers, flies, [])
+    flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, flies, [])
 
     def flown(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
@@ -277,16 +279,16 @@ def stability_map(
         tell(f"{len(index)} points", len(index))
         return share
 
-    traced = trace(flown, (len(x.values), len(y.values)), depth, threshold=threshold)
+    traced = trace_boundary(flown, (len(x.values), len(y.values)), depth, threshold=threshold)
     return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
 
 
-class _Flights(NamedTuple):
+class _PointFlights(NamedTuple):
     """Flies points. seeds: of each.  numbers: in the log of one run.  used: backends of the batches so far."""
 
     scenario: Scenario
     seeds: range
-    judge: Success
+    is_success: Success
     numbers: int
     options: dict[str, Any]
     used: list[str]
@@ -296,22 +298,24 @@ class _Flights(NamedTuple):
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
-        ok = [self._fly({path: np.repeat(v[part], runs, axis=0) for path, v in own.items()}) for part in slices]
+        ok = [self._fly_runs({path: np.repeat(v[part], runs, axis=0) for path, v in own.items()}) for part in slices]
         return np.concatenate(ok).reshape(points, runs).mean(axis=1)
 
-    def _fly(self, spread: dict[str, Any]) -> Any:
+    def _fly_runs(self, spread: dict[str, Any]) -> Any:
         """Whether each run succeeded (n,), the runs of a point side by side."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
-        if self.used and self.used[0] == "c lanes" and count < ENOUGH:  # else another program had to be compiled
-            more = np.arange(ENOUGH) % count
+        if (
+            self.used and self.used[0] == "c lanes" and count < LEAST_LANE_RUNS
+        ):  # else another program had to be compiled
+            more = np.arange(LEAST_LANE_RUNS) % count
             spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
         batch = simulate_batch(self.scenario, seeds=seeds.tolist(), spread=spread, log=True, **self.options)
         self.used.append(batch.backend)
-        return np.asarray(self.judge(batch), bool)[:count]
+        return np.asarray(self.is_success(batch), bool)[:count]
 
 
-def on_target(scenario: Scenario) -> Success:
+def target_success(scenario: Scenario) -> Success:
     """Success where every target is inside its band over the last third of the run; for angles, modulo full turns."""
     targets = tuple(scenario.targets)
     if not targets:
@@ -321,7 +325,7 @@ def on_target(scenario: Scenario) -> Success:
     def judge(batch: Batch) -> Any:
         ticks = np.asarray(batch.ticks)
         late = ticks >= ticks[0] + (ticks[-1] - ticks[0]) * 2 / 3
-        kinds = {c.path: getattr(c.declared, "kind", "real") for c in batch.columns}
+        kinds = {c.path: getattr(c.declaration, "kind", "real") for c in batch.columns}
         ok = np.ones(len(batch.seeds), bool)
         for target in targets:
             path = full_path(target.path)
@@ -336,17 +340,17 @@ def on_target(scenario: Scenario) -> Success:
     return judge
 
 
-def _prepared(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
+def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
     """The scenario to fly and the paths that its points differ in; every coarse point is checked."""
     base = y.prepare(x.prepare(scenario))
-    last = changed(base, values_at(base, x, y, x.values[-1], y.values[-1]))
-    base = roomy(base, last)
+    last = with_values(base, values_at(base, x, y, x.values[-1], y.values[-1]))
+    base = enlarge_rings(base, last)
     paths: tuple[str, ...] = ()
     for a in x.values:
         for b in y.values:
             values = values_at(base, x, y, a, b)
             paths = tuple(values)
-            changed(base, values).check()
+            with_values(base, values).check()
     return base, paths
 
 
@@ -355,9 +359,9 @@ def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str,
     first = x.change(base, float(a))
     second = y.change(base, float(b))
     if {*first} & {*second}:
-        second = y.change(changed(base, first), float(b))
+        second = y.change(with_values(base, first), float(b))
     made = {**first, **second}
-    return {path: np.asarray(value, leaf(base, path)[1].dtype()) for path, value in made.items()}
+    return {path: np.asarray(value, find_quantity(base, path)[1].dtype()) for path, value in made.items()}
 
 
 def _lattice(values: Any, depth: int) -> Any:

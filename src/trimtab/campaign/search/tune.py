@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
-from trimtab.campaign.sampling.spread import Factor, Spread, arrays_of, parse_factors, resolve, values_of
-from trimtab.campaign.search.cost import Term, cost_of, parse_cost, running
-from trimtab.campaign.search.ends import check_ends, refuse_options
-from trimtab.campaign.search.tune_gradient import Slope, Step, descend, search
+from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
+from trimtab.campaign.search.cost import Term, evaluate_cost, integral_cost, parse_cost
+from trimtab.campaign.search.ends import check_bounds, refuse_options
+from trimtab.campaign.search.tune_gradient import Slope, TuningStep, descend_gradient, search_gains
 from trimtab.campaign.statistics.comparison import Comparison, compare
 from trimtab.campaign.workers.block import fly_points
-from trimtab.campaign.workers.ready import Plan, Ready, drawn, parameters_at, prepare
+from trimtab.campaign.workers.ready import CampaignPlan, PreparedCampaign, draw_runs, parameters_at, prepare_campaign
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
@@ -46,7 +46,7 @@ def parse_gain(path: str, text: str) -> Distribution:
 class Gains(NamedTuple):
     """The gains among the factors of a campaign. at: their columns.  start: (d,), where the scenario's own lie."""
 
-    ready: Ready
+    ready: PreparedCampaign
     at: Any
     start: Any
 
@@ -55,29 +55,29 @@ class Gains(NamedTuple):
         """The gains."""
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
-    def points(self, x: Any, first: int) -> Any:
+    def spread_points(self, x: Any, first: int) -> Any:
         """u (n, all): gains at x (n, d), and what is dispersed as in runs first … first + n - 1."""
-        u = drawn(self.ready, first, first + len(x))[0].u.copy()
+        u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = np.clip(x, 2.0**-54, 1 - 2.0**-53)
         return u
 
     def slope(self, x: Any) -> Any:
         """How fast each gain changes with its place x (n, d): d gain/d x, of the same shape."""
         columns = []
-        for factor, place, own in zip(self.factors, np.asarray(x).T, self.own(), strict=True):
+        for factor, place, own in zip(self.factors, np.asarray(x).T, self.scenario_values(), strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
             ratio = np.log(high / low) * low * (high / low) ** place if factor.distribution.kind == RANGES[1] else None
             columns.append(np.full(len(place), high - low) if ratio is None else ratio)
         return np.stack(columns, axis=1)
 
-    def own(self) -> list[float]:
+    def scenario_values(self) -> list[float]:
         """The scenario's own values."""
-        return [_own(self.ready, f) for f in self.factors]
+        return [_scenario_value(self.ready, f) for f in self.factors]
 
-    def numbers(self, x: Any) -> dict[str, float]:
+    def gain_values(self, x: Any) -> dict[str, float]:
         """Gain, as it was written -> its value at x (d,)."""
         clipped = np.clip(x, 2.0**-54, 1 - 2.0**-53)
-        each = zip(self.factors, clipped, self.own(), strict=True)
+        each = zip(self.factors, clipped, self.scenario_values(), strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
     def values(self, x: Any) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class Gains(NamedTuple):
         return parameters_at(alone, np.clip(x, 2.0**-54, 1 - 2.0**-53))
 
 
-def gains_of(ready: Ready, names: tuple[str, ...]) -> Gains:
+def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
     """The gains of a campaign; refuses a range that the scenario's own value is not in."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
@@ -99,7 +99,7 @@ def gains_of(ready: Ready, names: tuple[str, ...]) -> Gains:
             zeros = ",".join("0" * len(shape))
             fix = f"--gain '{factor.path}[{zeros}]=LOW:HIGH'"
             raise InputError(part, f"has shape {shape}: a gain is one number", fix=fix)
-        own = _own(ready, factor)
+        own = _scenario_value(ready, factor)
         low, high = (a.of(own) for a in factor.distribution.amounts)
         if not low <= own <= high:
             problem = f"the scenario's own value, {own:g}, is not in {low:g} … {high:g}"
@@ -109,7 +109,7 @@ def gains_of(ready: Ready, names: tuple[str, ...]) -> Gains:
     return Gains(ready, at, np.array(start))
 
 
-def _own(ready: Ready, factor: Factor) -> float:
+def _scenario_value(ready: PreparedCampaign, factor: Factor) -> float:
     value = next(v for p, v, _ in leaves(ready.scenario) if p == factor.path)
     return float(np.asarray(value)[factor.at or ()])
 
@@ -119,7 +119,7 @@ UNSEEN = 2**31
 """Number of the first run that no tuning flies."""
 
 
-class Tuned(NamedTuple):
+class TuningResult(NamedTuple):
     """What was found.
 
     values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
@@ -128,22 +128,22 @@ class Tuned(NamedTuple):
     d gains counts d times.
     """
 
-    plan: Plan
+    plan: CampaignPlan
     method: str
     values: dict[str, Any]
     before: dict[str, float]
     after: dict[str, float]
-    steps: list[Step]
+    steps: list[TuningStep]
     slopes: list[Slope]
-    seen: Comparison
-    held_out: Comparison
-    flown: int
+    seen_comparison: Comparison
+    held_out_comparison: Comparison
+    flown_runs: int
     wall_s: float
 
     @property
-    def helps(self) -> bool:
+    def is_improvement(self) -> bool:
         """Whether the interval of the held-out runs says that it does."""
-        return self.held_out.improves
+        return self.held_out_comparison.improves
 
 
 def tune(
@@ -164,7 +164,7 @@ def tune(
     backend: str = "auto",
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Tuned:
+) -> TuningResult:
     """Tune gains on many runs, then compare with the scenario's own on others.
 
     Args:
@@ -193,43 +193,43 @@ def tune(
     if not 0 < width <= 0.5:
         raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
     terms = parse_cost(cost)
-    plan = _plan(scenario, gains, spread or {}, seed, runs, settings or {}, tuple(without), tuple(faults))
-    chosen = _prepared(plan._replace(metrics=tuple(t.metric for t in terms)), scenario, tuple(gains))
-    fly = _Fly(chosen, terms, runs, {"backend": backend, "threads": threads, "progress": progress})
+    plan = _tuning_plan(scenario, gains, spread or {}, seed, runs, settings or {}, tuple(without), tuple(faults))
+    chosen = _prepare_gains(plan._replace(metrics=tuple(t.metric for t in terms)), scenario, tuple(gains))
+    fly = _GainFlights(chosen, terms, runs, {"backend": backend, "threads": threads, "progress": progress})
     slopes: list[Slope] = []
     if method == "search":
-        x, steps = search(fly.costs, chosen.start, runs, iterations, seed)
+        x, steps = search_gains(fly.costs, chosen.start, runs, iterations, seed)
     else:
-        x, steps, slopes = descend(fly.slopes(), chosen.start, runs, iterations, width, seed)
-    return Tuned(
+        x, steps, slopes = descend_gradient(fly.slope_function(), chosen.start, runs, iterations, width, seed)
+    return TuningResult(
         plan=chosen.ready.plan,
         method=method,
         values=chosen.values(x),
-        before=chosen.numbers(chosen.start),
-        after=chosen.numbers(x),
+        before=chosen.gain_values(chosen.start),
+        after=chosen.gain_values(x),
         steps=steps,
         slopes=slopes,
-        seen=fly.compared(x, 0, runs),
-        held_out=fly.compared(x, UNSEEN, held_out),
-        flown=fly.flown,
+        seen_comparison=fly.compare_gains(x, 0, runs),
+        held_out_comparison=fly.compare_gains(x, UNSEEN, held_out),
+        flown_runs=fly.flown_runs,
         wall_s=time.perf_counter() - began,
     )
 
 
-def _prepared(plan: Plan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
+def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
     """The gains of the campaign; what is wrong with their ranges is said of them, and first."""
     try:
         made = scenario
         if isinstance(made, str):
             made = build(made, dict(plan.settings), plan.without, plan.faults)
-        spread = resolve(made, parse_factors(plan.spread))
-        bare = Ready(plan, made, spread, (), (), (), 0)
+        spread = resolve_spread(made, parse_factors(plan.spread))
+        bare = PreparedCampaign(plan, made, spread, (), (), (), 0)
         refuse_options(bare, "--spread")
-        chosen = gains_of(bare, gains)
+        chosen = campaign_gains(bare, gains)
         ends = np.stack([np.full(len(spread.factors), level) for level in (1e-3, 0.999)])
         ends[:, chosen.at] = [[2.0**-54], [1 - 2.0**-53]]
-        check_ends(bare, ends, "--spread")
-        return chosen._replace(ready=prepare(plan, made))
+        check_bounds(bare, ends, "--spread")
+        return chosen._replace(ready=prepare_campaign(plan, made))
     except InputError as error:
         named, _, path = error.part.partition(" ")
         if named != "--spread" or path not in gains:
@@ -244,7 +244,7 @@ def _prepared(plan: Plan, scenario: str | Scenario, gains: tuple[str, ...]) -> G
         raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=fix) from None
 
 
-def _plan(
+def _tuning_plan(
     scenario: str | Scenario,
     gains: Mapping[str, str],
     spread: Mapping[str, str],
@@ -253,7 +253,7 @@ def _plan(
     settings: Mapping[str, str],
     without: tuple[str, ...],
     faults: tuple[str, ...],
-) -> Plan:
+) -> CampaignPlan:
     check_seed(seed)
     if not gains:
         raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
@@ -262,7 +262,7 @@ def _plan(
         raise InputError("tune", "settings are for a scenario that is named", fix="change the scenario itself")
     moved = [(p, parse_gain(p, text)) for p, text in gains.items()]
     differ = [(p, parse_distribution(text, f"--spread {p}")) for p, text in spread.items()]
-    return Plan(
+    return CampaignPlan(
         scenario=scenario if named else scenario.name,
         settings=tuple(sorted(settings.items())),
         without=without,
@@ -273,35 +273,35 @@ def _plan(
     )
 
 
-class _Fly:
+class _GainFlights:
     """Runs with gains at given places."""
 
     def __init__(self, gains: Gains, terms: tuple[Term, ...], runs: int, how: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.how = gains, terms, runs, dict(how)
-        self.flown = 0
+        self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
         """Costs (n, runs) at places x (n, d), each in the same runs from the first on."""
         n = runs or self.runs
-        u = np.concatenate([self.gains.points(np.repeat(place[None], n, axis=0), first) for place in x])
+        u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
         words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
-        self.flown += len(words)
-        return cost_of(self.terms, fly_points(self.gains.ready, u, words, **self.how)).reshape(len(x), n)
+        self.flown_runs += len(words)
+        return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.how)).reshape(len(x), n)
 
-    def compared(self, x: Any, first: int, runs: int) -> Comparison:
+    def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
         """The gains at x against the scenario's own, in runs from the first on."""
         before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
         return compare(before, after)
 
-    def slopes(self) -> Callable[[Any, int], tuple[Any, Any]]:
+    def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
         """What flies pairs with their derivatives."""
         ready, gains = self.gains.ready, self.gains
-        of = running(self.terms, ready)
+        of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]
 
         def flights(x: Any, first: int) -> tuple[Any, Any]:
             pairs = len(x) // 2
-            u = np.repeat(drawn(ready, first, first + pairs)[0].u, 2, axis=0)
+            u = np.repeat(draw_runs(ready, first, first + pairs)[0].u, 2, axis=0)
             u[:, gains.at] = np.clip(x, 2.0**-54, 1 - 2.0**-53)
             found = gradients(
                 ready.scenario,
@@ -309,11 +309,11 @@ class _Fly:
                 along,
                 seeds=[ready.plan.seed] * len(x),
                 runs=np.repeat(np.arange(first, first + pairs), 2),
-                spread=arrays_of(ready.spread, ready.scenario, values_of(ready.spread, ready.scenario, u)),
+                spread=spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u)),
                 since=of.since,
                 threads=self.how["threads"],
             )
-            self.flown += len(x) * len(along)
+            self.flown_runs += len(x) * len(along)
             if self.how["progress"] is not None:
                 self.how["progress"](len(x) * len(along))
             costs, slopes = of.finish(found.costs, found.slopes)

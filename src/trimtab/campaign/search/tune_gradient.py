@@ -38,10 +38,10 @@ from trimtab.core.errors import InputError
 STEP, POPULATION = 0.25, 8
 
 
-class Step(NamedTuple):
+class TuningStep(NamedTuple):
     """flown: runs until then.  cost: mean of its runs.  x: (d,), where the gains were."""
 
-    flown: int
+    flown_runs: int
     cost: float
     x: Any
 
@@ -54,13 +54,13 @@ def merit(costs: Any, reference: float) -> Any:
     return share + np.where(finite.any(axis=1), z / (1 + np.abs(z)), 1.0)
 
 
-def search(
+def search_gains(
     costs: Callable[[Any], Any],
     start: Any,
     runs: int,
     iterations: int,
     seed: int,
-) -> tuple[Any, list[Step]]:
+) -> tuple[Any, list[TuningStep]]:
     """The best gains found, and how it went.
 
     Args:
@@ -74,7 +74,7 @@ def search(
     finite = first[np.isfinite(first)]
     reference = float(finite.mean()) if finite.size else 1.0
     best, least = start, float(merit(first, reference)[0])
-    steps, flown = [Step(runs, float(first.mean()), start)], runs
+    steps, flown = [TuningStep(runs, float(first.mean()), start)], runs
     rng = np.random.default_rng(seed)
 
     def begin(restart: int) -> Any:
@@ -93,19 +93,19 @@ def search(
         i = int(np.argmin(generation.f))
         if generation.f[i] < least:
             best, least = generation.x[i], float(generation.f[i])
-        steps.append(Step(flown, float(of_cost["now"][i].mean()), generation.x[i]))
+        steps.append(TuningStep(flown, float(of_cost["now"][i].mean()), generation.x[i]))
         last = generation
     if last is not None:
         centre = costs(last.mean[None])
         flown += runs
         if float(merit(centre, reference)[0]) <= least:
             best = last.mean
-            steps.append(Step(flown, float(centre.mean()), best))
+            steps.append(TuningStep(flown, float(centre.mean()), best))
     return best, steps
 
 
 RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
-Flights = Callable[[Any, int], tuple[Any, Any]]
+PairFlights = Callable[[Any, int], tuple[Any, Any]]
 """Places (n, d) and the number of the first run, of which two each fly together -> costs (n,), slopes (n, d)."""
 
 
@@ -118,13 +118,13 @@ class Slope(NamedTuple):
     zeroth: Any
 
 
-def fold(y: Any) -> tuple[Any, Any]:
+def fold_points(y: Any) -> tuple[Any, Any]:
     """Points of the line folded into [0, 1], and the sign of the slope there."""
     z = np.mod(y, 2.0)
     return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
 
 
-def combined(first: Any, zeroth: Any) -> Slope:
+def combine_estimates(first: Any, zeroth: Any) -> Slope:
     """The slope of least estimated mean square error from samples (pairs, d) of both estimates."""
     n = len(first)
     difference = first - zeroth
@@ -135,22 +135,22 @@ def combined(first: Any, zeroth: Any) -> Slope:
     return Slope(zeroth.mean(axis=0) + weight * mean, weight, first.mean(axis=0), zeroth.mean(axis=0))
 
 
-def smoothed(flights: Flights, x: Any, eps: Any, width: float, first_run: int) -> tuple[float, Slope]:
+def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_run: int) -> tuple[float, Slope]:
     """Mean cost and slope at x (d,) from pairs of runs: eps (pairs, d), standard normal."""
-    high, s_high = fold(x + width * eps)
-    low, s_low = fold(x - width * eps)
+    high, s_high = fold_points(x + width * eps)
+    low, s_low = fold_points(x - width * eps)
     costs, slopes = flights(np.stack([high, low], axis=1).reshape(-1, len(x)), first_run)
     f, g = costs.reshape(-1, 2), slopes.reshape(-1, 2, len(x))
     if not (np.isfinite(f).all() and np.isfinite(g).all()):
         return np.inf, Slope(*[np.full(len(x), np.nan)] * 4)
     first = (s_high * g[:, 0] + s_low * g[:, 1]) / 2
     zeroth = (f[:, :1] - f[:, 1:]) * eps / (2 * width)
-    return float(f.mean()), combined(first, zeroth)
+    return float(f.mean()), combine_estimates(first, zeroth)
 
 
-def descend(
-    flights: Flights, start: Any, runs: int, iterations: int, width: float, seed: int
-) -> tuple[Any, list[Step], list[Slope]]:
+def descend_gradient(
+    flights: PairFlights, start: Any, runs: int, iterations: int, width: float, seed: int
+) -> tuple[Any, list[TuningStep], list[Slope]]:
     """The gains found, and how it went; every iteration flies runs that no other did.
 
     Args:
@@ -165,14 +165,14 @@ def descend(
     x, m, v, rate = np.array(start), np.zeros(len(start)), np.zeros(len(start)), RATE
     before, steps, slopes, done = x, [], [], 0
     for k in range(iterations):
-        cost, found = smoothed(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
+        cost, found = estimate_slope(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
         if not np.isfinite(cost):
             if k == 0:
                 problem = "some runs near the scenario's own gains cost infinitely much, and have no slope"
                 raise InputError("--method gradient", problem, fix="--method search, or another start by --set")
             x, rate = before, rate / 2
             continue
-        steps.append(Step((k + 1) * 2 * pairs, cost, x))
+        steps.append(TuningStep((k + 1) * 2 * pairs, cost, x))
         slopes.append(found)
         done += 1
         m = BETA1 * m + (1 - BETA1) * found.slope

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from trimtab.campaign.statistics.quantiles import column
+from trimtab.campaign.statistics.quantiles import as_column
 from trimtab.core.errors import InputError
 
 LEAST = 30
@@ -54,7 +54,7 @@ def mean(values: Any, level: float = 0.95) -> Mean:
     """
     if not 0 < level < 1:
         raise InputError("mean: level", f"{level} is no confidence", fix="give e.g. 0.95")
-    x = column(values, "mean")
+    x = as_column(values, "mean")
     n, bad = len(x), int(np.count_nonzero(~np.isfinite(x)))
     if bad:
         return Mean(math.inf, -math.inf, math.inf, level, n, bad)
@@ -64,11 +64,11 @@ def mean(values: Any, level: float = 0.95) -> Mean:
         return Mean(centre, -math.inf, math.inf, level, n, 0)
     skewness = float(np.mean(((x - centre) / x.std()) ** 3))
     t = float(stats.t.ppf((1 + level) / 2, n - 1)) / math.sqrt(n)
-    low, high = (centre - deviation * _inverse(y, skewness, n) for y in (t, -t))
+    low, high = (centre - deviation * _invert_skewness(y, skewness, n) for y in (t, -t))
     return Mean(centre, low, high, level, n, 0)
 
 
-def _inverse(y: float, skewness: float, n: int) -> float:
+def _invert_skewness(y: float, skewness: float, n: int) -> float:
     if abs(skewness) < 1e-6:
         return y
     return 3 / skewness * float(np.cbrt(1 + skewness * (y - skewness / (6 * n))) - 1)

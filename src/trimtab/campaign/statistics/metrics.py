@@ -47,7 +47,7 @@ class Rows:
         x = self[path].astype(np.float64)
         value = np.full(len(x), float(target.value))
         if full_path(path) in self.angles and x.shape[1]:
-            last = _last_finite(x)
+            last = _last_finite_value(x)
             value = value + np.where(np.isfinite(last), 2 * np.pi * np.round((last - value) / (2 * np.pi)), 0.0)
         return x - value[:, None]
 
@@ -106,14 +106,14 @@ def overshoot(rows: Rows, path: str) -> Any:
 
 def error_rms(rows: Rows, path: str) -> Any:
     """Root mean square of what is left to the target over the second half of a run; inf for a run that ran away."""
-    return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _from(rows, 1 / 2) :] ** 2, axis=1)))
+    return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _start_index(rows, 1 / 2) :] ** 2, axis=1)))
 
 
-def _tail(rows: Rows, path: str) -> Any:
-    return rows[path][:, _from(rows, 2 / 3) :].astype(np.float64)
+def _tail_errors(rows: Rows, path: str) -> Any:
+    return rows[path][:, _start_index(rows, 2 / 3) :].astype(np.float64)
 
 
-def _from(rows: Rows, share: float) -> int:
+def _start_index(rows: Rows, share: float) -> int:
     """Index of the first row after a share of the run; a slice leaves rows as they lie, so that one run sums alike."""
     return int(np.searchsorted(rows.t, rows.t[0] + (rows.t[-1] - rows.t[0]) * share))
 
@@ -122,7 +122,7 @@ def _or_inf(x: Any) -> Any:
     return np.where(np.isfinite(x), x, np.inf)
 
 
-def _last_finite(x: Any) -> Any:
+def _last_finite_value(x: Any) -> Any:
     finite = np.isfinite(x)
     at = x.shape[1] - 1 - np.argmax(finite[:, ::-1], axis=1)
     return np.where(finite.any(axis=1), x[np.arange(len(x)), at], np.nan)
@@ -141,8 +141,8 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "peak": lambda rows, path: _or_inf(np.abs(rows[path].astype(np.float64)).max(axis=1)),
     "mean": lambda rows, path: rows[path].astype(np.float64).mean(axis=1),
     "rms": lambda rows, path: _or_inf(np.sqrt(np.mean(rows[path].astype(np.float64) ** 2, axis=1))),
-    "tail_mean": lambda rows, path: _tail(rows, path).mean(axis=1),
-    "tail_rms": lambda rows, path: _or_inf(_tail(rows, path).std(axis=1)),
+    "tail_mean": lambda rows, path: _tail_errors(rows, path).mean(axis=1),
+    "tail_rms": lambda rows, path: _or_inf(_tail_errors(rows, path).std(axis=1)),
 }
 TIMES = ("settling", "first_reach")
 KINDS = (*OF_TARGETS, *OF_SIGNALS)
@@ -161,7 +161,7 @@ def parse_metric(
     """
     kind, _, name = text.partition(":")
     if kind.endswith(".py"):
-        return _foreign(text, Path(kind), name)
+        return _load_metric(text, Path(kind), name)
     part = f"--metric {text}"
     if kind not in KINDS or not name:
         near = closest(kind, KINDS, 3) or KINDS
@@ -195,7 +195,7 @@ def short_name(path: str) -> str:
     return next((short for short, full in SHORT.items() if full == path), path)
 
 
-def _foreign(text: str, file: Path, name: str) -> Metric:
+def _load_metric(text: str, file: Path, name: str) -> Metric:
     part = f"--metric {text}"
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None or not file.is_file():

@@ -36,7 +36,7 @@ class Quantile(NamedTuple):
     level: float
     trials: int
     not_finite: int
-    wanted: int
+    needed_runs: int
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class Quantile(NamedTuple):
 
     def __str__(self) -> str:
         """As in "p95 8.31 (8.02 to 8.77)"."""
-        few = "" if self.trials >= self.wanted else f"; both bounds want {self.wanted} runs"
+        few = "" if self.trials >= self.needed_runs else f"; both bounds want {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
 
@@ -66,7 +66,7 @@ def quantile(
         raise InputError("quantile", f"{p} is no share of the runs", fix="give e.g. 0.95")
     if not 0 < level < 1:
         raise InputError("quantile: level", f"{level} is no confidence", fix="give e.g. 0.95")
-    x = column(values, "quantile")
+    x = as_column(values, "quantile")
     n = len(x)
     ordered = np.sort(np.where(np.isnan(x), missing, x))
     below, above = (ranks_anytime if anytime else ranks)(n, p, level)
@@ -92,7 +92,7 @@ def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
     return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
 
 
-def column(values: Any, part: str) -> Any:
+def as_column(values: Any, part: str) -> Any:
     """Values of runs as float64, shape (n,), at least one; refuses what is none."""
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":

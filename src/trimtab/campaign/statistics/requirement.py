@@ -22,7 +22,7 @@ import numpy as np
 
 from trimtab.campaign.statistics.anytime import proportion_anytime
 from trimtab.campaign.statistics.mean import mean
-from trimtab.campaign.statistics.quantiles import column, quantile
+from trimtab.campaign.statistics.quantiles import as_column, quantile
 from trimtab.core.errors import InputError, closest
 from trimtab.logs.proportion import Proportion, proportion
 
@@ -84,7 +84,7 @@ class Requirement(NamedTuple):
         return math.ceil(math.log(tail) / math.log(share) * (1 - 1e-14))
 
 
-def requirement(text: str) -> Requirement:
+def parse_requirement(text: str) -> Requirement:
     """Read a requirement: `WHAT <= NUMBER @ CONFIDENCE%`, where WHAT is one of success, pNN(METRIC), mean, max, min.
 
     A metric's name may hold colons and dots. Without `@` the confidence is 95 %. Numbers in SI units; a success may be
@@ -97,7 +97,7 @@ def requirement(text: str) -> Requirement:
     if relation not in ("<=", ">="):
         _refuse(text, f"{relation!r} is no relation it knows", choices=("<=", ">="))
     statistic, metric, p = read_statistic(what, f"requirement '{text}'", FORMS)
-    bound = _number(text, whole["bound"], percent=statistic == "success")
+    bound = _parse_number(text, whole["bound"], percent=statistic == "success")
     level = LEVEL if whole["level"] is None else read_level(whole["level"], f"requirement '{text}'")
     if statistic in EXTREMES:
         if whole["level"] is not None:
@@ -144,7 +144,7 @@ def read_level(text: str, part: str) -> float:
     return level
 
 
-def _number(text: str, number: str, percent: bool) -> float:
+def _parse_number(text: str, number: str, percent: bool) -> float:
     share = percent and number.endswith("%")
     try:
         value = float(number.removesuffix("%") if share else number) / (100 if share else 1)
@@ -162,7 +162,7 @@ def _refuse(text: str, problem: str, choices: Iterable[str] = FORMS, fix: str = 
 MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
 
 
-class Verdict(NamedTuple):
+class RequirementVerdict(NamedTuple):
     """What the runs say of a requirement.
 
     outcome: met, not met or undecided.  value: of the runs flown.  low, high: bounds for all worlds, each one-sided at
@@ -180,7 +180,7 @@ class Verdict(NamedTuple):
     note: str
 
     @property
-    def good(self) -> bool:
+    def is_met(self) -> bool:
         """Whether a gate may open: only when it is met; undecided is not good enough."""
         return self.outcome == MET
 
@@ -189,7 +189,9 @@ class Verdict(NamedTuple):
         return f"{self.outcome}: {self.requirement.text}: {self.value:.4g} in {self.trials} runs; {self.note}"
 
 
-def judge(wanted: Requirement, columns: Mapping[str, Any], *, anytime: bool = False) -> Verdict:
+def evaluate_requirement(
+    wanted: Requirement, columns: Mapping[str, Any], *, anytime: bool = False
+) -> RequirementVerdict:
     """Judge one requirement.
 
     Args:
@@ -199,14 +201,14 @@ def judge(wanted: Requirement, columns: Mapping[str, Any], *, anytime: bool = Fa
         anytime: whether flying stopped, or may stop, on what is seen here.
     """
     wanted.check(columns, anytime=anytime)
-    x = column(columns[wanted.metric], f"metric {wanted.metric!r}")
+    x = as_column(columns[wanted.metric], f"metric {wanted.metric!r}")
     bad = int(np.count_nonzero(~np.isfinite(x)))
     if wanted.statistic in EXTREMES:
-        return _judge_extreme(wanted, x, bad)
+        return _evaluate_extreme(wanted, x, bad)
     if wanted.statistic == "mean" and bad:
         note = f"{bad} runs have no finite value, and so the mean has none"
-        return Verdict(wanted, NOT_MET, math.inf, math.inf, math.inf, len(x), bad, note)
-    value, low, high = _bounds(wanted, x, anytime)
+        return RequirementVerdict(wanted, NOT_MET, math.inf, math.inf, math.inf, len(x), bad, note)
+    value, low, high = _one_sided_bounds(wanted, x, anytime)
     upwards = wanted.relation == ">="
     if (low >= wanted.bound) if upwards else (high <= wanted.bound):
         outcome = MET
@@ -214,15 +216,15 @@ def judge(wanted: Requirement, columns: Mapping[str, Any], *, anytime: bool = Fa
         outcome = NOT_MET
     else:
         outcome = UNDECIDED
-    note = _note(wanted, outcome, low, high, len(x), bad, anytime)
-    return Verdict(wanted, outcome, value, low, high, len(x), bad, note)
+    note = _verdict_note(wanted, outcome, low, high, len(x), bad, anytime)
+    return RequirementVerdict(wanted, outcome, value, low, high, len(x), bad, note)
 
 
-def _bounds(wanted: Requirement, x: Any, anytime: bool) -> tuple[float, float, float]:
+def _one_sided_bounds(wanted: Requirement, x: Any, anytime: bool) -> tuple[float, float, float]:
     """The value, and both bounds, each one-sided at the level: the two-sided interval of level 2 c - 1."""
     level = 2 * wanted.level - 1
     if wanted.statistic == "success":
-        found = share(x, level, anytime=anytime)
+        found = success_proportion(x, level, anytime=anytime)
         return found.share, found.low, found.high
     if wanted.statistic == "mean":
         average = mean(x, level)
@@ -232,16 +234,16 @@ def _bounds(wanted: Requirement, x: Any, anytime: bool) -> tuple[float, float, f
     return band.value, band.low, band.high
 
 
-def share(success: Any, level: float, *, anytime: bool = False) -> Proportion:
+def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
     """The share of successes in a column of true and false; refuses a column that holds anything else."""
-    x = column(success, "metric 'success'")
+    x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
         problem = "a success is neither true nor false"
         raise InputError("metric 'success'", problem, fix="give true or false for each run; a run that ran away: false")
     return (proportion_anytime if anytime else proportion)(int(x.sum()), len(x), level)
 
 
-def _judge_extreme(wanted: Requirement, x: Any, bad: int) -> Verdict:
+def _evaluate_extreme(wanted: Requirement, x: Any, bad: int) -> RequirementVerdict:
     upwards = wanted.relation == ">="
     x = np.where(np.isfinite(x), x, -math.inf if upwards else math.inf)
     value = float(x.max() if wanted.statistic == "max" else x.min())
@@ -252,10 +254,10 @@ def _judge_extreme(wanted: Requirement, x: Any, bad: int) -> Verdict:
         note += f"; at 95 % confidence at least {100 * covered:.4g} % of all worlds keep to it too"
     if bad:
         note += f"; {bad} runs have no finite value and count against it"
-    return Verdict(wanted, MET if met else NOT_MET, value, value, value, len(x), bad, note)
+    return RequirementVerdict(wanted, MET if met else NOT_MET, value, value, value, len(x), bad, note)
 
 
-def _note(wanted: Requirement, outcome: str, low: float, high: float, n: int, bad: int, anytime: bool) -> str:
+def _verdict_note(wanted: Requirement, outcome: str, low: float, high: float, n: int, bad: int, anytime: bool) -> str:
     at = f"with {100 * wanted.level:.6g} % confidence (one-sided{', at every number of runs' if anytime else ''})"
     if outcome == UNDECIDED:
         note = f"between {low:.4g} and {high:.4g}, each {at}"

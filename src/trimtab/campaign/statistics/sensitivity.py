@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from trimtab.campaign.sampling.saltelli import NOISE, check_factors, rows_per_base
-from trimtab.campaign.statistics.quantiles import column
+from trimtab.campaign.statistics.quantiles import as_column
 from trimtab.core.errors import InputError
 
 RESAMPLES = 1000
@@ -73,14 +73,14 @@ def sensitivity(
     if not 0 < level < 1:
         raise InputError("sensitivity: level", f"{level} is no confidence", fix="give e.g. 0.95")
     size = rows_per_base(len(parameters), noise=noise)
-    x = column(values, "sensitivity")
+    x = as_column(values, "sensitivity")
     if len(x) < LEAST * size:
         fix = f"fly at least {LEAST * size} runs; 1024 base samples are {1024 * size} runs"
         raise InputError("sensitivity", f"{len(x)} rows are {len(x) // size} base samples of {size}", fix=fix)
     base = 1 << int(np.log2(len(x) // size))
     x = x[: base * size]
     names = (*parameters, NOISE) if noise else tuple(parameters)
-    x, note = by_ranks(x) if by_rank else (x, why_none(x))
+    x, note = rank_values(x) if by_rank else (x, explain_no_variance(x))
     if note:
         none = np.full(len(names), np.nan)
         return Sensitivity(names, none, none, none, none, none, none, np.nan, base, base * size, level, note)
@@ -95,13 +95,13 @@ def sensitivity(
     )
 
 
-def by_ranks(x: Any) -> tuple[Any, str]:
+def rank_values(x: Any) -> tuple[Any, str]:
     """Ranks of the values in (0, 1), runs without a finite value last, and why they tell nothing, or ""."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
-    return ranked, why_none(ranked)
+    return ranked, explain_no_variance(ranked)
 
 
-def why_none(x: Any) -> str:
+def explain_no_variance(x: Any) -> str:
     """Why these values have no variance to share out, or ""."""
     bad = int(np.count_nonzero(~np.isfinite(x)))
     if bad:

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.statistics.quantiles import quantile
-from trimtab.campaign.statistics.requirement import LEVEL, read_level, read_statistic, share
+from trimtab.campaign.statistics.requirement import LEVEL, read_level, read_statistic, success_proportion
 from trimtab.core.errors import InputError, closest
 
 FORMS = ("width(success) <= 0.01 @ 95%", "width(p95(METRIC)) <= 0.5 @ 95%")
@@ -32,7 +32,7 @@ TAILS = 0.6
 _WHOLE = re.compile(r"width\s*\((?P<what>.+)\)\s*<=\s*(?P<width>[^@]+?)\s*(?:@(?P<level>[^@]*))?")
 
 
-class Stopping(NamedTuple):
+class StoppingRule(NamedTuple):
     """When to stop. text: as written.  statistic: success or quantile.  metric, p: of which.
 
     width: of the whole interval, upper bound minus lower, in the metric's unit.  level: two-sided confidence.
@@ -54,25 +54,31 @@ class Stopping(NamedTuple):
             raise InputError(f"stopping '{self.text}'", f"there is no metric {self.metric!r}", choices=near, fix=fix)
 
 
-class Narrowed(NamedTuple):
+class StoppingState(NamedTuple):
     """How far it is. done: whether to stop.  value, low, high: of the runs so far.  foreseen: runs in all, if no value
     changes: the width goes down with the square root of them; inf where nothing can be foreseen.
     """
 
-    done: bool
+    is_met: bool
     value: float
     low: float
     high: float
     trials: int
-    foreseen: float
+    expected_runs: float
 
     def __str__(self) -> str:
         """As in "0.9971 (0.9943 to 0.9987), 5000 of about 21000 runs"."""
-        rest = "enough" if self.done else f"of about {self.foreseen:.2g}" if math.isfinite(self.foreseen) else "so far"
+        rest = (
+            "enough"
+            if self.is_met
+            else f"of about {self.expected_runs:.2g}"
+            if math.isfinite(self.expected_runs)
+            else "so far"
+        )
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}), {self.trials} runs, {rest}"
 
 
-def stopping(text: str) -> Stopping:
+def parse_stopping(text: str) -> StoppingRule:
     """Read `width(success) <= W @ 95%` or `width(pNN(METRIC)) <= W @ 95%`; without `@` the confidence is 95 %."""
     part = f"stopping '{text}'"
     whole = _WHOLE.fullmatch(text.strip())
@@ -90,10 +96,10 @@ def stopping(text: str) -> Stopping:
         fix = "give a number above 0, in the metric's unit; for the success below 1"
         raise InputError(part, f"{whole['width']!r} is no width", fix=fix)
     level = LEVEL if whole["level"] is None else read_level(whole["level"], part)
-    return Stopping(text.strip(), statistic, metric, p, width, level)
+    return StoppingRule(text.strip(), statistic, metric, p, width, level)
 
 
-def narrowed(wanted: Stopping, columns: Mapping[str, Any]) -> Narrowed:
+def evaluate_stopping(wanted: StoppingRule, columns: Mapping[str, Any]) -> StoppingState:
     """Whether the interval is as narrow as wanted.
 
     Args:
@@ -102,11 +108,11 @@ def narrowed(wanted: Stopping, columns: Mapping[str, Any]) -> Narrowed:
     """
     wanted.check(columns)
     if wanted.statistic == "success":
-        found = share(columns[wanted.metric], 1 - TAILS * (1 - wanted.level))
+        found = success_proportion(columns[wanted.metric], 1 - TAILS * (1 - wanted.level))
         value, low, high, trials = found.share, found.low, found.high, found.trials
     else:
         band = quantile(columns[wanted.metric], wanted.p, wanted.level, anytime=True)
         value, low, high, trials = band.value, band.low, band.high, band.trials
     width = high - low if np.isfinite([low, high]).all() else math.inf
     foreseen = trials * max((width / wanted.width) ** 2, 1.0)
-    return Narrowed(width <= wanted.width, value, low, high, trials, foreseen)
+    return StoppingState(width <= wanted.width, value, low, high, trials, foreseen)

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.campaign import Result
+from trimtab.campaign.campaign import CampaignResult
 from trimtab.core.errors import InputError
 
 ABOUT = b"trimtab"
 """Key of the metadata under which a file says of which campaign its rows are, as JSON."""
 
 
-def write_parquet(found: Result, file: str | Path) -> Path:
+def write_parquet(found: CampaignResult, file: str | Path) -> Path:
     """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
-    return write_columns(found.columns, {"identity": found.identity, "plan": found.plan.plain()}, file)
+    return write_columns(found.columns, {"identity": found.identity, "plan": found.plan.as_dict()}, file)
 
 
 def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:
@@ -31,7 +31,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
         about: goes with the rows, plain data: the store's attributes.
         file: where to; one that is there is replaced.
     """
-    pa, parquet = arrow()
+    pa, parquet = import_arrow()
     file = Path(file)
     rows = {name: np.ascontiguousarray(column) for name, column in columns.items()}
     table = pa.table(rows).replace_schema_metadata({ABOUT: json.dumps(about, sort_keys=True)})
@@ -48,7 +48,7 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
 def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """What a file says of its campaign, and its columns (n,)."""
-    pa, parquet = arrow()
+    pa, parquet = import_arrow()
     part = f"parquet {str(file)!r}"
     try:
         table = parquet.read_table(file)
@@ -61,7 +61,7 @@ def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return json.loads(metadata[ABOUT]), columns
 
 
-def dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
     """The same rows as an xarray Dataset over `run`; what decided them is its attribute `trimtab`, JSON."""
     try:
         import xarray
@@ -72,7 +72,7 @@ def dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
     return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
 
 
-def arrow() -> tuple[Any, Any]:
+def import_arrow() -> tuple[Any, Any]:
     """The library, and its module for these files; refused with what to install."""
     try:
         import pyarrow

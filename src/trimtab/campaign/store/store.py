@@ -23,27 +23,30 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 
-class InMemory:
-    """Rows in memory, gone with the process; as `Store` else."""
+class MemoryStore:
+    """Rows in memory, gone with the process; as `CampaignStore` else."""
 
     def __init__(self, runs: int) -> None:
-        self._runs, self._done = runs, np.zeros(runs, bool)
+        self._runs, self._finished_rows = runs, np.zeros(runs, bool)
         self._columns: dict[str, Any] = {}
 
-    def done(self) -> Any:
+    def finished_rows(self) -> Any:
         """Which rows are there: bool (runs,)."""
-        return self._done.copy()
+        return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
         """Keep the rows of a block."""
         for name, column in columns.items():
             held = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
             held[first : first + len(column)] = column
-        self._done[first : first + len(columns["success"])] = True
+        self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
         """Every column by name, of the rows that are done, and `run`, their numbers."""
-        return {"run": np.flatnonzero(self._done), **{n: c[self._done] for n, c in self._columns.items()}}
+        return {
+            "run": np.flatnonzero(self._finished_rows),
+            **{n: c[self._finished_rows] for n, c in self._columns.items()},
+        }
 
 
 DONE = "done"
@@ -52,12 +55,12 @@ PARTIAL = ".partial"
 """Ends the names under which Zarr writes before it renames."""
 
 
-def key_of(name: str) -> str:
+def array_key(name: str) -> str:
     """The name of a column's array: slashes of a path of a file would make groups."""
     return name.replace("/", "|")
 
 
-def begun(folder: Path) -> bool:
+def has_store(folder: Path) -> bool:
     """Whether a store is there, and not only what is left of a process that was killed while it made one.
 
     Raises: InputError for a folder of something else.
@@ -72,7 +75,7 @@ def begun(folder: Path) -> bool:
     return True
 
 
-def made(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
+def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
     """The group of a new store, over what a process left that was killed while it made it."""
     from zarr.codecs import ZstdCodec
 
@@ -80,17 +83,19 @@ def made(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: 
     packed: dict[str, Any] = {"compressors": [ZstdCodec(level=0, checksum=True)], "overwrite": True}
     for name, example in {**columns, DONE: np.zeros(0, bool)}.items():
         kind = np.asarray(example).dtype
-        group.create_array(key_of(name), shape=(runs,), chunks=(block,), dtype=kind, fill_value=kind.type(0), **packed)
+        group.create_array(
+            array_key(name), shape=(runs,), chunks=(block,), dtype=kind, fill_value=kind.type(0), **packed
+        )
     return group
 
 
-def described(folder: Path) -> None:
+def sync_descriptions(folder: Path) -> None:
     """See the descriptions of the group and of its arrays onto the disk."""
     for description in [*folder.glob("*/zarr.json"), folder / "zarr.json"]:
-        reach_disk(description)
+        sync_file(description)
 
 
-def reach_disk(file: Path) -> None:
+def sync_file(file: Path) -> None:
     """Return when a file and its name are on the disk."""
     for place in (file, file.parent):
         handle = os.open(place, os.O_RDONLY)
@@ -100,16 +105,16 @@ def reach_disk(file: Path) -> None:
             os.close(handle)
 
 
-class Store:
+class CampaignStore:
     """An open store; one process writes at a time. Close it, or use it in a `with`."""
 
     def __init__(self, folder: Path, group: Any, lock: Any) -> None:
         self.folder, self._group, self._lock = folder, group, lock
         self._block = int(group.attrs["block"])
         names = [*group.attrs["columns"], DONE]
-        self._arrays = {n: group[key_of(n)].with_config({"write_empty_chunks": True}) for n in names}
+        self._arrays = {n: group[array_key(n)].with_config({"write_empty_chunks": True}) for n in names}
 
-    def __enter__(self) -> "Store":
+    def __enter__(self) -> "CampaignStore":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -120,11 +125,11 @@ class Store:
         os.close(self._lock)
 
     @property
-    def about(self) -> dict[str, Any]:
+    def attributes(self) -> dict[str, Any]:
         """What the store says of its campaign."""
         return dict(self._group.attrs)
 
-    def done(self) -> Any:
+    def finished_rows(self) -> Any:
         """Which rows are there: bool (runs,)."""
         return np.asarray(self._arrays[DONE][:])
 
@@ -138,21 +143,20 @@ class Store:
             for name, column in columns.items():
                 self._arrays[name][first : first + n] = column
             for name in columns:
-                reach_disk(self._chunk(name, first // self._block))
+                sync_file(self._chunk_path(name, first // self._block))
             self._arrays[DONE][first : first + n] = np.ones(n, bool)
-            reach_disk(self._chunk(DONE, first // self._block))
+            sync_file(self._chunk_path(DONE, first // self._block))
         except OSError as error:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-            problem = (
-                f"{'the disk is full' if full else error.strerror or error}: {int(self.done().sum())} runs are kept"
-            )
+            cause = "the disk is full" if full else error.strerror or error
+            problem = f"{cause}: {int(self.finished_rows().sum())} runs are kept"
             fix = ("make room, then " if full else "") + "start the same command again: it goes on from there"
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
         """Every column by name, of the rows that are done, and `run`, their numbers."""
         try:
-            done = self.done()
+            done = self.finished_rows()
             columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
         except RuntimeError as error:
             problem = f"a chunk is damaged: {error}"
@@ -160,48 +164,50 @@ class Store:
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
         return {"run": np.flatnonzero(done), **columns}
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """Forget the blocks of which a chunk is damaged or gone, and what killed processes left half written."""
         for left in self.folder.rglob("*" + PARTIAL):
             left.unlink()
-        for k in self._damaged(DONE, set()):
-            self._chunk(DONE, k).unlink()
-        done = self.done()
-        wanted = {k for k, (first, last) in enumerate(self._bounds()) if done[first:last].any()}
-        for k in set().union(*(self._damaged(name, wanted) for name in self._arrays)):
-            first, last = self._bounds()[k]
+        for k in self._damaged_chunks(DONE, set()):
+            self._chunk_path(DONE, k).unlink()
+        done = self.finished_rows()
+        wanted = {k for k, (first, last) in enumerate(self._chunk_bounds()) if done[first:last].any()}
+        for k in set().union(*(self._damaged_chunks(name, wanted) for name in self._arrays)):
+            first, last = self._chunk_bounds()[k]
             self._arrays[DONE][first:last] = np.zeros(last - first, bool)
             for name in self._arrays:
                 if name != DONE:
-                    self._chunk(name, k).unlink(missing_ok=True)
+                    self._chunk_path(name, k).unlink(missing_ok=True)
 
-    def _damaged(self, name: str, wanted: set[int]) -> set[int]:
+    def _damaged_chunks(self, name: str, wanted: set[int]) -> set[int]:
         """Which chunks of a column can't be read, or are gone though wanted."""
-        there = {int(f.name) for f in self._chunk(name, 0).parent.glob("*")}
+        there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         try:
             self._arrays[name][:]
             return wanted - there
         except RuntimeError:
-            return (wanted - there) | {k for k in there if not self._readable(name, k)}
+            return (wanted - there) | {k for k in there if not self._is_readable(name, k)}
 
-    def _readable(self, name: str, k: int) -> bool:
-        first, last = self._bounds()[k]
+    def _is_readable(self, name: str, k: int) -> bool:
+        first, last = self._chunk_bounds()[k]
         try:
             self._arrays[name][first:last]
         except RuntimeError:
             return False
         return True
 
-    def _bounds(self) -> list[tuple[int, int]]:
+    def _chunk_bounds(self) -> list[tuple[int, int]]:
         """First row and last + 1 of each chunk."""
         runs = self._arrays[DONE].shape[0]
         return [(first, min(first + self._block, runs)) for first in range(0, runs, self._block)]
 
-    def _chunk(self, name: str, k: int) -> Path:
-        return self.folder / key_of(name) / "c" / str(k)
+    def _chunk_path(self, name: str, k: int) -> Path:
+        return self.folder / array_key(name) / "c" / str(k)
 
 
-def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int) -> Store:
+def open_store(
+    folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int
+) -> CampaignStore:
     """Open the store of a campaign, or make it; grow it where more runs are wanted.
 
     Args:
@@ -211,24 +217,24 @@ def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any
         runs: how many there will be.
         block: rows of a chunk, for a new store.
     """
-    zarr = _zarr()
+    zarr = _import_zarr()
     part = f"store {str(folder)!r}"
-    lock = _locked(folder, part)
+    lock = _acquire_lock(folder, part)
     try:
-        if begun(folder):
+        if has_store(folder):
             group = zarr.open_group(folder, mode="r+")
-            _check_same(part, dict(group.attrs), about)
+            _check_identity(part, dict(group.attrs), about)
             if runs > group[DONE].shape[0]:
                 for name in [*group.attrs["columns"], DONE]:
-                    group[key_of(name)].resize((runs,))
+                    group[array_key(name)].resize((runs,))
                 group.attrs.update(dict(about))
-                described(folder)
+                sync_descriptions(folder)
         else:
-            group = made(zarr, folder, columns, runs, block)
+            group = create_group(zarr, folder, columns, runs, block)
             group.attrs.update({**about, "columns": list(columns), "block": block})
-            described(folder)
-        store = Store(folder, group, lock)
-        store.mend()
+            sync_descriptions(folder)
+        store = CampaignStore(folder, group, lock)
+        store.repair()
         return store
     except BaseException as error:
         os.close(lock)
@@ -243,7 +249,7 @@ def open_store(folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Attributes and columns of a store that is there; a campaign may be writing it meanwhile."""
-    zarr = _zarr()
+    zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         raise InputError(
             "--store", f"there is no store {str(folder)!r}", fix="trimtab campaign SCENARIO --store NAME.zarr"
@@ -251,18 +257,18 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     group = zarr.open_group(folder, mode="r")
     if "identity" not in group.attrs:
         raise InputError(f"store {str(folder)!r}", "holds no campaign", fix="name the store of one: --store NAME.zarr")
-    store = Store(folder, group, -1)
-    return store.about, store.read()
+    store = CampaignStore(folder, group, -1)
+    return store.attributes, store.read()
 
 
-def block_of(folder: Path) -> int | None:
+def read_block_length(folder: Path) -> int | None:
     """Rows of a chunk of the store that is there, or None."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         return int(json.loads((folder / "zarr.json").read_text())["attributes"]["block"])
     return None
 
 
-def missing(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
+def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
     """First and last + 1 of each block in which a row is missing."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
@@ -270,7 +276,7 @@ def missing(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
             yield first, last
 
 
-def _locked(folder: Path, part: str) -> int:
+def _acquire_lock(folder: Path, part: str) -> int:
     """The store's lock, which ends with this process."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -287,7 +293,7 @@ def _locked(folder: Path, part: str) -> int:
     return lock
 
 
-def _check_same(part: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
     """Refuse to mix rows that another campaign, scenario, version or machine made."""
     was, now = there.get("identity"), here["identity"]
     if was == now:
@@ -300,7 +306,7 @@ def _check_same(part: str, there: Mapping[str, Any], here: Mapping[str, Any]) ->
     raise InputError(part, f"holds rows of another campaign: {told} differs", fix=fix)
 
 
-def _zarr() -> Any:
+def _import_zarr() -> Any:
     try:
         import zarr
     except ImportError:

@@ -11,22 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.sampling.spread import arrays_of, values_of
+from trimtab.campaign.sampling.spread import spread_arrays, spread_values
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.workers.ready import Ready, drawn, options_of, variant
+from trimtab.campaign.workers.ready import PreparedCampaign, draw_runs, program_options, scenario_variant
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
-from trimtab.native.compiler import NoCompiler, search
+from trimtab.native.compiler import NoCompilerError, search_compiler
 from trimtab.run import compiled
 from trimtab.run.batch import Batch, simulate_batch
-from trimtab.run.prepare import inputs, prepared, use_c
+from trimtab.run.prepare import choose_c, prepare_run, run_inputs
 from trimtab.run.program import Column
 
 Blocks = list[tuple[int, int]]
-Flown = Generator[tuple[int, dict[str, Any]], None, None]
-Workers = Callable[[Ready, Blocks, str], Flown]
+BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
+Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
 """Flies blocks, each (first, last + 1), on the backend "c" or "jax": first run and columns of each, in any order."""
 
 
@@ -38,7 +38,7 @@ class WorkersLost(Exception):
         self.part, self.fix = part, fix
 
 
-class Flights(NamedTuple):
+class LoggedRuns(NamedTuple):
     """Of some runs: ticks of the rows, signals (n, rows, …), last values of the truth (n, …), what the columns are."""
 
     ticks: Any
@@ -51,23 +51,23 @@ TOGETHER = 128
 """Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
 
 
-def rows_of(scenario: Scenario, batch: Flights | Batch, which: slice = slice(None)) -> Rows:
+def batch_rows(scenario: Scenario, batch: LoggedRuns | Batch, which: slice = slice(None)) -> Rows:
     """What metrics see of some runs."""
-    angles = frozenset(c.path for c in batch.columns if c.declared is not None and c.declared.kind == "angle")
+    angles = frozenset(c.path for c in batch.columns if c.declaration is not None and c.declaration.kind == "angle")
     log = {path: signal[which] for path, signal in batch.log.items()}
     return Rows(to_seconds(batch.ticks), log, tuple(scenario.targets), angles)
 
 
-def measured(ready: Ready, batch: Flights | Batch) -> dict[str, Any]:
+def compute_metrics(ready: PreparedCampaign, batch: LoggedRuns | Batch) -> dict[str, Any]:
     """Metrics, success and lost of some runs, each (n,)."""
     n = len(next(iter(batch.final.values())))
     found: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     for first in range(0, n, TOGETHER):
         some = slice(first, min(first + TOGETHER, n))
-        rows = rows_of(ready.scenario, batch, some)
+        rows = batch_rows(ready.scenario, batch, some)
         with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
             for metric in ready.metrics:
-                found[metric.name][some] = _column(metric, rows, some.stop - first)
+                found[metric.name][some] = _metric_column(metric, rows, some.stop - first)
     ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in batch.final.values()])
     lost = ~np.isfinite(ends).all(axis=0)
     success = ~lost
@@ -76,15 +76,15 @@ def measured(ready: Ready, batch: Flights | Batch) -> dict[str, Any]:
     return {**found, "success": success, "lost": lost}
 
 
-def measured_log(ready: Ready, log: Log) -> dict[str, Any]:
+def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
     """The same of the log of one run."""
-    columns = [Column(path, (), "float64", declared) for path, declared in log.declared.items()]
+    columns = [Column(path, (), "float64", declared) for path, declared in log.declarations.items()]
     one = {path: signal[None] for path, signal in log.signals.items()}
     final = {path: np.asarray(value)[None] for path, value in log.final.items()}
-    return measured(ready, Flights(log.ticks, one, final, columns))
+    return compute_metrics(ready, LoggedRuns(log.ticks, one, final, columns))
 
 
-def _column(metric: Metric, rows: Rows, n: int) -> Any:
+def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
     column = np.asarray(metric.of(rows), np.float64)
     if column.shape != (n,):
         raise InputError(
@@ -94,7 +94,7 @@ def _column(metric: Metric, rows: Rows, n: int) -> Any:
 
 
 def fly_block(
-    ready: Ready,
+    ready: PreparedCampaign,
     first: int,
     last: int,
     *,
@@ -103,13 +103,13 @@ def fly_block(
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Any]:
     """Rows first … last - 1: by name what differs, then each metric, `success` and `lost`, each (n,)."""
-    of, values = drawn(ready, first, last)
+    of, values = draw_runs(ready, first, last)
     flags = {"backend": backend, "threads": threads, "progress": progress}
-    return {**values, **_fly(ready, values, of.words, flags)}
+    return {**values, **_fly_values(ready, values, of.words, flags)}
 
 
 def fly_points(
-    ready: Ready,
+    ready: PreparedCampaign,
     u: Any,
     words: Any,
     *,
@@ -124,48 +124,52 @@ def fly_points(
     found: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
         part = slice(first, first + max(ready.block, 1))
-        values = values_of(ready.spread, ready.scenario, u[part])
-        found.append(_fly(ready, values, words[part], {"backend": backend, "threads": threads}))
+        values = spread_values(ready.spread, ready.scenario, u[part])
+        found.append(_fly_values(ready, values, words[part], {"backend": backend, "threads": threads}))
         if progress is not None:
             progress(len(words[part]))
     return {name: np.concatenate([f[name] for f in found]) for name in found[0]}
 
 
-def _fly(ready: Ready, values: Mapping[str, Any], words: Any, flags: dict[str, Any]) -> dict[str, Any]:
+def _fly_values(
+    ready: PreparedCampaign, values: Mapping[str, Any], words: Any, flags: dict[str, Any]
+) -> dict[str, Any]:
     """What metrics say of runs with these values, by what was written, each (n,)."""
-    arrays = arrays_of(ready.spread, ready.scenario, values)
+    arrays = spread_arrays(ready.spread, ready.scenario, values)
     kept: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
     kept |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
-    for picks, chosen in _groups(values, list(options_of(ready)), len(words)):
+    for picks, chosen in _group_by_program(values, list(program_options(ready)), len(words)):
         batch = simulate_batch(
-            variant(ready, picks),
+            scenario_variant(ready, picks),
             seeds=[ready.plan.seed] * len(chosen),
             runs=words[chosen],
             spread={path: array[chosen] for path, array in arrays.items()},
-            signals=ready.wanted,
+            signals=ready.logged_signals,
             log_period=ready.plan.log_period,
             log=True,
             **flags,
         )
-        for name, column in measured(ready, batch).items():
+        for name, column in compute_metrics(ready, batch).items():
             kept[name][chosen] = column
     return kept
 
 
-def flies_c(ready: Ready, backend: str) -> bool:
+def uses_c(ready: PreparedCampaign, backend: str) -> bool:
     """Whether C flies the runs: where it is asked for, or a compiler is here and the loop can be written in C."""
 
     def can() -> None:
-        found = search("c")
+        found = search_compiler("c")
         if found.compiler is None:
-            raise NoCompiler("compiler", found.problem, fix=found.fix)
-        _, table, _ = prepared(ready.scenario, [], None, ready.plan.log_period)
-        compiled.lowered(compiled.structure(inputs(ready.scenario, 0, 0), table.always, ready.wanted))
+            raise NoCompilerError("compiler", found.problem, fix=found.fix)
+        _, table, _ = prepare_run(ready.scenario, [], None, ready.plan.log_period)
+        compiled.lower_structure(
+            compiled.program_structure(run_inputs(ready.scenario, 0, 0), table.always, ready.logged_signals)
+        )
 
-    return use_c(backend, can)
+    return choose_c(backend, can)
 
 
-def _groups(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
+def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
     """Runs of one program: what was picked for each option, and their places in the block."""
     if not options:
         return [({}, np.arange(n))]

@@ -29,22 +29,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from trimtab.campaign.workers.block import Blocks, Flown, Workers, WorkersLost, flies_c, fly_block
-from trimtab.campaign.workers.ready import Ready, identity, plan_of, prepare
+from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, WorkersLost, fly_block, uses_c
+from trimtab.campaign.workers.ready import PreparedCampaign, identity, plan_from_dict, prepare_campaign
 from trimtab.core.errors import InputError
-from trimtab.run.library import threads_of
+from trimtab.run.library import thread_count
 
 _one_prepares = threading.Lock()
 
 
-def about(ready: Ready, backend: str) -> dict[str, str]:
+def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
     """What must be equal on two machines for their rows to be."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
-    return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _code()}
+    return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
 
 
 @functools.cache
-def _code() -> str:
+def _source_digest() -> str:
     """Digest of trimtab's own source: a version that is being worked on has many."""
     root, digest = Path(__file__).parents[2], hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
@@ -53,11 +53,11 @@ def _code() -> str:
 
 
 @functools.lru_cache(maxsize=1)
-def _prepared(text: str, backend: str) -> tuple[Ready, dict[str, str]]:
+def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str, str]]:
     """The plan's last preparation, and what this machine says of it."""
-    ready = prepare(plan_of(json.loads(text)))
-    can = "c" if backend == "c" and flies_c(ready, "auto") else "jax"
-    return ready, about(ready, can)
+    ready = prepare_campaign(plan_from_dict(json.loads(text)))
+    can = "c" if backend == "c" and uses_c(ready, "auto") else "jax"
+    return ready, machine_identity(ready, can)
 
 
 def fly_rows(plain: Mapping[str, Any], told: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
@@ -65,27 +65,27 @@ def fly_rows(plain: Mapping[str, Any], told: Mapping[str, str], first: int, last
 
     Args:
         plain: of the plan.
-        told: what the asking machine says of itself, `about`.
+        told: what the asking machine says of itself, `machine_identity`.
         first, last: which rows.
 
     Raises: InputError where this machine's rows would be others.
     """
     try:
         with _one_prepares:
-            ready, here = _prepared(json.dumps(plain, sort_keys=True), told["backend"])
+            ready, here = _prepare_cached(json.dumps(plain, sort_keys=True), told["backend"])
     except InputError as error:
-        part = f"worker {_address()}: {error.part}"
+        part = f"worker {_worker_address()}: {error.part}"
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
     apart = [name for name in told if here.get(name) != told[name]]
     if apart:
         shown = "; ".join(f"{name}: {here.get(name)} there, {told[name]} here" for name in apart)
         same = "have the same trimtab, packages and files there, and start the worker anew"
         fix = "install a C compiler there" if apart == ["backend"] else same
-        raise InputError(f"worker {_address()}", f"would not give the same rows: {shown}", fix=fix)
-    return fly_block(ready, first, last, backend=told["backend"], threads=_threads())
+        raise InputError(f"worker {_worker_address()}", f"would not give the same rows: {shown}", fix=fix)
+    return fly_block(ready, first, last, backend=told["backend"], threads=_worker_threads())
 
 
-def _address() -> str:
+def _worker_address() -> str:
     """The worker's address, as the scheduler knows it."""
     from distributed import get_worker
 
@@ -95,22 +95,22 @@ def _address() -> str:
         return "here"
 
 
-def _threads() -> int:
+def _worker_threads() -> int:
     """This worker's share of the machine: it may fly several blocks at once."""
     from distributed import get_worker
 
     try:
-        return max(1, threads_of(None) // get_worker().state.nthreads)
+        return max(1, thread_count(None) // get_worker().state.nthreads)
     except ValueError:
-        return threads_of(None)
+        return thread_count(None)
 
 
-REACHED = 10.0
+CONNECT_TIMEOUT = 10.0
 """Seconds in which a scheduler answers a call."""
-PLACE = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
+ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 
 
-class Place(NamedTuple):
+class SchedulerAddress(NamedTuple):
     """Where the scheduler is, and with what this machine shows who it is; no files for plain TCP."""
 
     uri: str
@@ -119,37 +119,39 @@ class Place(NamedTuple):
     files: tuple[str, str, str] | None
 
 
-def place_of(uri: str, files: dict[str, str]) -> Place:
+def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
     """Refuse what is no address, and plain TCP between machines."""
-    found = PLACE.fullmatch(uri.strip())
+    found = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not found or found[1] not in ("tls", "tcp") or not 0 < int(found[3]) < 2**16:
         raise InputError("--cluster", f"{uri!r} is not tls://HOST:PORT", fix="--cluster tls://10.0.0.1:8786")
     host, port = found[2].strip("[]"), int(found[3])
     flags = "--tls-ca ca.pem --tls-cert me.pem --tls-key me.key"
     if found[1] == "tcp":
-        if not _loopback(host):
+        if not _is_loopback(host):
             problem = f"{uri}: without TLS anyone who reaches the port runs programs on every machine of the cluster"
             raise InputError("--cluster", problem, fix=f"--cluster tls://{found[2]}:{port} {flags}")
         if any(files.values()):
             raise InputError("--cluster", f"{uri} uses no certificates", fix=f"--cluster tls://{found[2]}:{port}")
-        return Place(uri, host, port, None)
+        return SchedulerAddress(uri, host, port, None)
     for flag, name in files.items():
         if not name:
             raise InputError(flag, "tls:// needs an authority, a certificate and its key", fix=f"{flags}")
         if not Path(name).is_file():
             raise InputError(flag, f"there is no file {name!r}", fix=f"{flag} with a PEM file")
-    place = Place(f"tls://{found[2]}:{port}", host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"]))
-    _context(place)
+    place = SchedulerAddress(
+        f"tls://{found[2]}:{port}", host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"])
+    )
+    _tls_context(place)
     return place
 
 
-def _loopback(host: str) -> bool:
+def _is_loopback(host: str) -> bool:
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
     return host == "localhost"
 
 
-def _context(place: Place) -> ssl.SSLContext:
+def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
     """What distributed makes of the files too; refuses those that are none or don't belong together."""
     ca, cert, key = place.files or ("", "", "")
     try:
@@ -162,14 +164,14 @@ def _context(place: Place) -> ssl.SSLContext:
     return context
 
 
-def greet(place: Place) -> None:
+def check_scheduler(place: SchedulerAddress) -> None:
     """Refuse a scheduler that isn't there or isn't trusted, or that doesn't trust; distributed says "timed out"."""
     part = f"--cluster {place.uri}"
     try:
-        with socket.create_connection((place.host, place.port), REACHED) as plain:
+        with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
             if place.files is None:
                 return
-            with _context(place).wrap_socket(plain) as safe:
+            with _tls_context(place).wrap_socket(plain) as safe:
                 if not safe.recv(1):  # a scheduler speaks first, to those whose certificate it takes
                     raise ssl.SSLError("it closed the line")
     except ssl.SSLCertVerificationError as error:
@@ -186,14 +188,14 @@ def greet(place: Place) -> None:
         raise InputError(part, problem, fix=fix) from None
 
 
-SILENCE = 15.0
+REPLY_TIMEOUT = 15.0
 """Seconds after which a scheduler that says nothing is asked, and in which it has to answer."""
-PATIENCE = 60.0
+WORKER_TIMEOUT = 60.0
 """Seconds that a campaign waits for a first worker, or for another when all are gone."""
-AGAIN = "start the same command again: it goes on from there"
+RESUME_HINT = "start the same command again: it goes on from there"
 
 
-def cluster(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
+def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
     """Workers of a cluster, to be given to `Campaign.run`.
 
     Args:
@@ -203,32 +205,35 @@ def cluster(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | 
 
     Raises: InputError for what can't be reached so; nothing is sent yet.
     """
-    place = place_of(uri, {"--tls-ca": str(ca), "--tls-cert": str(cert), "--tls-key": str(key)})
+    place = parse_address(uri, {"--tls-ca": str(ca), "--tls-cert": str(cert), "--tls-key": str(key)})
     if importlib.util.find_spec("distributed") is None:
         raise InputError("--cluster", "needs dask.distributed", fix='pip install "trimtab[cluster]"')
 
-    def fly(ready: Ready, blocks: Blocks, used: str) -> Flown:
-        with _client(place) as client:
-            yield from _flown(client, place, ready, blocks, used)
+    def fly(ready: PreparedCampaign, blocks: Blocks, used: str) -> BlockResults:
+        with _open_client(place) as client:
+            yield from _fly_blocks(client, place, ready, blocks, used)
 
     return fly
 
 
 @contextlib.contextmanager
-def _client(place: Place) -> Iterator[Any]:
+def _open_client(place: SchedulerAddress) -> Iterator[Any]:
     """A client of the scheduler, which lets go of what it asked for in the end."""
     from dask.config import set as configured
     from distributed import Client, Security
 
-    greet(place)
+    check_scheduler(place)
     security = Security(require_encryption=False)
     if place.files:
         ca, cert, key = place.files
         security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key, require_encryption=True)
-    timeouts = {"distributed.comm.timeouts.connect": f"{REACHED}s", "distributed.comm.timeouts.tcp": f"{SILENCE}s"}
-    with configured(timeouts), _quiet():
+    timeouts = {
+        "distributed.comm.timeouts.connect": f"{CONNECT_TIMEOUT}s",
+        "distributed.comm.timeouts.tcp": f"{REPLY_TIMEOUT}s",
+    }
+    with configured(timeouts), _mute_distributed():
         try:
-            client = Client(place.uri, security=security, timeout=REACHED, set_as_default=False)
+            client = Client(place.uri, security=security, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, TimeoutError) as error:
             raise InputError(
                 f"--cluster {place.uri}", f"no scheduler answers: {error}", fix="dask scheduler …"
@@ -240,7 +245,7 @@ def _client(place: Place) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _mute_distributed() -> Iterator[None]:
     """What distributed logs of a lost line, page after page, the campaign says in one."""
     known = map(logging.getLogger, list(logging.root.manager.loggerDict))
     before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
@@ -253,45 +258,47 @@ def _quiet() -> Iterator[None]:
             log.setLevel(level)
 
 
-class _Watch:
+class _ClusterWatch:
     """Whether scheduler and workers are there. threads: of all workers, when last asked."""
 
-    def __init__(self, client: Any, place: Place) -> None:
+    def __init__(self, client: Any, place: SchedulerAddress) -> None:
         self._client, self._part = client, f"--cluster {place.uri}"
         self._asked, self._seen, self.threads = 0.0, time.monotonic(), 0
 
-    def look(self) -> None:
+    def check_workers(self) -> None:
         """Ask now and then.
 
         Raises: WorkersLost.
         """
         if self._client.status != "running":
-            raise WorkersLost(self._part, "the scheduler is gone", f"start it and its workers, then {AGAIN}")
+            raise WorkersLost(self._part, "the scheduler is gone", f"start it and its workers, then {RESUME_HINT}")
         now = time.monotonic()
-        if now - self._asked < (SILENCE if self.threads else 1.0):
+        if now - self._asked < (REPLY_TIMEOUT if self.threads else 1.0):
             return
         try:
-            found = self._client.sync(self._client.scheduler.ncores, callback_timeout=SILENCE)
+            found = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
         except Exception as error:  # whatever a line that breaks gives
             problem = f"the scheduler does not answer ({type(error).__name__})"
-            raise WorkersLost(self._part, problem, f"look after it, then {AGAIN}") from None
+            raise WorkersLost(self._part, problem, f"look after it, then {RESUME_HINT}") from None
         self._asked, self.threads = time.monotonic(), sum(found.values())
         if self.threads:
             self._seen = self._asked
-        elif self._asked - self._seen > PATIENCE:
-            problem = f"for {PATIENCE:g} s it had no worker"
-            raise WorkersLost(self._part, problem, f"start some:  dask worker …, then {AGAIN}")
+        elif self._asked - self._seen > WORKER_TIMEOUT:
+            problem = f"for {WORKER_TIMEOUT:g} s it had no worker"
+            raise WorkersLost(self._part, problem, f"start some:  dask worker …, then {RESUME_HINT}")
 
 
-def _flown(client: Any, place: Place, ready: Ready, blocks: Blocks, used: str) -> Flown:
+def _fly_blocks(
+    client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
+) -> BlockResults:
     """The blocks as they land; two for each thread are under way at once."""
-    told, plain, waiting = about(ready, used), ready.plan.plain(), iter(blocks)
+    told, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
     flying: dict[Any, tuple[int, int]] = {}
-    watch, landed = _Watch(client, place), threading.Event()
+    watch, landed = _ClusterWatch(client, place), threading.Event()
     try:
         while True:
-            watch.look()
-            for first, last in _some(waiting, max(2, 2 * watch.threads) - len(flying)):
+            watch.check_workers()
+            for first, last in _take_blocks(waiting, max(2, 2 * watch.threads) - len(flying)):
                 future = client.submit(fly_rows, plain, told, first, last, pure=False)
                 future.add_done_callback(lambda _: landed.set())
                 flying[future] = first, last
@@ -301,7 +308,7 @@ def _flown(client: Any, place: Place, ready: Ready, blocks: Blocks, used: str) -
             landed.clear()
             for future in [f for f in flying if f.done()]:
                 first, last = flying[future]
-                columns = _columns(future, watch, (first, last))
+                columns = _block_columns(future, watch, (first, last))
                 if columns is not None:
                     del flying[future]
                     future.release()
@@ -310,7 +317,7 @@ def _flown(client: Any, place: Place, ready: Ready, blocks: Blocks, used: str) -
         flying.clear()  # the scheduler forgets what nobody waits for
 
 
-def _some(waiting: Iterator[tuple[int, int]], count: int) -> Generator[tuple[int, int], None, None]:
+def _take_blocks(waiting: Iterator[tuple[int, int]], count: int) -> Generator[tuple[int, int], None, None]:
     for _ in range(count):
         block = next(waiting, None)
         if block is None:
@@ -318,25 +325,27 @@ def _some(waiting: Iterator[tuple[int, int]], count: int) -> Generator[tuple[int
         yield block
 
 
-def _columns(future: Any, watch: _Watch, block: tuple[int, int]) -> Any:
+def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
     """Columns of a block; None where they got lost on the way, and are flown again."""
     from distributed import KilledWorker
 
     runs = f"runs {block[0]} to {block[1] - 1}"
     try:
-        return future.result(timeout=SILENCE)
+        return future.result(timeout=REPLY_TIMEOUT)
     except InputError:
         raise
     except TimeoutError:
         return None
     except KilledWorker as error:
         problem = f"{runs} ended one worker after the other, the last {error.last_worker}"
-        raise WorkersLost("--cluster", problem, f"look into that worker's log, for memory say, then {AGAIN}") from None
+        raise WorkersLost(
+            "--cluster", problem, f"look into that worker's log, for memory say, then {RESUME_HINT}"
+        ) from None
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
-        watch.look()
+        watch.check_workers()
         problem = f"{runs} did not come back: {type(error).__name__}: {error}"
         raise WorkersLost(
-            "--cluster", problem, f"look into the scheduler's and the worker's logs, then {AGAIN}"
+            "--cluster", problem, f"look into the scheduler's and the worker's logs, then {RESUME_HINT}"
         ) from None

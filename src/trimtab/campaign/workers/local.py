@@ -10,18 +10,18 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.campaign.workers.block import Blocks, Flown, Workers, fly_block
-from trimtab.campaign.workers.ready import FEWEST, Ready
+from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, fly_block
+from trimtab.campaign.workers.ready import FEWEST, PreparedCampaign
 
 AHEAD = 2
 """Blocks under way: one's metrics are taken while the other flies on all cores."""
 
 
-class _BrokenOff(Exception):
+class _CampaignAborted(Exception):
     """Nobody waits for the block any more."""
 
 
-def here(threads: int | None = None, progress: Callable[[int], None] | None = None) -> Workers:
+def local_workers(threads: int | None = None, progress: Callable[[int], None] | None = None) -> Workers:
     """Workers in this process.
 
     Args:
@@ -29,14 +29,14 @@ def here(threads: int | None = None, progress: Callable[[int], None] | None = No
         progress: called a few times a second with the number of rows that are done, those of before among them.
     """
 
-    def fly(ready: Ready, blocks: Blocks, used: str) -> Flown:
+    def fly(ready: PreparedCampaign, blocks: Blocks, used: str) -> BlockResults:
         ended, alone = threading.Event(), threading.Lock()
         flown = {-1: ready.plan.runs - sum(last - first for first, last in blocks)}
 
         def check(start: int, done: int) -> None:
             """Of the piece that starts there, so many are done."""
             if ended.is_set():
-                raise _BrokenOff
+                raise _CampaignAborted
             if progress is not None:
                 with alone:
                     flown[start] = max(flown.get(start, 0), done)  # runs of other choices begin at 0 again
@@ -44,7 +44,7 @@ def here(threads: int | None = None, progress: Callable[[int], None] | None = No
 
         def block(first: int, last: int) -> dict[str, Any]:
             made = []
-            for start, end in _pieces(first, last, used):
+            for start, end in _split_block(first, last, used):
                 tell = functools.partial(check, start)
                 tell(0)
                 made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=tell))
@@ -67,7 +67,7 @@ def here(threads: int | None = None, progress: Callable[[int], None] | None = No
     return fly
 
 
-def _pieces(first: int, last: int, used: str) -> Blocks:
+def _split_block(first: int, last: int, used: str) -> Blocks:
     """What is flown in one call: JAX can't be broken off, and a processor gains nothing by more runs at once."""
     size = FEWEST if used == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

@@ -15,7 +15,7 @@ import numpy as np
 from trimtab.campaign.sampling.distributions import Amount, Distribution
 from trimtab.campaign.sampling.points import DESIGNS, Points, points
 from trimtab.campaign.sampling.saltelli import check_factors
-from trimtab.campaign.sampling.spread import Factor, Spread, arrays_of, parse_factors, resolve, values_of
+from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.campaign.statistics.condition import Condition, parse_condition
 from trimtab.campaign.statistics.metrics import Metric, default_metrics, parse_metric, short_name
 from trimtab.core.errors import InputError
@@ -24,13 +24,13 @@ from trimtab.core.time import ms
 from trimtab.logs.log import provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
-from trimtab.loop.walk import logged, signals, start
-from trimtab.run.prepare import inputs
-from trimtab.run.program import described
+from trimtab.loop.walk import logged_signals, signals, start
+from trimtab.run.prepare import run_inputs
+from trimtab.run.program import describe_scenario
 from trimtab.scenarios.build import build
 
 
-class Plan(NamedTuple):
+class CampaignPlan(NamedTuple):
     """The campaign. Settings, imperfections and faults as `trimtab run` takes them.
 
     spread: what differs and what it is drawn from.  correlate: pairs of what was written, with their correlation.
@@ -50,39 +50,39 @@ class Plan(NamedTuple):
     success: tuple[str, ...] = ()
     log_period: int = ms(10)
 
-    def plain(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """As JSON has it."""
         return json.loads(json.dumps(self._asdict() | {"spread": [[p, d._asdict()] for p, d in self.spread]}))
 
 
-def plan_of(plain: Mapping[str, Any]) -> Plan:
-    """The plan of what `Plan.plain` gave."""
-    made: dict[str, Any] = {k: _tuples(v) for k, v in plain.items() if k != "spread"}
-    spread = tuple((path, _distribution(d)) for path, d in plain["spread"])
-    return Plan(**made, spread=spread)
+def plan_from_dict(plain: Mapping[str, Any]) -> CampaignPlan:
+    """The plan of what `CampaignPlan.plain` gave."""
+    made: dict[str, Any] = {k: _as_tuples(v) for k, v in plain.items() if k != "spread"}
+    spread = tuple((path, _distribution_from_list(d)) for path, d in plain["spread"])
+    return CampaignPlan(**made, spread=spread)
 
 
-def _distribution(plain: Mapping[str, Any]) -> Distribution:
+def _distribution_from_list(plain: Mapping[str, Any]) -> Distribution:
     amounts = tuple(Amount(*a) for a in plain["amounts"])
     return Distribution(plain["text"], plain["kind"], amounts, tuple(plain["choices"]), tuple(plain["column"]))
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(v) for v in value) if isinstance(value, list) else value
 
 
-def identity(plan: Plan, scenario: Scenario, backend: str) -> dict[str, str]:
+def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
     """What must be equal for two rows of one number to be equal: the campaign, the scenario, what computes it."""
-    of_plan = plan.plain()
+    of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
-    about = described(scenario)
+    about = describe_scenario(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
-    made = {"campaign": _digest(of_plan), "scenario": _digest(of_scenario), "files": _digest(_files(plan))}
+    made = {"campaign": _digest(of_plan), "scenario": _digest(of_scenario), "files": _digest(_file_digests(plan))}
     return {**made, "backend": backend, **provenance()}
 
 
-def _files(plan: Plan) -> dict[str, str]:
+def _file_digests(plan: CampaignPlan) -> dict[str, str]:
     """Name of each file of Python that the plan names -> digest of what it holds."""
     texts = (plan.scenario, *plan.metrics, *plan.success)
     names = {text.partition(".py:")[0].strip() + ".py" for text in texts if ".py:" in text}
@@ -100,19 +100,21 @@ VARIANTS = 64
 """Programs that choices of options may ask for."""
 
 
-class Ready(NamedTuple):
+class PreparedCampaign(NamedTuple):
     """A plan, checked against its scenario. block: runs that fly together, and are kept together."""
 
-    plan: Plan
+    plan: CampaignPlan
     scenario: Scenario
     spread: Spread
     metrics: tuple[Metric, ...]
     success: tuple[Condition, ...]
-    wanted: tuple[str, ...]
+    logged_signals: tuple[str, ...]
     block: int
 
 
-def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] = ()) -> Ready:
+def prepare_campaign(
+    plan: CampaignPlan, scenario: Scenario | None = None, own: Iterable[Metric] = ()
+) -> PreparedCampaign:
     """Check everything that can be checked before anything flies.
 
     Args:
@@ -125,7 +127,7 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     if scenario is None:
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
     scenario.check()
-    shapes, units = signals_of(scenario)
+    shapes, units = signal_shapes(scenario)
     targets = tuple(scenario.targets)
     texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
     metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
@@ -136,11 +138,11 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
         needed = [name for name in settled if name not in [m.name for m in metrics]]
         conditions = tuple(Condition(name, "<", np.inf) for name in settled)
     metrics += tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
-    spread = resolve(scenario, parse_factors(plan.spread), plan.correlate)
+    spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
     wanted = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
-    ready = Ready(plan, scenario, spread, metrics, conditions, wanted, 0)
+    ready = PreparedCampaign(plan, scenario, spread, metrics, conditions, wanted, 0)
     _check_values(ready)
     width = sum(int(np.prod(s)) for p, s in shapes.items() if any(p == w or p.startswith(w + ".") for w in wanted))
     rows = max(scenario.duration // plan.log_period, 1)
@@ -148,25 +150,25 @@ def prepare(plan: Plan, scenario: Scenario | None = None, own: Iterable[Metric] 
     return ready._replace(block=block)
 
 
-def signals_of(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
+def signal_shapes(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
     """Shape and unit of each signal by path; nothing flies."""
-    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *inputs(scenario, 0, 0))
-    found = list(logged(seen))
+    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *run_inputs(scenario, 0, 0))
+    found = list(logged_signals(seen))
     return {path: tuple(np.shape(value)) for path, value, _ in found}, {path: d.unit for path, _, d in found}
 
 
-def drawn(ready: Ready, first: int, last: int) -> tuple[Points, dict[str, Any]]:
+def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
     """Points of the runs first … last - 1, and what each has where it differs."""
     names = tuple(f.text for f in ready.spread.factors)
     of = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
-    return of, values_of(ready.spread, ready.scenario, of.u)
+    return of, spread_values(ready.spread, ready.scenario, of.u)
 
 
-def _check_values(ready: Ready) -> None:
+def _check_values(ready: PreparedCampaign) -> None:
     """Refuse a spread that leaves a parameter's range, naming the run; parts check themselves at each extreme."""
     extremes: dict[str, list[tuple[float, int]]] = {}
     for first in range(0, ready.plan.runs, 2**16):
-        _, values = drawn(ready, first, min(first + 2**16, ready.plan.runs))
+        _, values = draw_runs(ready, first, min(first + 2**16, ready.plan.runs))
         for text, column in values.items():
             for at in (int(np.argmin(column)), int(np.argmax(column))):
                 extremes.setdefault(text, []).append((float(column[at]), first + at))
@@ -180,46 +182,46 @@ def _check_values(ready: Ready) -> None:
                 f"; or {error.fix}" if error.fix else ""
             )
             raise InputError(f"--spread {error.part}", problem, choices=error.choices, fix=fix) from None
-    options = options_of(ready).values()
+    options = program_options(ready).values()
     count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
     if count > VARIANTS:
         problem = f"the choices of {', '.join(f.path for f in options)} make {count} programs"
         raise InputError("--spread", problem, fix=f"at most {VARIANTS} together: offer fewer choices")
 
 
-def parameters_at(ready: Ready, u: Any) -> dict[str, Any]:
+def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
     """Path -> value of each parameter at the point u (d,) of the spread, to the bit as it flies there; no options."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
-    arrays = arrays_of(ready.spread, ready.scenario, values_of(ready.spread, ready.scenario, u[None]))
-    return {path: _typed(array[0], declared[path]) for path, array in arrays.items()}
+    arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
+    return {path: _cast_value(array[0], declared[path]) for path, array in arrays.items()}
 
 
-def _typed(value: Any, declared: Quantity | Option) -> Any:
+def _cast_value(value: Any, declared: Quantity | Option) -> Any:
     dtype = declared.dtype() if isinstance(declared, Quantity) else np.float64
     return np.asarray(value).astype(dtype)[()]
 
 
-def scenario_at(ready: Ready, u: Any) -> Scenario:
+def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
     """The scenario at the point u (d,) of the spread, options too."""
-    values = values_of(ready.spread, ready.scenario, u[None])
-    scenario = variant(ready, {text: int(values[text][0]) for text in options_of(ready)})
+    values = spread_values(ready.spread, ready.scenario, u[None])
+    scenario = scenario_variant(ready, {text: int(values[text][0]) for text in program_options(ready)})
     for path, value in parameters_at(ready, u).items():
         scenario = with_leaf(scenario, path, lambda _old, _declared, value=value: value)
     return scenario
 
 
-def scenario_of(ready: Ready, run: int) -> Scenario:
+def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
     """The scenario of one run, with all that is its own."""
-    return scenario_at(ready, drawn(ready, run, run + 1)[0].u[0])
+    return scenario_at(ready, draw_runs(ready, run, run + 1)[0].u[0])
 
 
-def options_of(ready: Ready) -> dict[str, Factor]:
+def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
     """What differs and shapes the program, by what was written."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
 
-def variant(ready: Ready, picks: Mapping[str, int]) -> Scenario:
+def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
     """The scenario with the choices of these numbers, by what was written."""
-    texts = {f.path: f.distribution.choices[picks[text]] for text, f in options_of(ready).items()}
+    texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario

@@ -5,21 +5,35 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array, Index, at, build, copied, copy_into, read, scalars, small, stored, values
+from trimtab.compiler.arrays import (
+    Array,
+    Index,
+    build_array,
+    copy_array,
+    copy_into,
+    element_list,
+    is_small,
+    read_element,
+    read_flat,
+    scalars,
+    store_in_memory,
+)
 from trimtab.compiler.ir import Block, Builder, If, Value
 from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.reduce import accumulate
 
 
 def _cond(site: Site) -> list[Array]:
-    programs = jaxprs.branches(site.equation)
-    which = values(site.b, site.operands[0])[0]
+    programs = jaxprs.cond_branches(site.equation)
+    which = element_list(site.b, site.operands[0])[0]
     operands, dying = site.operands[1:], site.dying[1:]
     # what one operand's buffer is to several is settled by the equation: a branch sees each under its own names
-    return _choose(site, which, programs, operands, dying)
+    return _choose_branch(site, which, programs, operands, dying)
 
 
-def _choose(site: Site, which: Value, programs: list[Any], operands: list[Array], dying: list[bool]) -> list[Array]:
+def _choose_branch(
+    site: Site, which: Value, programs: list[Any], operands: list[Array], dying: list[bool]
+) -> list[Array]:
     b = site.b
     if len(programs) == 1:
         return site.inline(programs[0], operands, dying)
@@ -33,9 +47,9 @@ def _choose(site: Site, which: Value, programs: list[Any], operands: list[Array]
 
     def second() -> list[Array]:
         less = b.op("sub", which, b.const(1, which.dtype), dtype=which.dtype)
-        return _choose(site, less, programs[1:], operands, dying)
+        return _choose_branch(site, less, programs[1:], operands, dying)
 
-    return join(b, test, first, second)
+    return branch_arrays(b, test, first, second)
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
@@ -45,35 +59,37 @@ def _is_zero(b: Builder, which: Value) -> Value:
     return b.op("le", which, b.const(0, which.dtype), dtype="bool")
 
 
-def join(b: Builder, test: Value, first: Callable[[], list[Array]], second: Callable[[], list[Array]]) -> list[Array]:
+def branch_arrays(
+    b: Builder, test: Value, first: Callable[[], list[Array]], second: Callable[[], list[Array]]
+) -> list[Array]:
     """A branch: results that both sides hold in memory end in one buffer, the others are joined value by value."""
     made = If(test, Block(), Block())
-    with b.inside(made.first):
+    with b.write_into(made.first):
         xs = first()
-    with b.inside(made.second):
+    with b.write_into(made.second):
         ys = second()
-    results = [_joined(b, made, x, y) for x, y in zip(xs, ys, strict=True)]
+    results = [_join_arrays(b, made, x, y) for x, y in zip(xs, ys, strict=True)]
     b.block.items.append(made)
     return results
 
 
-def _joined(b: Builder, made: If, x: Array, y: Array) -> Array:
+def _join_arrays(b: Builder, made: If, x: Array, y: Array) -> Array:
     if x.items is None and x.buffer is y.buffer and x.offset is y.offset:
         return x
-    if small(x.shape) and (x.items is not None or y.items is not None):
-        with b.inside(made.first):
-            a = values(b, x)
-        with b.inside(made.second):
-            c = values(b, y)
+    if is_small(x.shape) and (x.items is not None or y.items is not None):
+        with b.write_into(made.first):
+            a = element_list(b, x)
+        with b.write_into(made.second):
+            c = element_list(b, y)
         return scalars([made.join(v, w) for v, w in zip(a, c, strict=True)], x.shape, x.dtype)
-    buffer = b.local(x.dtype, x.size)
+    buffer = b.local_buffer(x.dtype, x.size)
     for block, array in ((made.first, x), (made.second, y)):
-        with b.inside(block):
+        with b.write_into(block):
             copy_into(b, buffer, array)
     return Array(x.shape, x.dtype, buffer=buffer)
 
 
-class Carried:
+class LoopCarries:
     """The arrays that a loop carries: values, or, where they are large or indexed, a buffer of the loop."""
 
     def __init__(
@@ -84,13 +100,19 @@ class Carried:
         self.buffers: list[Array | None] = []
         taken: list[Any] = [a.buffer for a in others]
         for i, (a, dies) in enumerate(zip(starts, dying, strict=True)):
-            own = a.buffer is not None and dies and not a.buffer.fixed and a.offset is None and a.buffer not in taken
+            own = (
+                a.buffer is not None
+                and dies
+                and not a.buffer.is_read_only
+                and a.offset is None
+                and a.buffer not in taken
+            )
             in_memory = a.items is None or i in indexed
-            held = a if own else copied(b, a) if in_memory else None
+            held = a if own else copy_array(b, a) if in_memory else None
             self.buffers.append(held)
             taken.append(held.buffer if held else None)
         free = zip(starts, self.buffers, strict=True)
-        self.values = [v for a, held in free if held is None for v in values(b, a)]
+        self.values = [v for a, held in free if held is None for v in element_list(b, a)]
 
     def arrays(self, flat: list[Value]) -> list[Array]:
         """The carried arrays, from their flat values."""
@@ -100,56 +122,56 @@ class Carried:
             found.append(buffer or scalars([next(rest) for _ in range(a.size)], a.shape, a.dtype))
         return found
 
-    def close(self, nexts: list[Array]) -> list[Value]:
+    def close_iteration(self, nexts: list[Array]) -> list[Value]:
         """End of a turn: large results go to their buffers, small ones are returned flat."""
         b = self.b
-        flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in values(b, a)]
+        flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []
         for a, held in zip(nexts, self.buffers, strict=True):
             if held is None or a.buffer is held.buffer:
                 continue
             crossing = any(a.buffer is other.buffer for other in self.buffers if other is not None)
-            moves.append((held.buffer, copied(b, a) if crossing else a))
+            moves.append((held.buffer, copy_array(b, a) if crossing else a))
         for target, source in moves:
             copy_into(b, target, source)  # pyright: ignore[reportArgumentType]
         return flat
 
 
 def _scan(site: Site) -> list[Array]:
-    b, s = site.b, jaxprs.scan(site.equation)
-    first = s.constants + s.carried
-    constants, slices = site.operands[: s.constants], [stored(b, a) for a in site.operands[first:]]
-    carried = Carried(
+    b, s = site.b, jaxprs.scan_parameters(site.equation)
+    first = s.constants + s.carries
+    constants, slices = site.operands[: s.constants], [store_in_memory(b, a) for a in site.operands[first:]]
+    carried = LoopCarries(
         b,
         site.operands[s.constants : first],
         site.dying[s.constants : first],
-        jaxprs.indexed(s.body.jaxpr, s.constants),
+        jaxprs.indexed_inputs(s.body.jaxpr, s.constants),
         [*constants, *slices],
     )
-    _in_memory(b, constants, s.body)
-    outs = [site.lowering.array_like(v.aval) for v in site.equation.outvars[s.carried :]]
+    _store_constants(b, constants, s.body)
+    outs = [site.lowering.new_array(v.aval) for v in site.equation.outvars[s.carries :]]
 
     def turn(i: Value, flat: list[Value]) -> list[Value]:
         k = b.op("sub", b.index(s.length - 1), i, dtype="i32") if s.reverse else i
-        now = [element(b, a, k) for a in slices]
+        now = [array_row(b, a, k) for a in slices]
         operands = [*constants, *carried.arrays(flat), *now]
-        dying = [False] * s.constants + [True] * s.carried + [False] * len(now)
+        dying = [False] * s.constants + [True] * s.carries + [False] * len(now)
         found = site.inline(s.body, operands, dying)
-        for made, row in zip(outs, found[s.carried :], strict=True):
+        for made, row in zip(outs, found[s.carries :], strict=True):
             _write_row(b, made, k, row)
-        return carried.close(found[: s.carried])
+        return carried.close_iteration(found[: s.carries])
 
     end = b.loop(s.length, carried.values, turn)
     return [*carried.arrays(end), *outs]
 
 
-def element(b: Builder, array: Array, k: Value) -> Array:
+def array_row(b: Builder, array: Array, k: Value) -> Array:
     """array[k], k in range: values when small, else a view."""
     shape = array.shape[1:]
     size = math.prod(shape)
     offset = b.op("mul", k, b.index(size), dtype="i32")
-    if small(shape):
-        found = [at(b, array, b.op("add", offset, b.index(j), dtype="i32")) for j in range(size)]
+    if is_small(shape):
+        found = [read_flat(b, array, b.op("add", offset, b.index(j), dtype="i32")) for j in range(size)]
         return scalars(found, shape, array.dtype)
     if array.offset is not None:
         offset = b.op("add", offset, array.offset, dtype="i32")
@@ -160,44 +182,44 @@ def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
     buffer = made.buffer
     assert buffer is not None
     offset = b.op("mul", k, b.index(row.size), dtype="i32")
-    if small(row.shape):
-        for j, v in enumerate(values(b, row)):
+    if is_small(row.shape):
+        for j, v in enumerate(element_list(b, row)):
             b.store(buffer, b.op("add", offset, b.index(j), dtype="i32"), v)
     else:
-        b.each(row.size, lambda j: b.store(buffer, b.op("add", offset, j, dtype="i32"), at(b, row, j)))
+        b.repeat(row.size, lambda j: b.store(buffer, b.op("add", offset, j, dtype="i32"), read_flat(b, row, j)))
 
 
-def _kept(b: Builder, holds: Array, new: Array, old: Array) -> Array:
+def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
     """The new numbers of those in a batch whose test holds; the batch's axes are the first."""
 
     def one(index: Index) -> Value:
-        test = read(b, holds, index[: len(holds.shape)])
-        return b.op("select", test, read(b, new, index), read(b, old, index), dtype=new.dtype)
+        test = read_element(b, holds, index[: len(holds.shape)])
+        return b.op("select", test, read_element(b, new, index), read_element(b, old, index), dtype=new.dtype)
 
-    return build(b, new.shape, new.dtype, one)
+    return build_array(b, new.shape, new.dtype, one)
 
 
-def _in_memory(b: Builder, constants: list[Array], program: Any) -> None:
+def _store_constants(b: Builder, constants: list[Array], program: Any) -> None:
     """Small arrays that a loop reads at computed indices are put in memory before it, not at each turn."""
-    for i in jaxprs.indexed(program.jaxpr):
+    for i in jaxprs.indexed_inputs(program.jaxpr):
         if i < len(constants):
-            stored(b, constants[i])
+            store_in_memory(b, constants[i])
 
 
 def _while(site: Site) -> list[Array]:
-    b, w = site.b, jaxprs.while_loop(site.equation)
+    b, w = site.b, jaxprs.while_parameters(site.equation)
     first = w.test_constants + w.body_constants
     of_test, of_body = site.operands[: w.test_constants], site.operands[w.test_constants : first]
-    indexed = jaxprs.indexed(w.body.jaxpr, w.body_constants)
-    carried = Carried(b, site.operands[first:], site.dying[first:], indexed, site.operands[:first])
-    _in_memory(b, of_test, w.test)
-    _in_memory(b, of_body, w.body)
+    indexed = jaxprs.indexed_inputs(w.body.jaxpr, w.body_constants)
+    carried = LoopCarries(b, site.operands[first:], site.dying[first:], indexed, site.operands[:first])
+    _store_constants(b, of_test, w.test)
+    _store_constants(b, of_body, w.body)
 
     def test(flat: list[Value]) -> Value:
         [holds] = site.inline(w.test, [*of_test, *carried.arrays(flat)])
 
         def either(index: Index, so_far: list[Value]) -> list[Value]:
-            return [b.op("or", so_far[0], read(b, holds, index), dtype="bool")]
+            return [b.op("or", so_far[0], read_element(b, holds, index), dtype="bool")]
 
         return accumulate(b, holds.shape, [b.const(0, "bool")], either)[0]
 
@@ -205,11 +227,13 @@ def _while(site: Site) -> list[Array]:
         now = carried.arrays(flat)
         if not w.test.out_avals[0].shape:
             dying = [False] * len(of_body) + [True] * len(now)
-            return carried.close(site.inline(w.body, [*of_body, *now], dying))
+            return carried.close_iteration(site.inline(w.body, [*of_body, *now], dying))
         # under vmap the test is an array: those of the batch that are done keep what they have
         [holds] = site.inline(w.test, [*of_test, *now])
         nexts = site.inline(w.body, [*of_body, *now])
-        return carried.close([_kept(b, holds, new, old) for new, old in zip(nexts, now, strict=True)])
+        return carried.close_iteration(
+            [_select_arrays(b, holds, new, old) for new, old in zip(nexts, now, strict=True)]
+        )
 
     return carried.arrays(b.loop_while(carried.values, test, turn))
 

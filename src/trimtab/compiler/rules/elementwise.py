@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from jax import lax
 
-from trimtab.compiler.arrays import Array, Index, build, read
+from trimtab.compiler.arrays import Array, Index, build_array, read_element
 from trimtab.compiler.ir import Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
 from trimtab.core.errors import InputError
@@ -22,28 +22,28 @@ def elementwise(element: Element) -> Rule:
     """The rule that applies element(site, values) at every index; operands of shape () serve everywhere."""
 
     def rule(site: Site) -> list[Array]:
-        return [each(site, lambda values: element(site, values), site.operands)]
+        return [map_elements(site, lambda values: element(site, values), site.operands)]
 
     return rule
 
 
-def each(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
+def map_elements(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
     """element(values) at every index of the result."""
 
     def one(index: Index) -> Value:
-        return element([read(site.b, a, index if a.shape else []) for a in operands])
+        return element([read_element(site.b, a, index if a.shape else []) for a in operands])
 
-    return build(site.b, site.shape, site.dtype, one)
+    return build_array(site.b, site.shape, site.dtype, one)
 
 
-def _same(op: str) -> Element:
+def _same_operation(op: str) -> Element:
     def element(site: Site, v: list[Value]) -> Value:
         return site.b.op(op, *v, dtype=site.dtype)
 
     return element
 
 
-def _compare(op: str) -> Element:
+def _comparison(op: str) -> Element:
     def element(site: Site, v: list[Value]) -> Value:
         return site.b.op(op, *v, dtype="bool")
 
@@ -51,10 +51,10 @@ def _compare(op: str) -> Element:
 
 
 def _select(site: Site, v: list[Value]) -> Value:
-    return select_n(site.b, v[0], v[1:])
+    return select_case(site.b, v[0], v[1:])
 
 
-def select_n(b: Builder, which: Value, cases: list[Value]) -> Value:
+def select_case(b: Builder, which: Value, cases: list[Value]) -> Value:
     """The case that a bool or an integer, brought into range, chooses."""
     if which.dtype == "bool":
         return b.op("select", which, cases[1], cases[0], dtype=cases[0].dtype) if len(cases) > 1 else cases[0]
@@ -132,12 +132,12 @@ def _bitcast(site: Site) -> list[Array]:
     if source.dtype[1:] != site.dtype[1:] or "bool" in (source.dtype, site.dtype):
         problem = f"bitcast of {source.dtype} to {site.dtype} changes the width"
         raise InputError("export", problem, fix="cast between types of one width")
-    return [each(site, lambda v: site.b.op("bitcast", v[0], dtype=site.dtype), [source])]
+    return [map_elements(site, lambda v: site.b.op("bitcast", v[0], dtype=site.dtype), [source])]
 
 
 def _iota(site: Site) -> list[Array]:
     axis = site.params["dimension"]
-    return [build(site.b, site.shape, site.dtype, lambda index: convert(site.b, index[axis], site.dtype))]
+    return [build_array(site.b, site.shape, site.dtype, lambda index: convert(site.b, index[axis], site.dtype))]
 
 
 def _total_less(site: Site, v: list[Value]) -> Value:
@@ -152,14 +152,14 @@ def _total_less(site: Site, v: list[Value]) -> Value:
 
 def _total_less_or_equal(site: Site, v: list[Value]) -> Value:
     b, (x, y) = site.b, v
-    return _or_nan(b, b.op("le", x, y, dtype="bool"), [y])
+    return _or_all_nan(b, b.op("le", x, y, dtype="bool"), [y])
 
 
 def _total_equal(site: Site, v: list[Value]) -> Value:
-    return _or_nan(site.b, site.b.op("eq", *v, dtype="bool"), v)
+    return _or_all_nan(site.b, site.b.op("eq", *v, dtype="bool"), v)
 
 
-def _or_nan(b: Builder, test: Value, values: list[Value]) -> Value:
+def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
     """A test that holds also where all these values are NaN."""
     if not is_float(values[0].dtype):
         return test
@@ -171,15 +171,15 @@ def _or_nan(b: Builder, test: Value, values: list[Value]) -> Value:
 
 def _empty(site: Site) -> list[Array]:
     """Memory that is written before it is read: zeros."""
-    return [build(site.b, site.shape, site.dtype, lambda index: site.b.const(0, site.dtype))]
+    return [build_array(site.b, site.shape, site.dtype, lambda index: site.b.const(0, site.dtype))]
 
 
 def _same_array(site: Site) -> list[Array]:
     return [*site.operands]
 
 
-RULES: dict[str, Rule] = {op: elementwise(_same(op)) for op in SAME}
-RULES |= {op: elementwise(_compare(op)) for op in COMPARISONS}
+RULES: dict[str, Rule] = {op: elementwise(_same_operation(op)) for op in SAME}
+RULES |= {op: elementwise(_comparison(op)) for op in COMPARISONS}
 RULES |= {
     "select_n": elementwise(_select),
     "clamp": elementwise(_clamp),
@@ -191,7 +191,7 @@ RULES |= {
     "round": elementwise(_round),
     "is_finite": elementwise(_is_finite),
     "convert_element_type": elementwise(_convert),
-    "add_any": elementwise(_same("add")),
+    "add_any": elementwise(_same_operation("add")),
     "lt_to": elementwise(_total_less),
     "le_to": elementwise(_total_less_or_equal),
     "eq_to": elementwise(_total_equal),
@@ -205,4 +205,4 @@ RULES |= {
     "stop_gradient": _same_array,
 }
 
-__all__ = ["RULES", "convert", "each", "select_n"]
+__all__ = ["RULES", "convert", "map_elements", "select_case"]

@@ -7,18 +7,18 @@ from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import (
     Array,
     Index,
-    at,
-    build,
+    build_array,
     constant,
-    copied,
-    every,
-    items,
-    linear,
-    read,
+    copy_array,
+    element_array,
+    element_list,
+    flat_index,
+    is_small,
+    loop_over_indices,
+    read_element,
+    read_flat,
     scalar,
     scalars,
-    small,
-    values,
 )
 from trimtab.compiler.ir import Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
@@ -26,13 +26,13 @@ from trimtab.compiler.lower import Rule, Site
 MODE = lax.GatherScatterMode
 
 
-def clamped(site: Site, start: Value, extent: int, window: int) -> Value:
+def clamp_start(site: Site, start: Value, extent: int, window: int) -> Value:
     """A start index brought into range, so that the window fits, as an int32."""
     b = site.b
     most = extent - window
     if most == 0:
         return b.index(0)
-    start = at_least_32_bits(b, start)
+    start = widen_index(b, start)
     if start.dtype[0] == "u":
         high = b.op("min", start, b.const(most, start.dtype), dtype=start.dtype)
         return b.op("convert", high, dtype="i32")
@@ -40,78 +40,80 @@ def clamped(site: Site, start: Value, extent: int, window: int) -> Value:
     return b.op("convert", b.op("min", low, b.const(most, start.dtype), dtype=start.dtype), dtype="i32")
 
 
-def at_least_32_bits(b: Builder, start: Value) -> Value:
+def widen_index(b: Builder, start: Value) -> Value:
     """An index whose type can hold the extent of any array."""
     return b.op("convert", start, dtype="i32") if start.dtype[1:] in ("8", "16") else start
 
 
-def _starts(site: Site, array: Array, window: tuple[int, ...], given: list[Array]) -> Index:
-    found = [values(site.b, s)[0] for s in given]
-    return [clamped(site, s, n, w) for s, n, w in zip(found, array.shape, window, strict=True)]
+def _window_start(site: Site, array: Array, window: tuple[int, ...], given: list[Array]) -> Index:
+    found = [element_list(site.b, s)[0] for s in given]
+    return [clamp_start(site, s, n, w) for s, n, w in zip(found, array.shape, window, strict=True)]
 
 
-def _plus(site: Site, starts: Index, index: Index) -> Index:
+def _add_indices(site: Site, starts: Index, index: Index) -> Index:
     return [site.b.op("add", s, i, dtype="i32") for s, i in zip(starts, index, strict=True)]
 
 
 def _dynamic_slice(site: Site) -> list[Array]:
     array = site.operands[0]
-    starts = _starts(site, array, site.shape, site.operands[1:])
-    return [sliced(site, array, starts)]
+    starts = _window_start(site, array, site.shape, site.operands[1:])
+    return [read_window(site, array, starts)]
 
 
-def sliced(site: Site, array: Array, starts: Index) -> Array:
+def read_window(site: Site, array: Array, starts: Index) -> Array:
     """A window of the site's shape from in-range starts; small arrays are read by selects or a table."""
-    return build(site.b, site.shape, array.dtype, lambda index: read(site.b, array, _plus(site, starts, index)))
+    return build_array(
+        site.b, site.shape, array.dtype, lambda index: read_element(site.b, array, _add_indices(site, starts, index))
+    )
 
 
-def writable(site: Site, which: int) -> Array:
+def writable_operand(site: Site, which: int) -> Array:
     """Operand `which` in a buffer that may be written: its own where nobody reads it afterwards, else a copy."""
     array = site.operands[which]
     if array.items is None and site.dying[which] and array.offset is None:
         return array
-    return copied(site.b, array)
+    return copy_array(site.b, array)
 
 
 def _dynamic_update_slice(site: Site) -> list[Array]:
     b, (array, update) = site.b, site.operands[:2]
-    starts = _starts(site, array, update.shape, site.operands[2:])
-    if small(array.shape) and array.items is not None and all(s.op == "const" for s in starts):
+    starts = _window_start(site, array, update.shape, site.operands[2:])
+    if is_small(array.shape) and array.items is not None and all(s.op == "const" for s in starts):
         new = array.items.copy()
         window = tuple(slice(int(s.const), int(s.const) + n) for s, n in zip(starts, update.shape, strict=True))
-        new[window] = items(b, update)
+        new[window] = element_array(b, update)
         return [Array(array.shape, array.dtype, new)]
-    if small(array.shape) and array.items is not None and update.size == 1:
-        return [_replaced(site, array, starts, values(b, update)[0])]
-    update = _apart(site, update, array)
-    target = writable(site, 0)
+    if is_small(array.shape) and array.items is not None and update.size == 1:
+        return [_replace_element(site, array, starts, element_list(b, update)[0])]
+    update = _unshare_update(site, update, array)
+    target = writable_operand(site, 0)
     buffer = target.buffer
     assert buffer is not None
 
     def write(index: Index) -> None:
-        b.store(buffer, linear(b, array.shape, _plus(site, starts, index)), read(b, update, index))
+        b.store(buffer, flat_index(b, array.shape, _add_indices(site, starts, index)), read_element(b, update, index))
 
-    if small(update.shape):
+    if is_small(update.shape):
         for index in np.ndindex(*update.shape):
             write([b.index(i) for i in index])
     else:
-        every(b, update.shape, write)
+        loop_over_indices(b, update.shape, write)
     return [target]
 
 
-def _apart(site: Site, update: Array, array: Array) -> Array:
+def _unshare_update(site: Site, update: Array, array: Array) -> Array:
     """The update where it shares no memory with what is written."""
     if update.items is None and update.buffer is array.buffer:
-        return copied(site.b, update)
+        return copy_array(site.b, update)
     return update
 
 
-def _replaced(site: Site, array: Array, starts: Index, value: Value) -> Array:
+def _replace_element(site: Site, array: Array, starts: Index, value: Value) -> Array:
     """A small array with one element replaced: a select for each, no memory."""
-    b, where = site.b, linear(site.b, array.shape, starts)
+    b, where = site.b, flat_index(site.b, array.shape, starts)
     new = [
         b.op("select", b.op("eq", where, b.index(i), dtype="bool"), value, old, dtype=array.dtype)
-        for i, old in enumerate(values(b, array))
+        for i, old in enumerate(element_list(b, array))
     ]
     return scalars(new, array.shape, array.dtype)
 
@@ -128,14 +130,14 @@ class Windows:
         found: Index = [b.index(0)] * len(array.shape)
         inside = b.const(1, "bool")
         for k, axis in enumerate(self.to):
-            start = at_least_32_bits(b, read(b, self.indices, [*batch, b.index(k)]))
+            start = widen_index(b, read_element(b, self.indices, [*batch, b.index(k)]))
             most = array.shape[axis] - self.sizes[axis]
             for test, limit in (("ge", 0), ("le", most)):
                 if test == "ge" and start.dtype[0] == "u":
                     continue
                 within = b.op(test, start, b.const(limit, start.dtype), dtype="bool")
                 inside = b.op("and", inside, within, dtype="bool")
-            found[axis] = clamped(self.site, start, array.shape[axis], self.sizes[axis])
+            found[axis] = clamp_start(self.site, start, array.shape[axis], self.sizes[axis])
         for axis, of_batch in paired.items():
             found[axis] = batch[of_batch]
         return found, inside
@@ -149,7 +151,7 @@ def _gather(site: Site) -> list[Array]:
     paired = dict(zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True))
     gone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
     kept = [a for a in range(len(array.shape)) if a not in gone]
-    fill = _fill(site, array)
+    fill = _fill_value(site, array)
 
     def element(index: Index) -> Value:
         batch = [i for a, i in enumerate(index) if a not in numbers.offset_dims]
@@ -158,15 +160,15 @@ def _gather(site: Site) -> list[Array]:
         place = list(starts)
         for a, i in zip(kept, inner, strict=True):
             place[a] = b.op("add", starts[a], i, dtype="i32")
-        value = read(b, array, place)
+        value = read_element(b, array, place)
         if mode in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
             return value
         return b.op("select", inside, value, fill, dtype=array.dtype)
 
-    return [build(b, site.shape, array.dtype, element)]
+    return [build_array(b, site.shape, array.dtype, element)]
 
 
-def _fill(site: Site, array: Array) -> Value:
+def _fill_value(site: Site, array: Array) -> Value:
     given = site.params["fill_value"]
     if given is None:
         if is_float(array.dtype):
@@ -176,10 +178,10 @@ def _fill(site: Site, array: Array) -> Value:
         else:
             limits = np.iinfo(np.dtype(array.dtype.replace("i", "int").replace("u", "uint").replace("uuint", "uint")))
             given = limits.min if array.dtype[0] == "i" else limits.max
-    return values(site.b, constant(site.b, np.asarray(given), array.dtype))[0]
+    return element_list(site.b, constant(site.b, np.asarray(given), array.dtype))[0]
 
 
-class Updates:
+class ScatterUpdates:
     """What a scatter writes: where the element of each update goes, whether that is in range, and the new number."""
 
     def __init__(self, site: Site, combine: str | None, updates: Array, indices: Array) -> None:
@@ -205,59 +207,65 @@ class Updates:
             place[a] = b.op("add", starts[a], i, dtype="i32")
         if self.site.params["mode"] in (MODE.CLIP, MODE.PROMISE_IN_BOUNDS):
             inside = b.const(1, "bool")
-        return linear(b, self.array.shape, place), inside
+        return flat_index(b, self.array.shape, place), inside
 
-    def new(self, old: Value, index: Index, inside: Value) -> Value:
+    def updated_value(self, old: Value, index: Index, inside: Value) -> Value:
         """What one update makes of the number that is there."""
         site, b = self.site, self.site.b
-        new = read(b, self.updates, index)
+        new = read_element(b, self.updates, index)
         if self.combine is not None:
             new = b.op(self.combine, old, new, dtype=self.array.dtype)
         elif self.function is not None:
-            function = jaxprs.closed(self.function, site.params["update_consts"])
-            new = values(b, site.inline(function, [scalar(old), scalar(new)])[0])[0]
+            function = jaxprs.close_jaxpr(self.function, site.params["update_consts"])
+            new = element_list(b, site.inline(function, [scalar(old), scalar(new)])[0])[0]
         return b.op("select", inside, new, old, dtype=self.array.dtype)
 
 
 def _scatter(combine: str | None) -> Rule:
     def rule(site: Site) -> list[Array]:
         b, (array, indices, given) = site.b, site.operands
-        updates = Updates(site, combine, _apart(site, given, array), _apart(site, indices, array))
-        every_index = [[b.index(i) for i in index] for index in np.ndindex(*given.shape)] if small(given.shape) else []
-        if array.items is not None and small(given.shape):
+        updates = ScatterUpdates(
+            site, combine, _unshare_update(site, given, array), _unshare_update(site, indices, array)
+        )
+        every_index = (
+            [[b.index(i) for i in index] for index in np.ndindex(*given.shape)] if is_small(given.shape) else []
+        )
+        if array.items is not None and is_small(given.shape):
             places = [updates.place(index) for index in every_index]
             if all(where.op == "const" for where, _ in places):
-                return [_rewritten(array, updates, every_index, places)]
-        target = writable(site, 0)
+                return [_rewrite_elements(array, updates, every_index, places)]
+        target = writable_operand(site, 0)
         buffer = target.buffer
         assert buffer is not None
 
         def write(index: Index) -> None:
             where, inside = updates.place(index)
-            b.store(buffer, where, updates.new(b.load(buffer, where), index, inside))
+            b.store(buffer, where, updates.updated_value(b.load(buffer, where), index, inside))
 
-        if small(given.shape):
+        if is_small(given.shape):
             for index in every_index:
                 write(index)
         else:
-            every(b, given.shape, write)
-        return [_unrolled(site, target)]
+            loop_over_indices(b, given.shape, write)
+        return [_unroll_array(site, target)]
 
     return rule
 
 
-def _rewritten(array: Array, updates: Updates, indices: list[Index], places: list[tuple[Value, Value]]) -> Array:
+def _rewrite_elements(
+    array: Array, updates: ScatterUpdates, indices: list[Index], places: list[tuple[Value, Value]]
+) -> Array:
     """A small array with elements replaced at known positions: no memory."""
     flat = list(array.items.ravel())
     for index, (where, inside) in zip(indices, places, strict=True):
-        flat[int(where.const)] = updates.new(flat[int(where.const)], index, inside)
+        flat[int(where.const)] = updates.updated_value(flat[int(where.const)], index, inside)
     return scalars(flat, array.shape, array.dtype)
 
 
-def _unrolled(site: Site, array: Array) -> Array:
+def _unroll_array(site: Site, array: Array) -> Array:
     """A small array as values again, so that later updates don't change it."""
-    if small(array.shape):
-        return scalars([at(site.b, array, site.b.index(i)) for i in range(array.size)], array.shape, array.dtype)
+    if is_small(array.shape):
+        return scalars([read_flat(site.b, array, site.b.index(i)) for i in range(array.size)], array.shape, array.dtype)
     return array
 
 

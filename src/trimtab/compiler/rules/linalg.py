@@ -4,15 +4,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, build, copied, linear, read, small
+from trimtab.compiler.arrays import Array, build_array, copy_array, flat_index, is_small, read_element
 from trimtab.compiler.ir import Buffer, Value
 from trimtab.compiler.lower import Rule, Site
 from trimtab.core.errors import InputError
 
 
-def _single(site: Site) -> None:
+def _refuse_batches(site: Site) -> None:
     if any(len(a.shape) != 2 for a in site.operands):
-        where = site.lowering.source()
+        where = site.lowering.source_line()
         problem = f"primitive {site.equation.primitive.name!r}, from {where}, has a batch of matrices"
         raise InputError("export", problem, fix="write one call for each matrix")
 
@@ -24,40 +24,40 @@ class Matrix:
         self.b, self.array, self.dtype = site.b, array, array.dtype
 
     def __getitem__(self, ij: tuple[Value, Value]) -> Value:
-        return read(self.b, self.array, list(ij))
+        return read_element(self.b, self.array, list(ij))
 
     def __setitem__(self, ij: tuple[Value, Value], value: Value) -> None:
         buffer = self.array.buffer
         assert isinstance(buffer, Buffer)
-        self.b.store(buffer, linear(self.b, self.array.shape, list(ij)), value)
+        self.b.store(buffer, flat_index(self.b, self.array.shape, list(ij)), value)
 
 
 def _cholesky(site: Site) -> list[Array]:
     """The lower factor, zeros above it; all NaN where the matrix is not positive definite, as in JAX."""
-    _single(site)
+    _refuse_batches(site)
     b, dtype, n = site.b, site.dtype, site.shape[0]
-    if small(site.shape):
-        L, ok = _cholesky_unrolled(site, n)
+    if is_small(site.shape):
+        L, ok = _unroll_cholesky(site, n)
     else:
-        L, ok = _cholesky_loops(site, n)
+        L, ok = _loop_cholesky(site, n)
     nan, zero = b.const(np.nan, dtype), b.const(0, dtype)
 
     def element(index: list[Value]) -> Value:
         i, j = index
-        value = b.op("select", ok, read(b, L, index), nan, dtype=dtype)
+        value = b.op("select", ok, read_element(b, L, index), nan, dtype=dtype)
         return b.op("select", b.op("lt", i, j, dtype="bool"), zero, value, dtype=dtype)
 
-    return [build(b, site.shape, dtype, element)]
+    return [build_array(b, site.shape, dtype, element)]
 
 
-def _cholesky_unrolled(site: Site, n: int) -> tuple[Array, Value]:
+def _unroll_cholesky(site: Site, n: int) -> tuple[Array, Value]:
     b, dtype, A = site.b, site.dtype, site.operands[0]
     zero = b.const(0, dtype)
     L = np.full((n, n), zero, object)
     ok = b.const(1, "bool")
     for j in range(n):
         for i in range(j, n):
-            total = read(b, A, [b.index(i), b.index(j)])
+            total = read_element(b, A, [b.index(i), b.index(j)])
             for k in range(j):
                 total = b.op("sub", total, b.op("mul", L[i, k], L[j, k], dtype=dtype), dtype=dtype)
             if i == j:
@@ -68,9 +68,9 @@ def _cholesky_unrolled(site: Site, n: int) -> tuple[Array, Value]:
     return Array((n, n), dtype, L), ok
 
 
-def _cholesky_loops(site: Site, n: int) -> tuple[Array, Value]:
+def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
     b, dtype = site.b, site.dtype
-    made = copied(b, site.operands[0])
+    made = copy_array(b, site.operands[0])
     L = Matrix(site, made)
 
     def entry(i: Value, j: Value) -> Value:
@@ -91,7 +91,7 @@ def _cholesky_loops(site: Site, n: int) -> tuple[Array, Value]:
             new = b.op("div", entry(i, j), root, dtype=dtype)
             L[i, j] = b.op("select", below, new, L[i, j], dtype=dtype)
 
-        b.each(n, row)
+        b.repeat(n, row)
         good = b.op("gt", pivot, b.const(0, dtype), dtype="bool")
         return [b.op("and", carried[0], good, dtype="bool")]
 
@@ -101,7 +101,7 @@ def _cholesky_loops(site: Site, n: int) -> tuple[Array, Value]:
 
 def _triangular_solve(site: Site) -> list[Array]:
     """X with op(A) X = B, or X op(A) = B: forward or backward substitution."""
-    _single(site)
+    _refuse_batches(site)
     b, dtype, p = site.b, site.dtype, site.params
     A, B = site.operands
     n, left = A.shape[0], bool(p["left_side"])
@@ -110,7 +110,7 @@ def _triangular_solve(site: Site) -> list[Array]:
     forwards = bool(p["lower"]) != flipped
 
     def a(i: Value, j: Value) -> Value:
-        return read(b, A, [j, i] if flipped else [i, j])
+        return read_element(b, A, [j, i] if flipped else [i, j])
 
     def place(i: Value, j: Value) -> list[Value]:
         return [i, j] if left else [j, i]
@@ -118,9 +118,9 @@ def _triangular_solve(site: Site) -> list[Array]:
     def divided(i: Value, total: Value) -> Value:
         return total if p["unit_diagonal"] else b.op("div", total, a(i, i), dtype=dtype)
 
-    if small(A.shape) and small(B.shape):
-        return [_substitute_unrolled(site, n, m, forwards, a, place, divided)]
-    made = copied(b, B)
+    if is_small(A.shape) and is_small(B.shape):
+        return [_unroll_substitution(site, n, m, forwards, a, place, divided)]
+    made = copy_array(b, B)
     X = Matrix(site, made)
 
     def solve(j: Value) -> None:
@@ -136,13 +136,13 @@ def _triangular_solve(site: Site) -> list[Array]:
             r, s = place(i, j)
             X[r, s] = divided(i, b.loop(n, [X[r, s]], add)[0])
 
-        b.each(n, turn)
+        b.repeat(n, turn)
 
-    b.each(m, solve)
+    b.repeat(m, solve)
     return [made]
 
 
-def _substitute_unrolled(
+def _unroll_substitution(
     site: Site,
     n: int,
     m: int,
@@ -158,7 +158,7 @@ def _substitute_unrolled(
     for j in range(m):
         column: dict[int, Value] = {}
         for i in order:
-            total = read(b, B, place(index[i], index[j]))
+            total = read_element(b, B, place(index[i], index[j]))
             for q, known in column.items():
                 total = b.op("sub", total, b.op("mul", a(index[i], index[q]), known, dtype=dtype), dtype=dtype)
             column[i] = divided(index[i], total)

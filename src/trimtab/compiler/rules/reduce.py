@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, Index, build, every, linear, read, small
+from trimtab.compiler.arrays import Array, Index, build_array, flat_index, is_small, loop_over_indices, read_element
 from trimtab.compiler.ir import TYPES, Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
 
@@ -17,10 +17,10 @@ OPERATIONS = {
     "reduce_or": "or",
     "reduce_xor": "xor",
 }
-RUNNING = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
+RUNNING_OPERATIONS = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min"}
 
 
-def neutral(op: str, dtype: str) -> object:
+def neutral_element(op: str, dtype: str) -> object:
     """What an empty reduction gives."""
     if op in ("add", "or", "xor"):
         return 0
@@ -36,7 +36,7 @@ def neutral(op: str, dtype: str) -> object:
     return limits.min if op == "max" else limits.max
 
 
-def _merge(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
+def _merge_indices(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
     """The operand's index from that of the result and that along the reduced axes."""
     rest, along = iter(index), iter(inner)
     return [next(along) if a in axes else next(rest) for a in range(len(index) + len(inner))]
@@ -46,7 +46,7 @@ def accumulate(
     b: Builder, shape: tuple[int, ...], starts: list[Value], step: Callable[[Index, list[Value]], list[Value]]
 ) -> list[Value]:
     """Carry values over all indices of a shape in row-major order: unrolled when small, else loops."""
-    if small(shape):
+    if is_small(shape):
         for index in np.ndindex(*shape):
             starts = step([b.index(i) for i in index], starts)
         return starts
@@ -66,18 +66,18 @@ def _reduce(op: str) -> Rule:
 
         def element(index: Index) -> Value:
             def step(inner: Index, carried: list[Value]) -> list[Value]:
-                value = read(b, array, _merge(index, inner, axes))
+                value = read_element(b, array, _merge_indices(index, inner, axes))
                 return [b.op(op, carried[0], value, dtype=site.dtype)] if carried else [value]
 
-            start = [] if small(along) and 0 not in along else [b.const(neutral(op, site.dtype), site.dtype)]
+            start = [] if is_small(along) and 0 not in along else [b.const(neutral_element(op, site.dtype), site.dtype)]
             return accumulate(b, along, start, step)[0]
 
-        return [build(b, site.shape, site.dtype, element)]
+        return [build_array(b, site.shape, site.dtype, element)]
 
     return rule
 
 
-def _position(better: str) -> Rule:
+def _extreme_position(better: str) -> Rule:
     """argmax and argmin: the first of equals; a NaN is better than any number."""
 
     def rule(site: Site) -> list[Array]:
@@ -86,8 +86,8 @@ def _position(better: str) -> Rule:
 
         def element(index: Index) -> Value:
             def step(inner: Index, carried: list[Value]) -> list[Value]:
-                value = read(b, array, _merge(index, inner, axes))
-                here = b.op("convert", linear(b, along, inner), dtype=site.dtype)
+                value = read_element(b, array, _merge_indices(index, inner, axes))
+                here = b.op("convert", flat_index(b, along, inner), dtype=site.dtype)
                 if not carried:
                     return [value, here]
                 best, where = carried
@@ -100,34 +100,34 @@ def _position(better: str) -> Rule:
                 return [new, b.op("select", wins, here, where, dtype=site.dtype)]
 
             zero = [b.index(0)] * len(along)
-            start = [] if small(along) else step(zero, [])
+            start = [] if is_small(along) else step(zero, [])
             return accumulate(b, along, start, step)[1]
 
-        return [build(b, site.shape, site.dtype, element)]
+        return [build_array(b, site.shape, site.dtype, element)]
 
     return rule
 
 
-def _running(op: str) -> Rule:
+def _running_reduction(op: str) -> Rule:
     def rule(site: Site) -> list[Array]:
         b, array = site.b, site.operands[0]
         axis, backwards = site.params["axis"], site.params["reverse"]
         n = array.shape[axis]
         rest = tuple(1 if a == axis else m for a, m in enumerate(array.shape))
-        made = Array(site.shape, site.dtype, buffer=b.local(site.dtype, array.size))
+        made = Array(site.shape, site.dtype, buffer=b.local_buffer(site.dtype, array.size))
 
         def lane(index: Index) -> None:
             def step(i: Value, carried: list[Value]) -> list[Value]:
                 j = b.op("sub", b.index(n - 1), i, dtype="i32") if backwards else i
                 here = [j if a == axis else k for a, k in enumerate(index)]
-                value = b.op(op, carried[0], read(b, array, here), dtype=site.dtype)
+                value = b.op(op, carried[0], read_element(b, array, here), dtype=site.dtype)
                 assert made.buffer is not None
-                b.store(made.buffer, linear(b, site.shape, here), value)
+                b.store(made.buffer, flat_index(b, site.shape, here), value)
                 return [value]
 
-            b.loop(n, [b.const(neutral(op, site.dtype), site.dtype)], step)
+            b.loop(n, [b.const(neutral_element(op, site.dtype), site.dtype)], step)
 
-        every(b, rest, lane)
+        loop_over_indices(b, rest, lane)
         return [made]
 
     return rule
@@ -152,18 +152,18 @@ def _dot_general(site: Site) -> list[Array]:
         right = index[len(bx) + len(free_x) :]
 
         def step(inner: Index, carried: list[Value]) -> list[Value]:
-            p = read(b, x, place(len(x.shape), (bx, batch), (free_x, left), (cx, inner)))
-            q = read(b, y, place(len(y.shape), (by, batch), (free_y, right), (cy, inner)))
+            p = read_element(b, x, place(len(x.shape), (bx, batch), (free_x, left), (cx, inner)))
+            q = read_element(b, y, place(len(y.shape), (by, batch), (free_y, right), (cy, inner)))
             p, q = (b.op("convert", v, dtype=site.dtype) for v in (p, q))
             product = b.op("mul", p, q, dtype=site.dtype)
             return [b.op("add", carried[0], product, dtype=site.dtype)] if carried else [product]
 
-        start = [] if small(along) and 0 not in along else [b.const(0, site.dtype)]
+        start = [] if is_small(along) and 0 not in along else [b.const(0, site.dtype)]
         return accumulate(b, along, start, step)[0]
 
-    return [build(b, site.shape, site.dtype, element)]
+    return [build_array(b, site.shape, site.dtype, element)]
 
 
 RULES: dict[str, Rule] = {name: _reduce(op) for name, op in OPERATIONS.items()}
-RULES |= {name: _running(op) for name, op in RUNNING.items()}
-RULES |= {"argmax": _position("gt"), "argmin": _position("lt"), "dot_general": _dot_general}
+RULES |= {name: _running_reduction(op) for name, op in RUNNING_OPERATIONS.items()}
+RULES |= {"argmax": _extreme_position("gt"), "argmin": _extreme_position("lt"), "dot_general": _dot_general}

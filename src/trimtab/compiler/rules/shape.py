@@ -4,21 +4,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, Index, build, items, read, small
+from trimtab.compiler.arrays import Array, Index, build_array, element_array, is_small, read_element
 from trimtab.compiler.ir import Value
 from trimtab.compiler.lower import Rule, Site
 
 
-def _moved(site: Site, array: Array, shape: tuple[int, ...], from_: Callable[[Index], Index]) -> Array:
-    return build(site.b, shape, array.dtype, lambda index: read(site.b, array, from_(index)))
+def _rearrange(site: Site, array: Array, shape: tuple[int, ...], from_: Callable[[Index], Index]) -> Array:
+    return build_array(site.b, shape, array.dtype, lambda index: read_element(site.b, array, from_(index)))
 
 
-def _offset(site: Site, i: Value, start: int, step: int = 1) -> Value:
+def _strided_index(site: Site, i: Value, start: int, step: int = 1) -> Value:
     b = site.b
     return b.op("add", b.op("mul", i, b.index(step), dtype="i32"), b.index(start), dtype="i32")
 
 
-def reshaped(array: Array, shape: tuple[int, ...]) -> Array:
+def reshape_array(array: Array, shape: tuple[int, ...]) -> Array:
     """The same elements in another shape; a buffer is shared."""
     if array.items is not None:
         return Array(shape, array.dtype, array.items.reshape(shape))
@@ -26,17 +26,17 @@ def reshaped(array: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _reshape(site: Site) -> list[Array]:
-    return [reshaped(site.operands[0], site.shape)]
+    return [reshape_array(site.operands[0], site.shape)]
 
 
 def _broadcast(site: Site) -> list[Array]:
     axes = site.params["broadcast_dimensions"]
-    return [_moved(site, site.operands[0], site.shape, lambda index: [index[a] for a in axes])]
+    return [_rearrange(site, site.operands[0], site.shape, lambda index: [index[a] for a in axes])]
 
 
 def _transpose(site: Site) -> list[Array]:
     order = [int(a) for a in np.argsort(site.params["permutation"])]
-    return [_moved(site, site.operands[0], site.shape, lambda index: [index[a] for a in order])]
+    return [_rearrange(site, site.operands[0], site.shape, lambda index: [index[a] for a in order])]
 
 
 def _slice(site: Site) -> list[Array]:
@@ -45,9 +45,9 @@ def _slice(site: Site) -> list[Array]:
 
     def from_(index: Index) -> Index:
         # an axis of length 1 in the result may start anywhere in the operand
-        return [_offset(site, i, s, d) for i, s, d in zip(index, start, step, strict=True)]
+        return [_strided_index(site, i, s, d) for i, s, d in zip(index, start, step, strict=True)]
 
-    return [_moved(site, site.operands[0], site.shape, from_)]
+    return [_rearrange(site, site.operands[0], site.shape, from_)]
 
 
 def _split(site: Site) -> list[Array]:
@@ -56,50 +56,50 @@ def _split(site: Site) -> list[Array]:
         at = start
 
         def from_(index: Index, at: int = at) -> Index:
-            return [_offset(site, i, at) if a == axis else i for a, i in enumerate(index)]
+            return [_strided_index(site, i, at) if a == axis else i for a, i in enumerate(index)]
 
-        found.append(_moved(site, site.operands[0], var.aval.shape, from_))
+        found.append(_rearrange(site, site.operands[0], var.aval.shape, from_))
         start += var.aval.shape[axis]
     return found
 
 
 def _concatenate(site: Site) -> list[Array]:
     axis = site.params["dimension"]
-    return [concatenated(site, site.operands, axis)]
+    return [concatenate_arrays(site, site.operands, axis)]
 
 
-def concatenated(site: Site, parts: list[Array], axis: int) -> Array:
+def concatenate_arrays(site: Site, parts: list[Array], axis: int) -> Array:
     """Arrays one after another along an axis; the result's shape is the site's."""
-    if small(site.shape):
-        joined = np.concatenate([items(site.b, p) for p in parts], axis)
+    if is_small(site.shape):
+        joined = np.concatenate([element_array(site.b, p) for p in parts], axis)
         return Array(site.shape, site.dtype, joined)
-    made = build(site.b, site.shape, site.dtype, lambda index: _at(site, parts, axis, index))
+    made = build_array(site.b, site.shape, site.dtype, lambda index: _read_part(site, parts, axis, index))
     return made
 
 
-def _at(site: Site, parts: list[Array], axis: int, index: Index) -> Value:
+def _read_part(site: Site, parts: list[Array], axis: int, index: Index) -> Value:
     """The element of the part that an index falls into; only that part is read."""
     parts = [p for p in parts if p.shape[axis]]
     start = parts[0].shape[axis]
     if len(parts) == 1:
-        return read(site.b, parts[0], index)
+        return read_element(site.b, parts[0], index)
     b, i = site.b, index[axis]
-    rest = [_offset(site, i, -start) if a == axis else j for a, j in enumerate(index)]
+    rest = [_strided_index(site, i, -start) if a == axis else j for a, j in enumerate(index)]
     test = b.op("lt", i, b.index(start), dtype="bool")
-    return b.branch(test, lambda: read(b, parts[0], index), lambda: _at(site, parts[1:], axis, rest))
+    return b.branch(test, lambda: read_element(b, parts[0], index), lambda: _read_part(site, parts[1:], axis, rest))
 
 
 def _stack(site: Site) -> list[Array]:
     axis = site.params["axis"]
-    widened = [reshaped(a, (*a.shape[:axis], 1, *a.shape[axis:])) for a in site.operands]
-    return [concatenated(site, widened, axis)]
+    widened = [reshape_array(a, (*a.shape[:axis], 1, *a.shape[axis:])) for a in site.operands]
+    return [concatenate_arrays(site, widened, axis)]
 
 
 def _unstack(site: Site) -> list[Array]:
     axis, b = site.params["axis"], site.b
 
     def part(k: int) -> Array:
-        return _moved(site, site.operands[0], site.shape, lambda index: [*index[:axis], b.index(k), *index[axis:]])
+        return _rearrange(site, site.operands[0], site.shape, lambda index: [*index[:axis], b.index(k), *index[axis:]])
 
     return [part(k) for k in range(len(site.equation.outvars))]
 
@@ -111,16 +111,16 @@ def _tile(site: Site) -> list[Array]:
     def from_(index: Index) -> Index:
         return [b.op("rem", i, b.index(max(n, 1)), dtype="i32") for i, n in zip(index, shape, strict=True)]
 
-    return [_moved(site, reshaped(array, shape), site.shape, from_)]
+    return [_rearrange(site, reshape_array(array, shape), site.shape, from_)]
 
 
 def _rev(site: Site) -> list[Array]:
     axes = site.params["dimensions"]
 
     def from_(index: Index) -> Index:
-        return [_offset(site, i, site.shape[a] - 1, -1) if a in axes else i for a, i in enumerate(index)]
+        return [_strided_index(site, i, site.shape[a] - 1, -1) if a in axes else i for a, i in enumerate(index)]
 
-    return [_moved(site, site.operands[0], site.shape, from_)]
+    return [_rearrange(site, site.operands[0], site.shape, from_)]
 
 
 def _pad(site: Site) -> list[Array]:
@@ -132,7 +132,7 @@ def _pad(site: Site) -> list[Array]:
         origin: Index = []
         for i, n, (low, _, interior) in zip(index, array.shape, config, strict=True):
             step = b.index(interior + 1)
-            shifted = _offset(site, i, -low)
+            shifted = _strided_index(site, i, -low)
             within = b.op("ge", shifted, b.index(0), dtype="bool")
             position = b.op("div", shifted, step, dtype="i32")
             exact = b.op("eq", b.op("rem", shifted, step, dtype="i32"), b.index(0), dtype="bool")
@@ -141,10 +141,10 @@ def _pad(site: Site) -> list[Array]:
                 inside = b.op("and", inside, test, dtype="bool")
             origin.append(position)
         if inside.op == "const":
-            return read(b, array, origin) if inside.const else read(b, fill, [])
-        return b.branch(inside, lambda: read(b, array, origin), lambda: read(b, fill, []))
+            return read_element(b, array, origin) if inside.const else read_element(b, fill, [])
+        return b.branch(inside, lambda: read_element(b, array, origin), lambda: read_element(b, fill, []))
 
-    return [build(b, site.shape, site.dtype, element)]
+    return [build_array(b, site.shape, site.dtype, element)]
 
 
 RULES: dict[str, Rule] = {

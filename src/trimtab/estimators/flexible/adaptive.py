@@ -34,21 +34,21 @@ from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new
-from trimtab.core.time import ms, show, to_seconds
+from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0
 from trimtab.estimators.flexible.model import (
     FlexibleFlight,
     ModalFrequencies,
+    ModelPrediction,
     RigidFlight,
-    Unmeasured,
     check_variances,
-    dynamics_of,
     flexible_flight,
     forcing,
-    hear,
-    stepped,
-    unmeasured,
+    initial_model_prediction,
+    modal_dynamics,
+    read_flight_samples,
+    step_mode_filter,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import discretise
@@ -60,23 +60,23 @@ OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
 """Which mode each of s1, s1', s2, s2' belongs to."""
 
 
-def stretch(x: Any) -> Any:
+def stretch_factors(x: Any) -> Any:
     """(w_i/w_i0)^2 for each of s1, s1', s2, s2', (4,), of x = (s1, s1', s2, s2', lam1, lam2)."""
     return OF_MODE @ jnp.exp(2 * x[4:])
 
 
-def bending(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
+def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
     """Q' (rad/s^2), eta1'', eta2'' of the modes' own motion x (6,)."""
-    back1, back2 = craft.modes.restoring(x[0], x[1] * jnp.exp(-x[4]), x[2], x[3] * jnp.exp(-x[5]))
-    return craft.modes.coupled(craft.Iyy, 0.0, back1, back2)
+    back1, back2 = craft.modes.restoring_forces(x[0], x[1] * jnp.exp(-x[4]), x[2], x[3] * jnp.exp(-x[5]))
+    return craft.modes.solve_accelerations(craft.Iyy, 0.0, back1, back2)
 
 
-def moved(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
+def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
     """x (6,) after dt (s) under a held forcing b (4,) of eta: the exponential's series on what is linear in s."""
-    by, still = stretch(x), jnp.zeros(2)
+    by, still = stretch_factors(x), jnp.zeros(2)
 
     def rate(s: Any) -> Any:
-        _, first, second = bending(craft, jnp.concatenate([s, x[4:]]))
+        _, first, second = modal_accelerations(craft, jnp.concatenate([s, x[4:]]))
         return jnp.stack([s[1], by[1] * first, s[3], by[3] * second])
 
     start = rate(x[:4]) + by * b
@@ -88,8 +88,8 @@ def moved(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
 
 def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
     """How much each mode moves, eta_i''^2 + w_i^2 eta_i'^2 (2,), and how much of that P (6, 6) leaves in doubt (2,)."""
-    _, first, second = bending(craft, x)
-    by, w0 = stretch(x), jnp.stack([craft.modes.w1, craft.modes.w2])
+    _, first, second = modal_accelerations(craft, x)
+    by, w0 = stretch_factors(x), jnp.stack([craft.modes.w1, craft.modes.w2])
     w = w0 * jnp.exp(x[4:])
     rate = jnp.stack([x[1] / by[1], x[3] / by[3]])
     moves = jnp.stack([first + b[1], second + b[3]]) ** 2 + (w * rate) ** 2
@@ -97,25 +97,25 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
     return moves, (w0 / w) ** 4 * w**2 * (w**2 * displacement + velocity)
 
 
-def jolt(craft: Hypersonic, x: Any) -> Any:
+def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
     """x' (6,) that comes with an unknown moment, by the pitch acceleration (rad/s^2) that it makes."""
-    q_rate, first, second = craft.modes.coupled(craft.Iyy, craft.Iyy, 0.0, 0.0)
-    by, still = stretch(x), jnp.zeros_like(q_rate)
+    q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
+    by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
-def unstretched(x: Any, P: Any) -> tuple[Any, Any]:
+def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
     """(eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order."""
-    soft = 1 / stretch(x)
+    soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
     G = jnp.concatenate([top, jnp.eye(6)[4:]])
     return jnp.concatenate([eta, x[4:]]), G @ P @ G.T
 
 
-def mixture(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
+def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
     """Mean (6,) and covariance (6, 6), unstretched, of hypotheses x (m, 6), P (m, 6, 6) of probabilities p (m,)."""
-    y, V = jax.vmap(unstretched)(x, P)
+    y, V = jax.vmap(unstretch)(x, P)
     mean = p @ y
     off = y - mean
     spread = V + off[:, :, None] * off[:, None, :]
@@ -138,7 +138,7 @@ class AdaptiveModeState:
     mean: Any = quantity("1", "eta1, eta1', eta2, eta2' and ln w1/w1_0, ln w2/w2_0 of all together.", shape=(6,))
     spread: Any = quantity("1", "Its covariance.", shape=(6, 6))
     w: Any = quantity("rad/s", "Frequencies of all together.", shape=(2,))
-    bare: Unmeasured = part("The modes by the model alone.")
+    bare: ModelPrediction = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -153,7 +153,7 @@ class AdaptiveModeState:
     bounded: Scalar = quantity("1", "Whether a frequency was held at its bound then.", kind="flag")
 
 
-def adapted(state: AdaptiveModeState) -> FlexibleFlight:
+def mixture_flight(state: AdaptiveModeState) -> FlexibleFlight:
     """The flight as the filter's state tells it: the mean of the hypotheses, with what they differ by in the sigmas."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
     frequencies = ModalFrequencies(
@@ -235,19 +235,19 @@ class AdaptiveFlexibleModeFilter:
             raise InputError(f"{name}.bound", problem, fix="raise it, or make deviation smaller")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
-            problem = f"{show(self.period)} is too long for a mode of {fastest:g} rad/s"
-            raise InputError(f"{name}.period", problem, fix=f"below {show(int(0.5 / fastest * 1e7))}")
+            problem = f"{format_time(self.period)} is too long for a mode of {fastest:g} rad/s"
+            raise InputError(f"{name}.period", problem, fix=f"below {format_time(int(0.5 / fastest * 1e7))}")
 
     def init(self, key: Key) -> AdaptiveModeState:
         """The first estimate, nothing measured."""
         no, zero, deviation = jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(self.deviation)
-        A, _ = dynamics_of(self.craft)
+        A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         lam = CORNERS * APART * deviation
         x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(self.eta0), (M, 4)), lam], axis=1)
         P = jnp.diag(jnp.concatenate([jnp.asarray(self.P0), (SHARE * deviation) ** 2]))
         P, p = jnp.broadcast_to(P, (M, 6, 6)), jnp.full(M, 1 / M)
-        mean, spread = mixture(x, P, p)
+        mean, spread = mixture_mean(x, P, p)
         return AdaptiveModeState(
             x=x,
             P=P,
@@ -256,7 +256,7 @@ class AdaptiveFlexibleModeFilter:
             mean=mean,
             spread=spread,
             w=self._frequencies(mean),
-            bare=unmeasured(self.eta0, model.Ad, model.Bd),
+            bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -273,12 +273,12 @@ class AdaptiveFlexibleModeFilter:
 
     def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
         """One hypothesis, x (6,) and P (6, 6), one period on under the held forcing b (4,) of eta."""
-        dt, by, still = to_seconds(self.period), stretch(x), jnp.zeros((4, 2))
-        F = jax.jacfwd(lambda x: moved(self.craft, x, b, dt))(x)
+        dt, by, still = to_seconds(self.period), stretch_factors(x), jnp.zeros((4, 2))
+        F = jax.jacfwd(lambda x: propagate_modes(self.craft, x, b, dt))(x)
         room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])
         grown = jnp.minimum(jnp.asarray(self.walk) * dt, jnp.maximum(room, 0.0))
         noise = jnp.block([[Qd * by[:, None] * by, still], [still.T, jnp.diag(grown)]])
-        return moved(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
+        return propagate_modes(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
 
     def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
         """One hypothesis after C eta was measured as `modal` (rad/s^2) while b (4,) acted.
@@ -286,7 +286,10 @@ class AdaptiveFlexibleModeFilter:
         Returns: x, P, innovation, its variance, logarithm of the likelihood, which frequencies learn (2,), whether one
         was held at its bound.
         """
-        expected, H = bending(self.craft, x)[0], jax.jacfwd(lambda x: bending(self.craft, x)[0])(x)
+        expected, H = (
+            modal_accelerations(self.craft, x)[0],
+            jax.jacfwd(lambda x: modal_accelerations(self.craft, x)[0])(x),
+        )
         r = modal - expected
         S = H @ P @ H + self.R
         noise = r * r <= self.gate * S
@@ -295,7 +298,7 @@ class AdaptiveFlexibleModeFilter:
         consider = jnp.concatenate([jnp.ones(4), jnp.where(learns, 1.0, 0.0)])
         moment = jnp.where(noise, 0.0, r * r)
         done = kalman.update(x, P, r[None], H[None], (self.R + moment)[None, None], consider=consider)
-        shaken = to_seconds(self.period) * jolt(self.craft, x)
+        shaken = to_seconds(self.period) * disturbance_direction(self.craft, x)
         most = jnp.log(self.bound)
         lam = jnp.clip(done.x[4:], -most, most)
         likely = -(jnp.log(S) + jnp.minimum(r * r / S, self.gate)) / 2
@@ -304,11 +307,11 @@ class AdaptiveFlexibleModeFilter:
 
     def step(self, t: Any, state: AdaptiveModeState, frame: Frame) -> tuple[AdaptiveModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        return stepped(self, t, state, frame, adapted)
+        return step_mode_filter(self, t, state, frame, mixture_flight)
 
-    def instant(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
+    def advance(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
+        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
         b, d, rigid = forcing(self.craft, chi, u)
         between = (forcing(self.craft, s.chi, u)[0] + b) / 2
         x, P = jax.lax.map(lambda one: self.predict(one[0], one[1], s.Qd, between), (s.x, s.P))
@@ -324,8 +327,8 @@ class AdaptiveFlexibleModeFilter:
         variance = s.p @ (S + (r - innovation) ** 2)
         innovation = jnp.where(finite, innovation, 0.0)
         learned = used & (s.p @ jnp.where(jnp.any(learns, axis=1), 1.0, 0.0) > 0.5)
-        p = jnp.where(learned, weighed(s.p, likely), s.p)
-        mean, spread = mixture(x, P, p)
+        p = jnp.where(learned, update_probabilities(s.p, likely), s.p)
+        mean, spread = mixture_mean(x, P, p)
         return AdaptiveModeState(
             x=x,
             P=P,
@@ -353,7 +356,7 @@ class AdaptiveFlexibleModeFilter:
         return jnp.stack([self.craft.modes.w1, self.craft.modes.w2]) * jnp.exp(mean[4:])
 
 
-def weighed(p: Any, likely: Any) -> Any:
+def update_probabilities(p: Any, likely: Any) -> Any:
     """Probabilities (m,) after a measurement of these logarithms of likelihood (m,), none below about LEAST."""
     p = p * jnp.exp(likely - jnp.max(likely))
     p = jnp.maximum(p / jnp.sum(p), LEAST)

@@ -14,15 +14,15 @@ from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible.model import (
+    ModelPrediction,
     RigidFlight,
-    Unmeasured,
     check_variances,
-    dynamics_of,
-    estimated,
+    estimated_flight,
     forcing,
-    hear,
-    stepped,
-    unmeasured,
+    initial_model_prediction,
+    modal_dynamics,
+    read_flight_samples,
+    step_mode_filter,
 )
 from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -39,7 +39,7 @@ class ContinuousModeState:
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
     modal: Scalar = quantity("rad/s^2", "Last measured C eta: pitch acceleration less what flight and input explain.")
     used: Scalar = quantity("1", "Whether that is a measurement at all.", kind="flag")
-    bare: Unmeasured = part("The modes by the model alone.")
+    bare: ModelPrediction = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -85,7 +85,7 @@ class ContinuousModeFilter:
     def check(self) -> None:
         """Variances that are variances, and a step that is stable for the gain with which the filter begins."""
         check_variances("ContinuousModeFilter", Q=self.Q, P0=self.P0)
-        A, C = (np.asarray(m) for m in dynamics_of(self.craft))
+        A, C = (np.asarray(m) for m in modal_dynamics(self.craft))
         fastest = float(np.abs(np.linalg.eigvals(A)).max() + 2 * (C * C) @ np.asarray(self.P0, float) / self.R)
         step = to_seconds(self.period) / self.substeps
         if not fastest * step < STABLE:
@@ -96,14 +96,14 @@ class ContinuousModeFilter:
     def init(self, key: Key) -> ContinuousModeState:
         """The first estimate, nothing measured."""
         no, zero = jnp.asarray(False), jnp.asarray(0.0)
-        A, _ = dynamics_of(self.craft)
+        A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         return ContinuousModeState(
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
             modal=zero,
             used=no,
-            bare=unmeasured(self.eta0, model.Ad, model.Bd),
+            bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -117,7 +117,7 @@ class ContinuousModeFilter:
 
     def integrate(self, eta: Any, P: Any, b: Any, modal: Any, used: Any) -> tuple[Any, Any]:
         """eta (4,) and P (4, 4) one period on, under held forcing b (4,) and measurement of C eta, if one is used."""
-        A, C = dynamics_of(self.craft)
+        A, C = modal_dynamics(self.craft)
         Q, weight = jnp.diag(jnp.asarray(self.Q)), jnp.where(used, 1 / self.R, 0.0)
 
         def rate(t: Any, both: Any) -> Any:
@@ -132,15 +132,15 @@ class ContinuousModeFilter:
 
     def step(self, t: Any, state: ContinuousModeState, frame: Frame) -> tuple[ContinuousModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        return stepped(self, t, state, frame, estimated)
+        return step_mode_filter(self, t, state, frame, estimated_flight)
 
-    def instant(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
+    def advance(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
+        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
         eta, P = self.integrate(s.eta, s.P, forcing(self.craft, s.chi, u)[0], s.modal, s.used)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         _, d, rigid = forcing(self.craft, chi, u)
-        _, C = dynamics_of(self.craft)
+        _, C = modal_dynamics(self.craft)
         modal = felt.value.pitch_acceleration - rigid - d
         used = started & known & felt.valid & jnp.isfinite(modal)
         modal = jnp.where(used, modal, 0.0)

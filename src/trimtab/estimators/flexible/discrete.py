@@ -10,18 +10,18 @@ from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new
-from trimtab.core.time import ms, show, to_seconds
+from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.flexible.model import (
+    ModelPrediction,
     RigidFlight,
-    Unmeasured,
     check_variances,
-    dynamics_of,
-    estimated,
+    estimated_flight,
     forcing,
-    hear,
-    stepped,
-    unmeasured,
+    initial_model_prediction,
+    modal_dynamics,
+    read_flight_samples,
+    step_mode_filter,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import discretise
@@ -49,7 +49,7 @@ class FlexibleModeState:
     model: ModalModel = part("Discrete model.")
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
     P: Any = quantity("1", "Their covariance.", shape=(4, 4))
-    bare: Unmeasured = part("The modes by the model alone.")
+    bare: ModelPrediction = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
     t: Scalar = quantity("100 ns", "The last instant.", kind="time")
@@ -96,12 +96,12 @@ class FlexibleModeFilter:
     period: int = period("Time between predictions.", default=ms(5))
 
     @classmethod
-    def printed(cls, **changes: Any) -> "FlexibleModeFilter":
+    def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
         """Q = 1e-5 I and R = 10 as published, P(0) = I: so little gain that it is the observer without measurement."""
         return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4} | changes)
 
     @classmethod
-    def accurate(cls, **changes: Any) -> "FlexibleModeFilter":
+    def for_exact_model(cls, **changes: Any) -> "FlexibleModeFilter":
         """Q = 1e-5 I, R = 1e-4: the best of an exact model; it loses a vehicle whose modes are 10 % off."""
         return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4} | changes)
 
@@ -117,17 +117,17 @@ class FlexibleModeFilter:
             raise InputError(
                 "FlexibleModeFilter.R", f"{self.R} is not finite", fix="corrects=False uses no measurement"
             )
-        A, _ = dynamics_of(self.craft)
+        A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)
         if norm >= 16:
-            most = show(int(self.period * 16 / norm))
+            most = format_time(int(self.period * 16 / norm))
             modes = f"{float(self.craft.modes.w1):g} and {float(self.craft.modes.w2):g} rad/s"
-            problem = f"{show(self.period)} is too long for modes of {modes}"
+            problem = f"{format_time(self.period)} is too long for modes of {modes}"
             raise InputError("FlexibleModeFilter.period", problem, fix=f"below {most}")
 
     def model(self) -> ModalModel:
         """The discrete model of one period."""
-        A, C = dynamics_of(self.craft)
+        A, C = modal_dynamics(self.craft)
         Ad, Bd, Qd = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         return ModalModel(C, Ad, Bd, Qd)
 
@@ -138,7 +138,7 @@ class FlexibleModeFilter:
             model=model,
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
-            bare=unmeasured(self.eta0, model.Ad, model.Bd),
+            bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
             chi=jax.tree.map(jnp.asarray, RigidFlight()),
             u=HypersonicInput(zero, zero),
             t=np.int64(0),
@@ -166,11 +166,11 @@ class FlexibleModeFilter:
 
     def step(self, t: Any, state: FlexibleModeState, frame: Frame) -> tuple[FlexibleModeState, Estimate]:
         """The estimate at integer time t; between its periods the last one is held."""
-        return stepped(self, t, state, frame, estimated)
+        return step_mode_filter(self, t, state, frame, estimated_flight)
 
-    def instant(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
+    def advance(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = hear(self.listens, s, frame)
+        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
         eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         done = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)

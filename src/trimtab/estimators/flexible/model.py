@@ -57,7 +57,7 @@ class ModalFrequencies:
 
 
 @record
-class Unmeasured:
+class ModelPrediction:
     """The modes by the model alone, no measurement used: what every estimate has to be held against.
 
     Source: docs page, Flexible modes.
@@ -93,7 +93,7 @@ class FlexibleFlight:
     frequencies: Any = part("ModalFrequencies of a filter that estimates them, else nothing.", default=())
 
 
-class Heard(NamedTuple):
+class FlightSamples(NamedTuple):
     """What came in at an instant, for any filter of the modes.
 
     chi, u: flight and input, as before where the samples are of no use.  known: whether the flight is of use.
@@ -102,17 +102,17 @@ class Heard(NamedTuple):
 
     chi: RigidFlight
     u: HypersonicInput
-    known: Any
-    started: Any
+    flight_usable: Any
+    has_started: Any
     flight_t: Any
-    felt: Sample
+    acceleration: Sample
 
 
-def dynamics_of(craft: Hypersonic) -> tuple[Any, Any]:
+def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
     """A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), from the algebraic loop of any `kmode`, unit by unit."""
     one = jnp.eye(4)
-    back1, back2 = craft.modes.restoring(one[0], one[1], one[2], one[3])
-    C, first, second = craft.modes.coupled(craft.Iyy, jnp.zeros(4), back1, back2)
+    back1, back2 = craft.modes.restoring_forces(one[0], one[1], one[2], one[3])
+    C, first, second = craft.modes.solve_accelerations(craft.Iyy, jnp.zeros(4), back1, back2)
     return jnp.stack([one[1], first, one[3], second]), C
 
 
@@ -120,7 +120,7 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
     """b (4,), d and M/Iyy (rad/s^2): what flight and input do to the modes and to the pitch acceleration."""
     moment = craft.forces.at(chi.h, chi.V, chi.alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(chi.alpha, u.delta_e)
-    q_rate, first, second = craft.modes.coupled(craft.Iyy, moment, N1, N2)
+    q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, moment, N1, N2)
     still = jnp.zeros_like(first)
     return jnp.stack([still, first, still, second]), q_rate - moment / craft.Iyy, moment / craft.Iyy
 
@@ -129,50 +129,50 @@ def rigid_flight(sample: Sample, before: RigidFlight) -> tuple[RigidFlight, Any]
     """chi of a sample in the SI, in the vehicle's units, and whether it can be used; if not, what was held before."""
     z = sample.value
     new = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
-    usable = sample.valid & _finite(new)
+    usable = sample.valid & _is_finite(new)
     return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
 
 
 def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInput, Any]:
     """What engine and elevator have done since the last instant, and whether it can be used; if not, what was held."""
     new = HypersonicInput(sample.value.Phi, sample.value.delta_e)
-    usable = sample.valid & _finite(new)
+    usable = sample.valid & _is_finite(new)
     return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
 
 
-def hear(listens: tuple[str, ...], state: Any, frame: Frame) -> Heard:
+def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
     """The samples of flight, acceleration and acting input, named in that order, and what a filter's state held."""
     flight, felt, acted = (frame.samples[name] for name in listens)
     chi, known = rigid_flight(flight, state.chi)
     u, given = acting_input(acted, state.u)
     started = state.started | (known & given)
-    return Heard(chi, u, known, started, jnp.where(known, flight.t, state.flight_t), felt)
+    return FlightSamples(chi, u, known, started, jnp.where(known, flight.t, state.flight_t), felt)
 
 
-def stepped(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple[Any, Estimate]:
+def step_mode_filter(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple[Any, Estimate]:
     """A filter's state and estimate at integer time t: `one.instant` once a period, held in between."""
     due = ~state.started | (t - state.t >= one.period)
-    new = one.instant(t, state, frame)
-    new = replace(new, bare=_alone(one.craft, state, new.u))
+    new = one.advance(t, state, frame)
+    new = replace(new, bare=_advance_model_prediction(one.craft, state, new.u))
     state = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, state)
     state = replace(state, updated=due & state.updated)
     age = to_seconds(t - state.flight_t)
     return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
 
 
-def unmeasured(eta0: Any, Ad: Any, Bd: Any) -> Unmeasured:
+def initial_model_prediction(eta0: Any, Ad: Any, Bd: Any) -> ModelPrediction:
     """The modes by the model alone, from eta0 (4,), moved once a period by Ad and Bd (4, 4)."""
-    return Unmeasured(jnp.asarray(eta0), Ad, Bd)
+    return ModelPrediction(jnp.asarray(eta0), Ad, Bd)
 
 
-def _alone(craft: Hypersonic, state: Any, u: HypersonicInput) -> Unmeasured:
+def _advance_model_prediction(craft: Hypersonic, state: Any, u: HypersonicInput) -> ModelPrediction:
     """What a filter's state holds of the model alone, one period on, u having acted."""
     bare = state.bare
     b, _, _ = forcing(craft, state.chi, u)
     return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
 
 
-def estimated(state: Any) -> FlexibleFlight:
+def estimated_flight(state: Any) -> FlexibleFlight:
     """The flight as a filter's state tells it: what is measured as measured, the modes as estimated."""
     return flexible_flight(state, state.eta, jnp.stack([state.P[i, i] for i in range(4)]))
 
@@ -199,7 +199,7 @@ def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
     )
 
 
-def _finite(r: Any) -> Any:
+def _is_finite(r: Any) -> Any:
     return jnp.all(jnp.isfinite(jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(r)])))
 
 

@@ -26,8 +26,16 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial import measurement_history as ring
 from trimtab.estimators.inertial.measurement_history import POSITION, RANGES, Correct, Event, History
 from trimtab.estimators.inertial.mechanisation import Belief
-from trimtab.estimators.inertial.navigation_state import NavigationState, at_reference
-from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH, Judgement, SensorWatch, judge, plus, unwatched
+from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
+from trimtab.estimators.inertial.sensor_watch import (
+    NEVER,
+    WIDTH,
+    SampleValidation,
+    SensorWatch,
+    increment,
+    initial_watch,
+    validate_sample,
+)
 
 
 class Aid(NamedTuple):
@@ -42,7 +50,7 @@ class Aid(NamedTuple):
     correct: Correct
 
 
-def fixes(form: Any) -> Aid:
+def position_aid(form: Any) -> Aid:
     """Positions, north and east, with their variance where they have one."""
 
     def correct(node: Any, value: Any) -> Any:
@@ -54,7 +62,7 @@ def fixes(form: Any) -> Aid:
     return Aid(POSITION, WIDTH, numbers, correct)
 
 
-def ranges(form: Any) -> Aid:
+def range_aid(form: Any) -> Aid:
     """Ranges of a ping and its unit; what is not a positive number becomes -1, what did not arrive 0."""
     width = np.shape(form.beacons)[0] + 1
 
@@ -137,15 +145,17 @@ class InertialState:
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
 
 
-def begin(form: Any, width: int = WIDTH) -> InertialState:
+def initial_inertial_state(form: Any, width: int = WIDTH) -> InertialState:
     """First state of a form; width: of what the sensor at intake.position gives."""
     intake, first = form.intake, form.first()
-    told = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _motion(form, first, 0, False)))
+    told = jax.tree.map(
+        lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _kinematics(form, first, 0, False))
+    )
     return InertialState(
-        history=ring.empty(first, intake.slots, max(width, WIDTH)),
-        imu=unwatched(),
-        heading=unwatched() if intake.heading else None,
-        position=unwatched(max(width, WIDTH)) if intake.position else None,
+        history=ring.empty_history(first, intake.slots, max(width, WIDTH)),
+        imu=initial_watch(),
+        heading=initial_watch() if intake.heading else None,
+        position=initial_watch(max(width, WIDTH)) if intake.position else None,
         heard=np.int64(NEVER),
         told=told | {"coasting": np.bool_(True)},  # so the first step tells it anew
         clock=np.int64(NEVER),
@@ -156,55 +166,59 @@ def begin(form: Any, width: int = WIDTH) -> InertialState:
 @jax.jit
 def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
     """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
-    return navigate_with(form, fixes(form), t, state, frame)
+    return navigate_with(form, position_aid(form), t, state, frame)
 
 
 def navigate_with(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
     """The same with another kind of aiding at intake.position."""
-    arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in _samples(form.intake, frame)]).any()
+    arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in _listed_samples(form.intake, frame)]).any()
     watches = {name: getattr(state, name) for name in ("imu", "heading", "position")}
     same = state.history, watches, state.heard, jnp.asarray(False)
-    history, watches, heard, fresh = lax.cond(arrived, lambda: _received(form, aid, t, state, frame), lambda: same)
-    node = ring.newest(history)
+    history, watches, heard, fresh = lax.cond(
+        arrived, lambda: _receive_samples(form, aid, t, state, frame), lambda: same
+    )
+    node = ring.newest_node(history)
     begun = node.t > NEVER
     silent = begun & (t - heard > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
     anew = fresh | silent | state.told["coasting"]
-    told = lax.cond(anew, lambda: _motion(form, ring.newest(history), age, silent), lambda: state.told)
+    told = lax.cond(anew, lambda: _kinematics(form, ring.newest_node(history), age, silent), lambda: state.told)
     new = InertialState(
         history=history,
         **watches,
         heard=heard,
         told=told,
         clock=jnp.maximum(state.clock, t),
-        clock_backwards=plus(state.clock_backwards, jnp.asarray(t < state.clock)),
+        clock_backwards=increment(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
-    return new, Estimate(t=t, age=age, fresh=fresh, valid=_valid(form, node), state=_navigation(node, new))
+    return new, Estimate(t=t, age=age, fresh=fresh, valid=_is_valid(form, node), state=_navigation_state(node, new))
 
 
-def _samples(intake: Intake, frame: Frame) -> list[Any]:
+def _listed_samples(intake: Intake, frame: Frame) -> list[Any]:
     """Those that are read."""
     return [frame.samples[name] for name in intake.listens()]
 
 
-def _received(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> Any:
+def _receive_samples(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> Any:
     """The history with what has arrived, each sensor's watch, when the IMU came last, whether anything was usable."""
-    found = look(form.intake, aid, t, state, frame)
-    aids = {kind: correct for kind, correct in ring.usual_aids(form).items() if kind != ring.POSITION}
+    found = read_samples(form.intake, aid, t, state, frame)
+    aids = {kind: correct for kind, correct in ring.default_aids(form).items() if kind != ring.POSITION}
     aids |= {aid.kind: aid.correct} if form.intake.position else {}
     fresh = jnp.stack([judgement.usable for _, judgement in found.values()]).any()
     before = state.history, {name: judgement.watch for name, (_, judgement) in found.items()}
-    history, watches = lax.cond(fresh, lambda: _fused(form, aids, state.history, found), lambda: before)
+    history, watches = lax.cond(fresh, lambda: _fuse_events(form, aids, state.history, found), lambda: before)
     heard = jnp.where(found["imu"][1].usable, t, state.heard)
     return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, heard, fresh
 
 
-def look(intake: Intake, aid: Aid, t: Any, state: Any, frame: Frame) -> dict[str, tuple[Event, Judgement]]:
+def read_samples(
+    intake: Intake, aid: Aid, t: Any, state: Any, frame: Frame
+) -> dict[str, tuple[Event, SampleValidation]]:
     """Each sensor's event, the IMU's first, with what was found about it; state: has watches imu, heading, position."""
     sample = frame.samples[intake.imu]
     reading = sample.value
     felt = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
-    one = judge(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
+    one = validate_sample(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
     gyro = (jnp.abs(one.value[0]) >= intake.rate_range * (1 - 1e-9)) | reading.gyro_saturated
     force = (jnp.max(jnp.abs(one.value[1:])) >= intake.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
     lost = one.watch.frozen | ((one.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
@@ -214,64 +228,64 @@ def look(intake: Intake, aid: Aid, t: Any, state: Any, frame: Frame) -> dict[str
     if intake.heading:
         sample = frame.samples[intake.heading]
         value = sample.value.heading, getattr(sample.value, "variance", 0.0)
-        two = judge(state.heading, t, sample, value, frozen_after=intake.frozen_heading, ordered=False)
-        found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _unfrozen(two)
+        two = validate_sample(state.heading, t, sample, value, frozen_after=intake.frozen_heading, ordered=False)
+        found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _reject_frozen(two)
     if intake.position:
         sample = frame.samples[intake.position]
         value = aid.numbers(sample.value)
-        three = judge(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
-        found["position"] = Event(three.t, aid.kind, three.value, np.zeros(2)), _unfrozen(three)
+        three = validate_sample(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
+        found["position"] = Event(three.t, aid.kind, three.value, np.zeros(2)), _reject_frozen(three)
     return found
 
 
-def _unfrozen(judgement: Judgement) -> Judgement:
+def _reject_frozen(judgement: SampleValidation) -> SampleValidation:
     """Samples of a frozen sensor that only aids are not used at all; an IMU's are, with doubt."""
     return judgement._replace(usable=judgement.usable & ~judgement.watch.frozen)
 
 
-def _fused(
-    form: Any, aids: dict[int, ring.Correct], history: History, found: dict[str, tuple[Event, Judgement]]
+def _fuse_events(
+    form: Any, aids: dict[int, ring.Correct], history: History, found: dict[str, tuple[Event, SampleValidation]]
 ) -> Any:
     """The history with all that is usable in it, and the watches with what was too late or here before."""
-    reached = ring.done(history)
+    reached = ring.newest_imu_index(history)
     watches: dict[str, SensorWatch] = {}
     for name, (event, judgement) in found.items():
         history, reached, late, known = lax.cond(
             judgement.usable,
-            lambda h=history, d=reached, e=event: _entered(h, d, e),
+            lambda h=history, d=reached, e=event: _enter_event(h, d, e),
             lambda h=history, d=reached: (h, d, jnp.asarray(False), jnp.asarray(False)),
         )
         watch = judgement.watch
-        watches[name] = replace(watch, late=plus(watch.late, late), duplicates=plus(watch.duplicates, known))
-    return ring.replay(form, history, reached, aids)[0], watches
+        watches[name] = replace(watch, late=increment(watch.late, late), duplicates=increment(watch.duplicates, known))
+    return ring.replay_events(form, history, reached, aids)[0], watches
 
 
-def _entered(history: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
+def _enter_event(history: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
     """The history with an event, how far its states hold, and why it is not in it: too late, or here before."""
-    room, known = ring.fits(history, reached, event)
+    room, known = ring.check_room(history, reached, event)
     enters = room & ~known
-    new, now = lax.cond(enters, lambda: ring.insert(history, reached, event), lambda: (history, reached))
+    new, now = lax.cond(enters, lambda: ring.insert_event(history, reached, event), lambda: (history, reached))
     return new, now, ~room & ~known, known
 
 
-def _motion(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
+def _kinematics(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
     """Kinematic fields of NavigationState at the time of the newest IMU sample; where it is silent, what holds now."""
     sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
-    node, rate, variance = lax.cond(silent, lambda: _coasted(form, node, age), lambda: sampled)
+    node, rate, variance = lax.cond(silent, lambda: _coast(form, node, age), lambda: sampled)
     x, P = form.belief(node)
     i = np.array([0, 3, 4])  # the others have no constant part
-    belief = Belief(x, P.at[i, i].add(form.noise.constant()[i]))
-    return at_reference(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
+    belief = Belief(x, P.at[i, i].add(form.noise.constant_variances()[i]))
+    return reference_kinematics(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
 
 
-def _coasted(form: Any, node: Any, age: Any) -> tuple[Any, Any, Any]:
+def _coast(form: Any, node: Any, age: Any) -> tuple[Any, Any, Any]:
     """A node, its gyro reading and that one's variance at an age (s): constant velocity and heading, with all doubt."""
     still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
     moved = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
     return moved, still[0], form.noise.gyro + form.noise.doubtful_rate**2
 
 
-def _valid(form: Any, node: Any) -> Any:
+def _is_valid(form: Any, node: Any) -> Any:
     """Whether every sensor has been used."""
     valid = node.t > NEVER
     if form.intake.heading:
@@ -281,7 +295,7 @@ def _valid(form: Any, node: Any) -> Any:
     return valid
 
 
-def _navigation(node: Any, state: InertialState) -> NavigationState:
+def _navigation_state(node: Any, state: InertialState) -> NavigationState:
     """All that is told."""
     return NavigationState(
         **state.told,

@@ -14,10 +14,21 @@ from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
-from trimtab.estimators.inertial.dual_filter import InertialNoise, belief_covariance, heading_noise, motion_noise
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
-from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
+from trimtab.estimators.inertial.dual_filter import (
+    InertialNoise,
+    belief_covariance,
+    heading_process_noise,
+    motion_process_noise,
+)
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.navigation_state import (
+    HeadingFix,
+    PositionFix,
+    fuse_measurement,
+    no_heading_fix,
+    no_position_fix,
+)
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import Update, predict_covariance
 
@@ -82,7 +93,7 @@ class AidedInertialCoupled:
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return begin(self)
+        return initial_inertial_state(self)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState."""
@@ -115,11 +126,11 @@ class AidedInertialCoupled:
         f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
         mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
-        force = node.force + low_pass_share(dt, self.smoothing) * (mean - node.force)
-        steady = node.steady + low_pass_share(dt, self.rest_smoothing) * (mean - node.steady)
+        force = node.force + low_pass_gain(dt, self.smoothing) * (mean - node.force)
+        steady = node.steady + low_pass_gain(dt, self.rest_smoothing) * (mean - node.steady)
         growth = self.noise.growth(dt, doubt)
         F = coupled_transition(dt, x[0], force)
-        P = predict_covariance(node.P, F, coupled_noise(growth, x[0], self.noise.reach(dt)))
+        P = predict_covariance(node.P, F, coupled_process_noise(growth, x[0], self.noise.integration_time(dt)))
         moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
 
@@ -129,35 +140,37 @@ class AidedInertialCoupled:
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
-        return replace(_reset(node, done), heading_fix=fix)
+        done, fix = fuse_measurement(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
+        return replace(_reset_errors(node, done), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = turned_lever(node.x[0], self.arms.between())
+        arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
         y = node.x[3:5] + arm - z
         R = self.noise.position_noise(variance)
         consider = None
         if self.rest == "consider":
-            learns = jnp.where(self.moves(node), 1.0, 0.0)
+            learns = jnp.where(self.is_force_observable(node), 1.0, 0.0)
             one = jnp.ones(4)
             consider = jnp.concatenate([learns[None], one, learns[None], one[:2]])
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse(node.position_fix, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0, **believed)
-        return replace(_reset(node, done), position_fix=fix)
+        done, fix = fuse_measurement(
+            node.position_fix, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0, **believed
+        )
+        return replace(_reset_errors(node, done), position_fix=fix)
 
-    def moves(self, node: CoupledNode) -> Any:
+    def is_force_observable(self, node: CoupledNode) -> Any:
         """Whether the low-passed force is told from zero."""
-        return told_from_rest(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
+        return is_force_significant(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
         """Of the IMU's point."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
 
 
-def told_from_rest(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
+def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
     """Whether a force (2,), low-passed with this time constant (s), is so many of its sigmas away from zero.
 
     P: covariance with the accelerometer biases at 6 and 7.
@@ -167,7 +180,7 @@ def told_from_rest(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, si
     return steady @ steady >= sigmas**2 * (white + P[6, 6] + P[7, 7])
 
 
-def low_pass_share(dt: Any, constant: Any) -> Any:
+def low_pass_gain(dt: Any, constant: Any) -> Any:
     """How much of a step a first-order low-pass follows in dt (s)."""
     return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
@@ -197,11 +210,11 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
     )
 
 
-def coupled_noise(growth: Any, heading: Any, reach: Any) -> Any:
+def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
     """Q (8, 8) in the order of Belief.x: those of the dual filter; growth and reach as InertialNoise gives them."""
-    Q1, Q2 = heading_noise(growth, reach), motion_noise(growth, heading, reach)
+    Q1, Q2 = heading_process_noise(growth, reach), motion_process_noise(growth, heading, reach)
     return belief_covariance(Q1, Q2)
 
 
-def _reset(node: CoupledNode, done: Update) -> CoupledNode:
+def _reset_errors(node: CoupledNode, done: Update) -> CoupledNode:
     return replace(node, x=node.x - SIGNS * done.x, P=done.P)

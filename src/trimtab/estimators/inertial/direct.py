@@ -12,20 +12,26 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
-    heading_noise,
+    heading_process_noise,
     heading_transition,
-    motion_noise,
+    lever_arm_noise,
+    motion_process_noise,
     motion_transition,
-    turned_noise,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
-from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.navigation_state import (
+    HeadingFix,
+    PositionFix,
+    fuse_measurement,
+    no_heading_fix,
+    no_position_fix,
+)
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict
 
@@ -75,7 +81,7 @@ class AidedInertialDirect:
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return begin(self)
+        return initial_inertial_state(self)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState."""
@@ -98,30 +104,32 @@ class AidedInertialDirect:
 
     def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
-        F1, F2 = heading_transition(-dt), _total(motion_transition(dt, node.x1[0]))
+        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
+        F1, F2 = heading_transition(-dt), _total_transition(motion_transition(dt, node.x1[0]))
         turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
-        x1, P1 = predict(node.x1, node.P1, F1, heading_noise(growth, reach))
+        x1, P1 = predict(node.x1, node.P1, F1, heading_process_noise(growth, reach))
         x1 = x1 + turned
         f0, f1 = planar(node.x1[0]) @ node.felt[1:], planar(x1[0]) @ felt[1:]
         gained = jnp.concatenate([*mechanise(dt, f0, f1, jnp.zeros(2), jnp.zeros(2)), jnp.zeros(2)])
-        x2, P2 = predict(node.x2, node.P2, F2, motion_noise(growth, node.x1[0], reach))
+        x2, P2 = predict(node.x2, node.P2, F2, motion_process_noise(growth, node.x1[0], reach))
         return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse(node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed)
+        done, fix = fuse_measurement(
+            node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed
+        )
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = turned_lever(node.x1[0], self.arms.between())
-        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        arm, slope = rotate_lever(node.x1[0], self.arms.imu_to_aided_point())
+        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         y = z - node.x2[2:4] - arm
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)
+        done, fix = fuse_measurement(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)
         return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
@@ -130,7 +138,7 @@ class AidedInertialDirect:
         return Belief(x, belief_covariance(node.P1, node.P2))
 
 
-def _total(transition: Any) -> Any:
+def _total_transition(transition: Any) -> Any:
     """Phi2 for total states: a bias that is estimated too high takes from velocity, where an error adds to it."""
     signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     return transition * signs[:, None] * signs[None, :]

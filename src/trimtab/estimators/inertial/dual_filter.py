@@ -76,7 +76,7 @@ class InertialNoise:
         white = white + dt * jnp.stack([lost[0] ** 2, lost[1] ** 2, lost[1] ** 2])
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 
-    def reach(self, dt: Any) -> Any:
+    def integration_time(self, dt: Any) -> Any:
         """Over what time (s) noise is integrated within a step: all of it; none of it as printed."""
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
@@ -88,7 +88,7 @@ class InertialNoise:
         """R of a position fix (2, 2): its own variance, of each coordinate, where that is above 0."""
         return jnp.where(variance > 0, variance, self.position) * jnp.eye(2)
 
-    def constant(self) -> Any:
+    def constant_variances(self) -> Any:
         """Variances (8,), in the order of Belief.x, of what no measurement tells: constant errors of the aiding."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
@@ -116,14 +116,14 @@ def motion_transition(dt: Any, heading: Any) -> Any:
     )
 
 
-def heading_noise(growth: Any, reach: Any) -> Any:
+def heading_process_noise(growth: Any, reach: Any) -> Any:
     """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the bias's walk turns the heading too."""
     walk = growth[1]
     both = walk * reach / 2
     return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])
 
 
-def motion_noise(growth: Any, heading: Any, reach: Any) -> Any:
+def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
     """G2 Q2 G2' (6, 6): noise along the body's axes, seen in W.
 
     With a reach of dt it is the exact integral of white noise on velocity and biases over dt; with 0, as printed, noise
@@ -148,7 +148,7 @@ POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], 
 """H of a position fix for x2."""
 
 
-def turned_noise(R: Any, slope: Any, variance: Any) -> Any:
+def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
     """R (2, 2) with the uncertainty of the heading that turns a lever arm; slope (2,): its derivative by the heading.
 
     The dual filters don't estimate heading from positions; what its error does to the lever arm is noise to them.

@@ -12,20 +12,26 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
-    heading_noise,
+    heading_process_noise,
     heading_transition,
-    motion_noise,
+    lever_arm_noise,
+    motion_process_noise,
     motion_transition,
-    turned_noise,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
-from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.navigation_state import (
+    HeadingFix,
+    PositionFix,
+    fuse_measurement,
+    no_heading_fix,
+    no_position_fix,
+)
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict_covariance
 
@@ -78,7 +84,7 @@ class AidedInertialFeedback:
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return begin(self)
+        return initial_inertial_state(self)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState."""
@@ -104,14 +110,16 @@ class AidedInertialFeedback:
 
     def propagate(self, node: FeedbackNode, dt: Any, felt: Any, doubt: Any) -> FeedbackNode:
         """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi2."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
+        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
         B = planar(node.heading)
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0]) - dt * node.gyro_bias
         bias = B @ node.force_bias
         f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        P1 = predict_covariance(node.P1, heading_transition(dt), heading_noise(growth, reach))
-        P2 = predict_covariance(node.P2, motion_transition(dt, node.heading), motion_noise(growth, node.heading, reach))
+        P1 = predict_covariance(node.P1, heading_transition(dt), heading_process_noise(growth, reach))
+        P2 = predict_covariance(
+            node.P2, motion_transition(dt, node.heading), motion_process_noise(growth, node.heading, reach)
+        )
         return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
@@ -119,7 +127,7 @@ class AidedInertialFeedback:
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse(node.heading_fix, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        done, fix = fuse_measurement(node.heading_fix, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
         return replace(
             node,
             heading=node.heading - done.x[0],
@@ -130,11 +138,13 @@ class AidedInertialFeedback:
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = turned_lever(node.heading, self.arms.between())
-        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        arm, slope = rotate_lever(node.heading, self.arms.imu_to_aided_point())
+        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         y = node.position + arm - z
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse(node.position_fix, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
+        done, fix = fuse_measurement(
+            node.position_fix, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed
+        )
         return replace(
             node,
             velocity=node.velocity - done.x[:2],

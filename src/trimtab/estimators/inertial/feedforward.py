@@ -12,20 +12,26 @@ from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
     belief_covariance,
-    heading_noise,
+    heading_process_noise,
     heading_transition,
-    motion_noise,
+    lever_arm_noise,
+    motion_process_noise,
     motion_transition,
-    turned_noise,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, turned_lever
-from trimtab.estimators.inertial.navigation_state import HeadingFix, PositionFix, fuse, no_heading_fix, no_position_fix
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.navigation_state import (
+    HeadingFix,
+    PositionFix,
+    fuse_measurement,
+    no_heading_fix,
+    no_position_fix,
+)
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict
 
@@ -78,7 +84,7 @@ class AidedInertialFeedforward:
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return begin(self)
+        return initial_inertial_state(self)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState."""
@@ -104,13 +110,13 @@ class AidedInertialFeedforward:
 
     def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.reach(dt)
+        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
         before = node.heading - node.x1[0]
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
-        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), heading_noise(growth, reach))
+        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), heading_process_noise(growth, reach))
         f0, f1 = planar(before) @ node.felt[1:], planar(heading - x1[0]) @ felt[1:]
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_noise(growth, before, reach))
+        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_process_noise(growth, before, reach))
         return replace(
             node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
         )
@@ -120,16 +126,16 @@ class AidedInertialFeedforward:
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        done, fix = fuse_measurement(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = turned_lever(node.heading - node.x1[0], self.arms.between())
+        arm, slope = rotate_lever(node.heading - node.x1[0], self.arms.imu_to_aided_point())
         y = node.position + arm - z - node.x2[2:4]
-        R = turned_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
         believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
+        done, fix = fuse_measurement(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
         return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:

@@ -26,7 +26,7 @@ from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH
 EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of event."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
-FELT = 3
+IMU_NUMBERS = 3
 """Numbers of an IMU's event."""
 Correct = Callable[[Any, Any], Any]
 """What an aiding measurement does: node and value of the event in, node out."""
@@ -53,7 +53,7 @@ class Event(NamedTuple):
     doubt: Any
 
 
-def empty(node: Any, slots: int, width: int = WIDTH) -> History:
+def empty_history(node: Any, slots: int, width: int = WIDTH) -> History:
     """A ring without events; node: state of the filter before any, with t = NEVER; width: of the longest value."""
     return History(
         head=np.int32(0),
@@ -65,43 +65,43 @@ def empty(node: Any, slots: int, width: int = WIDTH) -> History:
     )
 
 
-def done(h: History) -> Any:
+def newest_imu_index(h: History) -> Any:
     """How far the filter has come: which event, from the oldest, is the newest of the IMU; the last where none is."""
     last = np.int32(h.t.shape[0] - 1)
-    i = lax.while_loop(lambda i: (i >= 0) & (_take(h.kind, _slot(h, i)) != IMU), lambda i: i - 1, last)
+    i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)
 
 
-def fits(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
-    """Whether an event can be put into the ring, and whether it is there already; reached: as `done` gives it.
+def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
+    """Whether an event can be put into the ring, and whether it is there already; reached: see `newest_imu_index`.
 
     What was measured before all that is remembered has no state to start from. One slot is kept for the IMU.
     """
-    before = _last(h, event.t)
+    before = _last_index(h, event.t)
 
     def other(i: Any) -> Any:
-        slot = _slot(h, i)
-        return (i >= 0) & (_take(h.t, slot) == event.t) & (_take(h.kind, slot) != event.kind)
+        slot = _slot_index(h, i)
+        return (i >= 0) & (_read_slot(h.t, slot) == event.t) & (_read_slot(h.kind, slot) != event.kind)
 
     same = lax.while_loop(other, lambda i: i - 1, before)
-    known = (same >= 0) & (_take(h.t, _slot(h, same)) == event.t)
+    known = (same >= 0) & (_read_slot(h.t, _slot_index(h, same)) == event.t)
     if event.kind == IMU:
         return reached >= 1, known
-    return (before >= 1) & (_take(h.t, _slot(h, before)) > NEVER) & (reached >= 2), known
+    return (before >= 1) & (_read_slot(h.t, _slot_index(h, before)) > NEVER) & (reached >= 2), known
 
 
-def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
+def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
     """The ring with one event more and the oldest dropped, and how far the filter's states still hold.
 
     Events of one instant are ordered as they came, the IMU's first. What is newer moves up one slot, so the newest
     event moves nothing.
     """
-    place = _last(h, event.t - 1 if event.kind == IMU else event.t)
-    h = replace(h, head=_wrapped(h.head + 1, h.t.shape[0]))
+    place = _last_index(h, event.t - 1 if event.kind == IMU else event.t)
+    h = replace(h, head=_wrap_index(h.head + 1, h.t.shape[0]))
 
     def up(carry: Any) -> Any:
         i, rings = carry
-        return i - 1, _put(rings, _slot(h, i), _take(rings, _slot(h, i - 1)))
+        return i - 1, _write_slot(rings, _slot_index(h, i), _read_slot(rings, _slot_index(h, i - 1)))
 
     rings = {name: getattr(h, name) for name in ("t", "kind", "value", "doubt")}
     last = np.int32(h.t.shape[0] - 1)
@@ -110,31 +110,33 @@ def insert(h: History, reached: Any, event: Event) -> tuple[History, Any]:
     short = h.value.shape[1] - np.shape(event.value)[0]
     if short:
         new["value"] = jnp.concatenate([event.value, jnp.zeros(short)])
-    rings = _put(rings, _slot(h, place), new)
+    rings = _write_slot(rings, _slot_index(h, place), new)
     return replace(h, **rings), jnp.minimum(reached - 1, place - 1)
 
 
-def replay(form: Any, h: History, reached: Any, aids: Mapping[int, Correct] | None = None) -> tuple[History, Any]:
+def replay_events(
+    form: Any, h: History, reached: Any, aids: Mapping[int, Correct] | None = None
+) -> tuple[History, Any]:
     """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state.
 
     form: gives propagate(node, dt, felt, doubt), and where aids is None correct_heading(node, z, variance) and
     correct_position, for what its intake has.
     aids: what the events of each kind do.
     """
-    last = done(h)
-    aids = usual_aids(form) if aids is None else aids
+    last = newest_imu_index(h)
+    aids = default_aids(form) if aids is None else aids
 
     def body(carry: Any) -> Any:
         i, nodes, node = carry
-        node = _processed(form, h, node, i, last, aids)
-        return i + 1, _put(nodes, _slot(h, i), node), node
+        node = _process_event(form, h, node, i, last, aids)
+        return i + 1, _write_slot(nodes, _slot_index(h, i), node), node
 
-    start = reached + 1, h.nodes, _take(h.nodes, _slot(h, reached))
+    start = reached + 1, h.nodes, _read_slot(h.nodes, _slot_index(h, reached))
     _, nodes, node = lax.while_loop(lambda carry: carry[0] <= last, body, start)
     return replace(h, nodes=nodes), node
 
 
-def usual_aids(form: Any) -> dict[int, Correct]:
+def default_aids(form: Any) -> dict[int, Correct]:
     """Of a form that corrects with headings, positions or both."""
     aids: dict[int, Correct] = {}
     if form.intake.heading:
@@ -144,23 +146,23 @@ def usual_aids(form: Any) -> dict[int, Correct]:
     return aids
 
 
-def newest(h: History) -> Any:
+def newest_node(h: History) -> Any:
     """The filter's state after the newest IMU sample."""
-    return _take(h.nodes, _slot(h, done(h)))
+    return _read_slot(h.nodes, _slot_index(h, newest_imu_index(h)))
 
 
-def state_before(h: History, t: Any) -> Any:
+def node_before(h: History, t: Any) -> Any:
     """The filter's state after the last event measured at integer time t or before; the oldest where all are later."""
-    return _take(h.nodes, _slot(h, jnp.maximum(jnp.minimum(_last(h, t), done(h)), 0)))
+    return _read_slot(h.nodes, _slot_index(h, jnp.maximum(jnp.minimum(_last_index(h, t), newest_imu_index(h)), 0)))
 
 
-def _processed(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mapping[int, Correct]) -> Any:
+def _process_event(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mapping[int, Correct]) -> Any:
     """The state after event i, from that after the event before it; last: the newest of the IMU."""
-    t, kind, value = (_take(x, _slot(h, i)) for x in (h.t, h.kind, h.value))
+    t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
     # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
-    j = lax.while_loop(lambda j: (j < last) & (_take(h.kind, _slot(h, j)) != IMU), lambda j: j + 1, i)
-    ahead, felt, doubt = (_take(x, _slot(h, j)) for x in (h.t, h.value, h.doubt))
-    felt = felt[:FELT]
+    j = lax.while_loop(lambda j: (j < last) & (_read_slot(h.kind, _slot_index(h, j)) != IMU), lambda j: j + 1, i)
+    ahead, felt, doubt = (_read_slot(x, _slot_index(h, j)) for x in (h.t, h.value, h.doubt))
+    felt = felt[:IMU_NUMBERS]
     span = (ahead - node.t).astype(np.float64)
     share = jnp.where(ahead > node.t, (t - node.t).astype(np.float64) / jnp.where(span > 0, span, 1.0), 1.0)
     dt = jnp.where(node.t > NEVER, to_seconds(t - node.t), 0.0)
@@ -175,27 +177,27 @@ def _processed(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mappin
     return moved
 
 
-def _last(h: History, t: Any) -> Any:
+def _last_index(h: History, t: Any) -> Any:
     """Which event, from the oldest, is the last that was measured at t or before; -1 where none was."""
     i = np.int32(h.t.shape[0] - 1)
-    return lax.while_loop(lambda i: (i >= 0) & (_take(h.t, _slot(h, i)) > t), lambda i: i - 1, i)
+    return lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.t, _slot_index(h, i)) > t), lambda i: i - 1, i)
 
 
-def _slot(h: History, i: Any) -> Any:
+def _slot_index(h: History, i: Any) -> Any:
     """Where event i, from the oldest, lies."""
-    return _wrapped(h.head + i, h.t.shape[0])
+    return _wrap_index(h.head + i, h.t.shape[0])
 
 
-def _wrapped(i: Any, n: int) -> Any:
+def _wrap_index(i: Any, n: int) -> Any:
     """An index in [-n, 2 n) brought into [0, n)."""
     return jnp.where(i >= n, i - n, jnp.where(i < 0, i + n, i)).astype(np.int32)
 
 
-def _take(ring: Any, slot: Any) -> Any:
+def _read_slot(ring: Any, slot: Any) -> Any:
     return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
 
 
-def _put(ring: Any, slot: Any, value: Any) -> Any:
+def _write_slot(ring: Any, slot: Any, value: Any) -> Any:
     def one(leaf: Any, new: Any) -> Any:
         return lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0)
 

@@ -76,7 +76,7 @@ class LeverArms:
     imu: Any = quantity("m", "Of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
     aiding: Any = quantity("m", "Of the point whose position is measured.", default=np.zeros(2), frame="B", shape=(2,))
 
-    def between(self) -> Any:
+    def imu_to_aided_point(self) -> Any:
         """From the IMU to the aided point (2,), in B."""
         return self.aiding - self.imu
 
@@ -96,7 +96,7 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
     return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
 
 
-def turned_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
+def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
     """A lever arm (2,) of B in W, and its derivative by the heading."""
     B = planar(heading)
     quarter = jnp.stack([-arm[1], arm[0]])

@@ -11,9 +11,9 @@ import numpy as np
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import planar
-from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, LeverArms, turned_lever
-from trimtab.estimators.inertial.sensor_watch import SensorWatch, plus
-from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, health, inflated, update
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, LeverArms, rotate_lever
+from trimtab.estimators.inertial.sensor_watch import SensorWatch, increment
+from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covariance_health, inflate_covariance, update
 
 
 @record
@@ -89,24 +89,24 @@ def no_position_fix() -> PositionFix:
     return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 
 
-def counted(fix: Any, done: Update, sign: float = 1.0) -> Any:
+def count_measurement(fix: Any, done: Update, sign: float = 1.0) -> Any:
     """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
     S = done.S
     sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
     refused = done.finite & ~done.accepted
-    in_a_row = jnp.where(done.accepted, 0, plus(fix.rejected_in_a_row, refused)).astype(np.int32)
+    in_a_row = jnp.where(done.accepted, 0, increment(fix.rejected_in_a_row, refused)).astype(np.int32)
     return replace(
         fix,
         innovation=sign * done.innovation,
         normalised=sign * done.innovation / sigma,
         nis=done.nis,
-        used=plus(fix.used, done.accepted),
-        rejected=plus(fix.rejected, refused),
+        used=increment(fix.used, done.accepted),
+        rejected=increment(fix.rejected, refused),
         rejected_in_a_row=in_a_row,
     )
 
 
-def fuse(
+def fuse_measurement(
     fix: Any,
     x: Any,
     P: Any,
@@ -123,18 +123,18 @@ def fuse(
 
     After `patience` measurements refused in a row the filter gives in to the next one that the gate would refuse: its
     covariance is inflated until the innovation is a usual one, and the gate is open. 0: it never does. The rest as in
-    `kalman.update` and `counted`.
+    `kalman.update` and `count_measurement`.
     """
     patience = jnp.asarray(patience)
     gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
-    wider = jnp.where(gives, inflated(P, y, H, R), P)
+    wider = jnp.where(gives, inflate_covariance(P, y, H, R), P)
     done = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
     done = done._replace(P=jnp.where(done.accepted, done.P, P))
-    fix = counted(fix, done, sign)
-    return done, replace(fix, given_in=plus(fix.given_in, gives & done.accepted))
+    fix = count_measurement(fix, done, sign)
+    return done, replace(fix, given_in=increment(fix.given_in, gives & done.accepted))
 
 
-def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
+def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
     """The kinematic fields of NavigationState, from a belief about the IMU.
 
     Args:
@@ -147,7 +147,7 @@ def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms)
     B = planar(x[0])
     yaw_rate = rate - x[5]
     v = B.T @ x[1:3]
-    arm, slope = turned_lever(x[0], arms.imu)
+    arm, slope = rotate_lever(x[0], arms.imu)
     surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
     lever = jnp.stack([-arms.imu[1], arms.imu[0]])
     none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # of force biases nothing here depends
@@ -175,5 +175,5 @@ def at_reference(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms)
         "sigma_gyro_bias": own[5],
         "sigma_forward_bias": own[6],
         "sigma_starboard_bias": own[7],
-        "covariance": health(P),
+        "covariance": covariance_health(P),
     }

@@ -35,7 +35,7 @@ class ImuHistory:
     doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted; (slots, 2).")
 
 
-class Motion(NamedTuple):
+class PreintegratedMotion(NamedTuple):
     """Between two instants: time (s), turn (rad), velocity (2,), position (2,), D1 and D2 (2, 2), doubt (2,)."""
 
     time: Any
@@ -47,12 +47,12 @@ class Motion(NamedTuple):
     doubt: Any
 
 
-def no_samples(slots: int) -> ImuHistory:
+def empty_imu_history(slots: int) -> ImuHistory:
     """Before the first."""
     return ImuHistory(np.full(slots, NEVER, np.int64), np.zeros((slots, 3)), np.zeros((slots, 2)))
 
 
-def noted(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
+def append_sample(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
     """With one more sample; the oldest is forgotten."""
     t, felt, doubt = (jnp.asarray(v) for v in (t, felt, doubt))
     return ImuHistory(
@@ -62,12 +62,12 @@ def noted(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
     )
 
 
-def between(h: ImuHistory, begin: Any, end: Any) -> Motion:
+def preintegrate(h: ImuHistory, begin: Any, end: Any) -> PreintegratedMotion:
     """The motion from one instant to another, as far as samples reach; readings run straight between samples."""
     zero, two = jnp.zeros(()), jnp.zeros(2)
-    start = Motion(zero, zero, two, two, jnp.zeros((2, 2)), jnp.zeros((2, 2)), two)
+    start = PreintegratedMotion(zero, zero, two, two, jnp.zeros((2, 2)), jnp.zeros((2, 2)), two)
 
-    def one(m: Motion, i: Any) -> tuple[Motion, None]:
+    def one(m: PreintegratedMotion, i: Any) -> tuple[PreintegratedMotion, None]:
         t0, t1 = h.t[i], h.t[i + 1]
         a, b = jnp.maximum(t0, begin), jnp.minimum(t1, end)
         there = (t0 > NEVER) & (b > a)
@@ -80,6 +80,6 @@ def between(h: ImuHistory, begin: Any, end: Any) -> Motion:
         velocity, position = mechanise(dt, R0 @ f0[1:], R1 @ f1[1:], m.velocity, m.position)
         D1, D2 = mechanise(dt, R0, R1, m.D1, m.D2)
         doubt = jnp.where(there, jnp.maximum(m.doubt, jnp.maximum(h.doubt[i], h.doubt[i + 1])), m.doubt)
-        return Motion(m.time + dt, turn, velocity, position, D1, D2, doubt), None
+        return PreintegratedMotion(m.time + dt, turn, velocity, position, D1, D2, doubt), None
 
     return lax.scan(one, start, jnp.arange(h.t.shape[0] - 1))[0]

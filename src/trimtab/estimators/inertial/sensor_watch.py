@@ -35,7 +35,7 @@ class SensorWatch:
     late: Scalar = quantity("1", "How many were older than all that is remembered: not used.", kind="count")
 
 
-class Judgement(NamedTuple):
+class SampleValidation(NamedTuple):
     """What was found: the watch as it now stands; usable; value, finite and as wide as the watch; t, when measured."""
 
     watch: SensorWatch
@@ -44,7 +44,7 @@ class Judgement(NamedTuple):
     t: Any
 
 
-def unwatched(width: int = WIDTH) -> SensorWatch:
+def initial_watch(width: int = WIDTH) -> SensorWatch:
     """Before the first sample; width: of its values."""
     none, no = np.int32(0), np.bool_(False)
     return SensorWatch(
@@ -62,9 +62,9 @@ def unwatched(width: int = WIDTH) -> SensorWatch:
     )
 
 
-def judge(
+def validate_sample(
     watch: SensorWatch, now: Any, sample: Sample, numbers: tuple[Any, ...], *, frozen_after: Any, ordered: bool
-) -> Judgement:
+) -> SampleValidation:
     """Look at a sample as the frame holds it.
 
     Args:
@@ -91,16 +91,16 @@ def judge(
         frozen=(repeats >= frozen_after) & (jnp.asarray(frozen_after) > 0),
         saturated=watch.saturated,
         backwards=jnp.where(arrived & sound, older, watch.backwards),
-        samples=plus(watch.samples, arrived),
-        invalid=plus(watch.invalid, arrived & ~sound),
-        duplicates=plus(watch.duplicates, duplicate),
-        disordered=plus(watch.disordered, older),
+        samples=increment(watch.samples, arrived),
+        invalid=increment(watch.invalid, arrived & ~sound),
+        duplicates=increment(watch.duplicates, duplicate),
+        disordered=increment(watch.disordered, older),
         late=watch.late,
     )
     usable = new & ~older if ordered else new
-    return Judgement(seen, usable, jnp.where(jnp.isfinite(value), value, 0.0), sample.t)
+    return SampleValidation(seen, usable, jnp.where(jnp.isfinite(value), value, 0.0), sample.t)
 
 
-def plus(count: Any, one: Any) -> Any:
+def increment(count: Any, one: Any) -> Any:
     """A counter, one higher where `one` holds; it stays at its largest value rather than turn over."""
     return jnp.where(one & (count < np.iinfo(np.int32).max), count + 1, count).astype(np.int32)

@@ -52,7 +52,7 @@ def assisted_heading(place_a: Any, place_b: Any, moved: Any, lever_a: Any, lever
     return two_unit_heading(place_a + moved, place_b, lever_a, lever_b)
 
 
-def heading_error(position_error: Any, lever_a: Any, lever_b: Any) -> Any:
+def heading_sigma(position_error: Any, lever_a: Any, lever_b: Any) -> Any:
     """Standard deviation of the heading (rad) from that of each unit's position, per axis (m): sqrt(2) sigma / base."""
     B = lever_a - lever_b
     return jnp.sqrt(2.0) * position_error / jnp.sqrt(B[0] ** 2 + B[1] ** 2)
@@ -70,12 +70,12 @@ class Solution:
     residual: Scalar = quantity("m", "Root mean square of the ranges' residuals.")
 
 
-def _mean(values: Any, used: Any) -> Any:
+def _mean_of_used(values: Any, used: Any) -> Any:
     return jnp.sum(jnp.where(used, values, 0.0)) / jnp.maximum(jnp.sum(used), 1)
 
 
 def _centre(plan: Any, used: Any) -> Any:
-    return jnp.stack([_mean(plan[:, 0], used), _mean(plan[:, 1], used)])
+    return jnp.stack([_mean_of_used(plan[:, 0], used), _mean_of_used(plan[:, 1], used)])
 
 
 def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: Any = 0.0) -> Any:
@@ -87,10 +87,10 @@ def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: 
 
 def root_mean_square(values: Any, used: Any) -> Any:
     """Of the values (n,) that count; 0 where none does."""
-    return jnp.sqrt(_mean(values * values, used))
+    return jnp.sqrt(_mean_of_used(values * values, used))
 
 
-def bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
     """Position and common range error in closed form, from three ranges or more.
 
         a_i = (x_i, y_i, rho_i),   alpha_i = <a_i, a_i>/2 + h^2/2,   <,> = diag(1, 1, -1)
@@ -143,10 +143,10 @@ def bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
     return Solution(place=place, bias=bias, residual=rms)
 
 
-def least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
+def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
     """The position with the least sum of squared residuals, no common range error, by Gauss and Newton from `start`.
 
-    Args: as `bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.5.
+    Args: as `solve_bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.5.
     """
 
     def closer(_: Any, place: Any) -> Any:
@@ -164,7 +164,7 @@ def least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) ->
     return Solution(place=place, bias=jnp.zeros_like(rms), residual=rms)
 
 
-def leave_one_out(
+def solve_leaving_one_out(
     solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
 ) -> Solution:
     """The solution with all, then those without each of the beacons in turn: fields have a leading axis (n + 1,).
@@ -173,7 +173,7 @@ def leave_one_out(
 
     Args:
         solve: of (plan, height, ranges, used) gives a Solution.
-        plan, height, ranges, used: as `bancroft`.
+        plan, height, ranges, used: as `solve_bancroft`.
         suffices: tells of a Solution whether it will do.
     """
     n = used.shape[0]
@@ -182,7 +182,7 @@ def leave_one_out(
         i, end, found = carry
         one = solve(plan, height, ranges, used & (jnp.arange(n) != i - 1))
         end = jnp.where((i == 0) & suffices(one), 1, end)
-        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(found, _numbers(one), strict=True)]
+        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(found, _as_tuple(one), strict=True)]
         return i + 1, end, tuple(put)
 
     none = jnp.zeros((n + 1, 2)), jnp.zeros(n + 1), jnp.zeros(n + 1)
@@ -190,16 +190,16 @@ def leave_one_out(
     return Solution(*found)
 
 
-def _numbers(one: Solution) -> tuple[Any, Any, Any]:
+def _as_tuple(one: Solution) -> tuple[Any, Any, Any]:
     return one.place, one.bias, one.residual
 
 
-def two_ranges(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:
+def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:
     """Where the circles around the first two beacons that count intersect, on the side of a place known before.
 
     Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
 
-    Args: as `bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.5.
+    Args: as `solve_bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.5.
     """
     plan, order = jnp.asarray(plan), jnp.arange(used.shape[0])
     i = jnp.argmax(used)

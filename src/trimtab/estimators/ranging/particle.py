@@ -19,34 +19,40 @@ from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.rotation import wrap
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import Intake, look, ranges
+from trimtab.estimators.inertial.aided import Intake, range_aid, read_samples
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, turned_lever
-from trimtab.estimators.inertial.navigation_state import NavigationState, at_reference
-from trimtab.estimators.inertial.preintegration import ImuHistory, Motion, between, no_samples, noted
-from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, plus, unwatched
-from trimtab.estimators.ranging.multilateration import two_ranges
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, rotate_lever
+from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
+from trimtab.estimators.inertial.preintegration import (
+    ImuHistory,
+    PreintegratedMotion,
+    append_sample,
+    empty_imu_history,
+    preintegrate,
+)
+from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, increment, initial_watch
+from trimtab.estimators.ranging.multilateration import intersect_circles
 from trimtab.estimators.ranging.particle_cloud import (
     Cloud,
-    advanced,
-    effective,
+    cloud_moments,
+    effective_sample_size,
     motion_covariance,
-    moved,
-    redrawn,
-    summary,
-    weighed,
+    predict_cloud,
+    predict_particle,
+    resample,
+    update_cloud,
 )
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import Geometry, compensate, place_information
-from trimtab.estimators.ranging.start import either
-from trimtab.estimators.ranging.tightly_coupled import PAIR, check_places
+from trimtab.estimators.ranging.range_model import Geometry, compensate_range, place_information
+from trimtab.estimators.ranging.start import tree_where
+from trimtab.estimators.ranging.tightly_coupled import PAIR, check_positions
 
 START = 1
 """First stream of the draws."""
 
 
-def thrown(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
+def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
     """Particles from the first ranges (n,), of which two or more are above 0; number: tells throws apart."""
     N, n = form.N, np.shape(form.beacons)[0]
     g = form.geometry(unit)
@@ -55,7 +61,7 @@ def thrown(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
     lots = jnp.stack([uniform2(key, index * n + i, START + 8)[0] for i in range(n)], axis=1)
     heading = wrap(2 * np.pi * (jnp.arange(N) + spin) / N)
     plan, height = g.beacons[:, :2], g.down - g.beacons[:, 2]
-    exact = compensate(jnp.where(ranges > 0, ranges, 1.0), height)[0] if form.cone else ranges
+    exact = compensate_range(jnp.where(ranges > 0, ranges, 1.0), height)[0] if form.cone else ranges
     s = form.start
     motion, width = s.motion_variances(), jnp.full(1, (2 * np.pi / N) ** 2)
     bias = jnp.reshape(s.sigma_gyro_bias**2, 1)
@@ -68,8 +74,8 @@ def thrown(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
         i, j = jnp.argmax(pair), n - 1 - jnp.argmax(pair[::-1])
         line = plan[j] - plan[i]
         far = jnp.where(side < 0.5, -1.0, 1.0) * jnp.stack([-line[1], line[0]])
-        place = two_ranges(plan, height, exact, pair, plan[i] + line / 2 + far).place
-        arm, _ = turned_lever(heading, g.lever)
+        place = intersect_circles(plan, height, exact, pair, plan[i] + line / 2 + far).place
+        arm, _ = rotate_lever(heading, g.lever)
         W = place_information(place, pair, g, form.start_sigma) + jnp.eye(2) / s.sigma_position**2
         det = W[0, 0] * W[1, 1] - W[0, 1] * W[1, 0]
         own = jnp.stack([jnp.stack([W[1, 1], -W[0, 1]]), jnp.stack([-W[1, 0], W[0, 0]])]) / det
@@ -161,7 +167,7 @@ class Particle:
             raise InputError("Particle.intake", "it reads an IMU and ranges only", fix="leave heading empty")
         if self.N < 2:
             raise InputError("Particle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
-        check_places("Particle", self)
+        check_positions("Particle", self)
 
     def init(self, key: Key) -> ParticleState:
         """Nothing measured yet."""
@@ -172,17 +178,17 @@ class Particle:
             key=key,
             cloud=cloud,
             at=np.int64(NEVER),
-            history=no_samples(self.intake.slots),
+            history=empty_imu_history(self.intake.slots),
             fix=ParticleFix(o, np.zeros(n), none, none, none, none, np.bool_(False), none, o),
-            imu=unwatched(),
-            position=unwatched(max(n + 1, 3)),
+            imu=initial_watch(),
+            position=initial_watch(max(n + 1, 3)),
             clock=np.int64(NEVER),
             clock_backwards=none,
         )
 
     def step(self, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
-        return _stepped(self, t, state, frame)
+        return _step_filter(self, t, state, frame)
 
     def geometry(self, unit: Any) -> Geometry:
         """Of the ranges of a unit."""
@@ -191,7 +197,7 @@ class Particle:
         return Geometry(beacons, lever[:2] - self.arms.imu, self.down + lever[2], self.cone)
 
 
-def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> ParticleState:
+def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: PreintegratedMotion) -> ParticleState:
     """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
     n = np.shape(form.beacons)[0]
     unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
@@ -202,81 +208,81 @@ def pinged(form: Particle, s: ParticleState, t: Any, value: Any, m: Motion) -> P
     alive = s.fix.tracking | starts
     cloud = lax.cond(
         s.fix.tracking,
-        lambda: advanced(s.cloud, m, form.noise),
-        lambda: thrown(form, s.key, s.fix.starts, ranges, unit),
+        lambda: predict_cloud(s.cloud, m, form.noise),
+        lambda: initialise_cloud(form, s.key, s.fix.starts, ranges, unit),
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
-    done = weighed(cloud, ranges, form.geometry(unit), form.errors, form.wrong, form.width, learns)
-    few = effective(done.cloud.weight) < form.N / 2
+    done = update_cloud(cloud, ranges, form.geometry(unit), form.errors, form.wrong, form.width, learns)
+    few = effective_sample_size(done.cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
-    cloud = lax.cond(few, lambda: redrawn(done.cloud, comb, z, form.share), lambda: done.cloud)
+    cloud = lax.cond(few, lambda: resample(done.cloud, comb, z, form.share), lambda: done.cloud)
     mostly = (
-        jnp.sum(jnp.where(heard, done.believed, 0.0)) > jnp.sum(heard) / 2 - 0.01
+        jnp.sum(jnp.where(heard, done.inlier_share, 0.0)) > jnp.sum(heard) / 2 - 0.01
     )  # half of them, to rounding, is no reason yet
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
-        effective=effective(done.cloud.weight),
-        believed=done.believed,
-        used=plus(s.fix.used, alive),
+        effective=effective_sample_size(done.cloud.weight),
+        believed=done.inlier_share,
+        used=increment(s.fix.used, alive),
         unit=unit,
-        redrawn=plus(s.fix.redrawn, few & alive),
+        redrawn=increment(s.fix.redrawn, few & alive),
         doubted=jnp.where(lost, 0, doubt).astype(np.int32),
         tracking=alive & ~lost,
-        starts=plus(s.fix.starts, starts),
+        starts=increment(s.fix.starts, starts),
         scale=cloud.weight @ cloud.x[:, DIMENSION],
     )
     used = jnp.any(heard) & alive
-    return either(used, replace(s, cloud=cloud, at=t, fix=fix), s)
+    return tree_where(used, replace(s, cloud=cloud, at=t, fix=fix), s)
 
 
-def _carried(form: Particle, s: ParticleState) -> ParticleState:
+def _advance_without_ping(form: Particle, s: ParticleState) -> ParticleState:
     """Without pings for half of what is remembered of the IMU, the particles follow it all the same."""
     h = s.history
     to = h.t[h.t.shape[0] // 2]
     due = s.fix.tracking & (to > s.at)
 
     def go() -> ParticleState:
-        return replace(s, cloud=advanced(s.cloud, between(h, s.at, to), form.noise), at=to)
+        return replace(s, cloud=predict_cloud(s.cloud, preintegrate(h, s.at, to), form.noise), at=to)
 
     return lax.cond(due, go, lambda: s)
 
 
 @jax.jit
-def _stepped(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
-    found = look(form.intake, ranges(form), t, state, frame)
+def _step_filter(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
+    found = read_samples(form.intake, range_aid(form), t, state, frame)
     (felt, seen), (ping, replied) = found["imu"], found["position"]
     h = state.history
-    history = lax.cond(seen.usable, lambda: noted(h, felt.t, felt.value, felt.doubt), lambda: h)
+    history = lax.cond(seen.usable, lambda: append_sample(h, felt.t, felt.value, felt.doubt), lambda: h)
     s = replace(state, history=history, imu=seen.watch, position=replied.watch)
-    s = _carried(form, s)
+    s = _advance_without_ping(form, s)
     begun = history.t[-1] > NEVER
     in_time = begun & (ping.t > s.at) & (ping.t <= history.t[-1])
-    s = replace(s, position=replace(s.position, late=plus(s.position.late, replied.usable & ~in_time)))
-    m = between(history, s.at, jnp.minimum(ping.t, history.t[-1]))
-    s = lax.cond(replied.usable & in_time, lambda: pinged(form, s, ping.t, ping.value, m), lambda: s)
-    backwards = plus(state.clock_backwards, jnp.asarray(t < state.clock))
+    s = replace(s, position=replace(s.position, late=increment(s.position.late, replied.usable & ~in_time)))
+    m = preintegrate(history, s.at, jnp.minimum(ping.t, history.t[-1]))
+    s = lax.cond(replied.usable & in_time, lambda: process_ping(form, s, ping.t, ping.value, m), lambda: s)
+    backwards = increment(state.clock_backwards, jnp.asarray(t < state.clock))
     s = replace(s, clock=jnp.maximum(state.clock, t), clock_backwards=backwards)
-    return s, _told(form, t, s, seen.usable | replied.usable)
+    return s, _cloud_estimate(form, t, s, seen.usable | replied.usable)
 
 
-def _told(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
+def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
     """The cloud's mean and covariance, predicted to the newest IMU sample; while the IMU is silent, to now."""
     newest = s.history.t[-1]
     begun = newest > NEVER
     age = jnp.where(begun, to_seconds(t - newest), 0.0)
     silent = begun & (t - newest > form.intake.gap)
-    mean, P = summary(s.cloud)
-    m = between(s.history, s.at, newest)
-    mean, P = moved(mean, P, m, motion_covariance(form.noise, mean[0], m))
+    mean, P = cloud_moments(s.cloud)
+    m = preintegrate(s.history, s.at, newest)
+    mean, P = predict_particle(mean, P, m, motion_covariance(form.noise, mean[0], m))
     dt = jnp.where(silent, age, 0.0)
     two, none = jnp.zeros(2), jnp.zeros((2, 2))
-    still = Motion(dt, dt * mean[5], two, two, none, none, jnp.ones(2))  # the bias takes its own turn away
-    mean, P = moved(mean, P, still, motion_covariance(form.noise, mean[0], still))
+    still = PreintegratedMotion(dt, dt * mean[5], two, two, none, none, jnp.ones(2))  # the bias takes its own turn away
+    mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.felt[-1, 0])
     variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
-    told = at_reference(belief, rate, variance, form.arms)
+    told = reference_kinematics(belief, rate, variance, form.arms)
     sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sure) & (jnp.sqrt(P[0, 0]) <= form.sure_heading)
     state = NavigationState(
         **told,

@@ -17,13 +17,13 @@ from trimtab.core.float64 import jnp
 from trimtab.core.linalg import symmetric
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.rotation import planar, wrap
-from trimtab.estimators.inertial.coupled import SIGNS, coupled_noise
+from trimtab.estimators.inertial.coupled import SIGNS, coupled_process_noise
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import DIMENSION
-from trimtab.estimators.inertial.preintegration import Motion
+from trimtab.estimators.inertial.preintegration import PreintegratedMotion
 from trimtab.estimators.kalman import update
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import Geometry, linearised
+from trimtab.estimators.ranging.range_model import Geometry, linearise_range
 
 
 @record
@@ -35,14 +35,14 @@ class Cloud:
     weight: Any = quantity("1", "Weights (N,), of sum 1.")
 
 
-class Weighed(NamedTuple):
+class CloudUpdate(NamedTuple):
     """A cloud after a ping, and of each range (n,) the share of the weight that believes it."""
 
     cloud: Cloud
-    believed: Any
+    inlier_share: Any
 
 
-def moved(x: Any, P: Any, m: Motion, Q: Any) -> tuple[Any, Any]:
+def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[Any, Any]:
     """A state (9 + n,) and its covariance over a motion; Q: noise added to Belief.x (8, 8)."""
     T, B = m.time, planar(x[0])
     dv, dr = B @ (m.velocity - m.D1 @ x[6:8]), B @ (m.position - m.D2 @ x[6:8])
@@ -64,25 +64,29 @@ def moved(x: Any, P: Any, m: Motion, Q: Any) -> tuple[Any, Any]:
     return new, jnp.concatenate([jnp.concatenate([own, cross], axis=1), below])
 
 
-def motion_covariance(noise: InertialNoise, heading: Any, m: Motion) -> Any:
+def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
     """Q (8, 8) of Belief.x over a motion."""
-    return coupled_noise(noise.growth(m.time, m.doubt), heading, noise.reach(m.time)) * SIGNS[:, None] * SIGNS[None, :]
+    return (
+        coupled_process_noise(noise.growth(m.time, m.doubt), heading, noise.integration_time(m.time))
+        * SIGNS[:, None]
+        * SIGNS[None, :]
+    )
 
 
-def advanced(cloud: Cloud, m: Motion, noise: InertialNoise) -> Cloud:
+def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) -> Cloud:
     """All particles over a motion."""
 
     def one(particle: Any) -> Any:
         x, P = particle
-        return moved(x, P, m, motion_covariance(noise, x[0], m))
+        return predict_particle(x, P, m, motion_covariance(noise, x[0], m))
 
     x, P = lax.map(one, (cloud.x, cloud.P))
     return replace(cloud, x=x, P=P)
 
 
-def weighed(
+def update_cloud(
     cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
-) -> Weighed:
+) -> CloudUpdate:
     """Every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
 
         p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
@@ -97,7 +101,7 @@ def weighed(
         def each(carry: Any, row: Any) -> Any:
             x, P, log = carry
             i, z = row
-            at = linearised(x, P, i, g)
+            at = linearise_range(x, P, i, g)
             extra, mean = (at.variance, at.mean) if errors.second_order else (0.0, 0.0)
             R = jnp.reshape(errors.noise**2 + extra, (1, 1))
             done = update(x, P, (z - at.range - mean)[None], at.H[None], R, gate=errors.gate, consider=learns)
@@ -115,15 +119,15 @@ def weighed(
     total = jnp.sum(weight)
     fair = jnp.full(weight.shape, 1.0 / weight.shape[0])
     weight = jnp.where(total > 0, weight / jnp.where(total > 0, total, 1.0), fair)
-    return Weighed(Cloud(x, P, weight), weight @ used.astype(np.float64))
+    return CloudUpdate(Cloud(x, P, weight), weight @ used.astype(np.float64))
 
 
-def effective(weight: Any) -> Any:
+def effective_sample_size(weight: Any) -> Any:
     """Effective sample size, from 1 to N."""
     return 1.0 / jnp.sum(weight * weight)
 
 
-def systematic(weight: Any, u: Any) -> Any:
+def systematic_indices(weight: Any, u: Any) -> Any:
     """Which particle each of N new ones copies (N,), int32: one comb of N teeth, shifted by u in (0, 1)."""
     n = weight.shape[0]
 
@@ -132,7 +136,7 @@ def systematic(weight: Any, u: Any) -> Any:
     return jnp.minimum(index, n - 1).astype(np.int32)
 
 
-def redrawn(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
+def resample(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
     """Equal weights, by systematic resampling; a share of each particle's heading variance becomes spread.
 
         d = sqrt(share P00) z,   x + P[:, 0] d / P00,   P - share P[:, 0] P[0, :] / P00
@@ -142,7 +146,7 @@ def redrawn(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
     u: uniform.  z: standard normals (N,).  share: 0, copies stay copies, to 1, heading is drawn wholly.
     """
     n = cloud.weight.shape[0]
-    index = systematic(cloud.weight, u)
+    index = systematic_indices(cloud.weight, u)
     x, P = cloud.x[index], cloud.P[index]
     column = P[:, :, 0]
     own = jnp.maximum(column[:, :1], 1e-12)
@@ -151,7 +155,7 @@ def redrawn(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
     return Cloud(x, P, jnp.full(n, 1.0 / n))
 
 
-def summary(cloud: Cloud) -> tuple[Any, Any]:
+def cloud_moments(cloud: Cloud) -> tuple[Any, Any]:
     """Mean (9 + n,) and covariance of the mixture; heading as the direction of the mean unit vector."""
     w, x = cloud.weight, cloud.x
     heading = jnp.arctan2(w @ jnp.sin(x[:, 0]), w @ jnp.cos(x[:, 0]))

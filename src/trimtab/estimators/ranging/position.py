@@ -17,13 +17,13 @@ from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import FOREVER, ms, to_seconds
 from trimtab.estimators.ranging.multilateration import (
     Solution,
-    bancroft,
-    least_squares,
-    leave_one_out,
-    two_ranges,
+    intersect_circles,
+    solve_bancroft,
+    solve_least_squares,
+    solve_leaving_one_out,
     two_unit_heading,
 )
-from trimtab.estimators.ranging.range_model import compensate
+from trimtab.estimators.ranging.range_model import compensate_range
 
 NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
 MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
@@ -68,7 +68,7 @@ class RangingPositionState:
     any: Scalar = quantity("1", "Whether there has been a fix.", kind="flag")
 
 
-class _Result(NamedTuple):
+class _UnitLocation(NamedTuple):
     place: Any
     bias: Any
     residual: Any
@@ -152,7 +152,7 @@ class RangingPosition:
             any=no,
         )
 
-    def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _Result:
+    def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
         """A unit's place (2,) from measured ranges (n,), with what speaks for it.
 
         Args:
@@ -167,10 +167,10 @@ class RangingPosition:
         usable = arrived & jnp.isfinite(ranges) & (ranges > 0)
         ranges = jnp.where(usable, ranges, 1.0)
         if self.cone:
-            ranges, _, _ = compensate(ranges, height)
+            ranges, _, _ = compensate_range(ranges, height)
         count = jnp.sum(usable)
-        pair = two_ranges(plan, height, ranges, usable, near)
-        every, rejected = self._checked(plan, height, ranges, usable, near, known)
+        pair = intersect_circles(plan, height, ranges, usable, near)
+        every, rejected = self._reject_outlier(plan, height, ranges, usable, near, known)
         agrees = every.residual <= self.residual_limit
         mode = jnp.where(agrees, jnp.where(rejected >= 0, ONE_REJECTED, ALL), INCONSISTENT)
         two = count == 2
@@ -179,15 +179,17 @@ class RangingPosition:
         best = jax.tree.map(lambda a, b: jnp.where(two, a, b), pair, every)
         used = count - ((mode == ONE_REJECTED) & ~two)
         rejected = jnp.where(mode == ONE_REJECTED, rejected, -1)
-        return _Result(best.place, best.bias, best.residual, used, rejected, mode)
+        return _UnitLocation(best.place, best.bias, best.residual, used, rejected, mode)
 
     def _solve(self, plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
-        first = bancroft(plan, height, ranges, used)
+        first = solve_bancroft(plan, height, ranges, used)
         if self.solver == "closed form":
             return first
-        return least_squares(plan, height, ranges, used, first.place)
+        return solve_least_squares(plan, height, ranges, used, first.place)
 
-    def _checked(self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any) -> tuple[Solution, Any]:
+    def _reject_outlier(
+        self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
+    ) -> tuple[Solution, Any]:
         """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
@@ -197,7 +199,7 @@ class RangingPosition:
         def suffices(one: Solution) -> Any:
             return (one.residual <= self.residual_limit) | ~enough
 
-        solved = leave_one_out(self._solve, plan, height, ranges, usable, suffices)
+        solved = solve_leaving_one_out(self._solve, plan, height, ranges, usable, suffices)
         every, without = jax.tree.map(lambda a: a[0], solved), jax.tree.map(lambda a: a[1:], solved)
         rest = usable[None, :] & ~jnp.eye(usable.shape[0], dtype=np.bool_)
         away = without.place[:, None, :] - plan
@@ -227,7 +229,7 @@ class RangingPosition:
         """The state after a ping of integer time t."""
         unit = jnp.clip(value.unit, 0, np.shape(self.units)[0] - 1)
         own = jnp.arange(s.times.shape[0]) == unit
-        ranges, repeats = self._watched(s, own, value)
+        ranges, repeats = self._count_repeats(s, own, value)
         frozen = (repeats[unit] >= self.frozen_after) & (jnp.asarray(self.frozen_after) > 0)
         near = s.places[unit]
         known = s.times[unit] > -FOREVER
@@ -243,19 +245,19 @@ class RangingPosition:
         residual, bias = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (r.residual, r.bias))
         fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
         fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
-        moved = self._vehicle(fix, place, unit, places, times)
+        moved = self._vehicle_fix(fix, place, unit, places, times)
         fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), moved, fix)
         measured = jnp.where(good, t, s.measured)
         return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
 
-    def _watched(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
+    def _count_repeats(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
         """Last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
         now = jnp.where(value.arrived & jnp.isfinite(value.range), value.range, 0.0)
         same = jnp.all(now == s.ranges, axis=1) & jnp.any(now > 0)
         repeats = jnp.where(own, jnp.where(same, s.repeats + 1, 0), s.repeats).astype(np.int32)
         return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
-    def _vehicle(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
+    def _vehicle_fix(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
         """The fix of the vehicle from that of a unit, and the heading where two units have one."""
         heading, paired, at = fix.heading, fix.heading_valid, place
         if np.shape(self.units)[0] >= 2:

@@ -10,7 +10,7 @@ import numpy as np
 from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, quantity, record, replace
 
-FORGIVES = 5
+FORGIVENESS_FACTOR = 5
 """Times the patience that a moved beacon has to agree with its survey, until it is believed again."""
 
 
@@ -94,8 +94,8 @@ def no_range_fix(n: int) -> RangeFix:
     )
 
 
-def counted_ranges(fix: RangeFix, heard: Any, done: Any, errors: RangeErrorModel) -> RangeFix:
-    """After one more ping: heard (n,), and what `range_update.swept` did. Doubt is for `doubted`."""
+def count_ranges(fix: RangeFix, heard: Any, done: Any, errors: RangeErrorModel) -> RangeFix:
+    """After one more ping: heard (n,), and what `range_update.swept` did. Doubt is for `diagnose_beacons`."""
     refused = heard & ~done.accepted
     sigma = jnp.sqrt(jnp.maximum(done.variance, 1e-300))
     in_a_row = jnp.where(done.accepted, 0, jnp.minimum(fix.refused_in_a_row + refused, 2**30))
@@ -121,7 +121,7 @@ def counted_ranges(fix: RangeFix, heard: Any, done: Any, errors: RangeErrorModel
     )
 
 
-def doubted(fix: RangeFix, errors: RangeErrorModel) -> tuple[Any, Any, Any]:
+def diagnose_beacons(fix: RangeFix, errors: RangeErrorModel) -> tuple[Any, Any, Any]:
     """Which beacons (n,) are now found moved, which are forgiven, and whether the filter itself is lost.
 
     A beacon that is refused again and again while the others are believed has moved; a filter that most beacons
@@ -131,5 +131,5 @@ def doubted(fix: RangeFix, errors: RangeErrorModel) -> tuple[Any, Any, Any]:
     long = fix.refused_in_a_row >= errors.patience
     several = 2 * jnp.sum(2 * fix.refused_in_a_row >= errors.patience) >= fix.accepted.shape[0]
     lost = asks & ((fix.mostly_refused >= errors.patience) | (jnp.any(long) & several))
-    forgiven = fix.moved & (fix.agreed_in_a_row >= FORGIVES * errors.patience)
+    forgiven = fix.moved & (fix.agreed_in_a_row >= FORGIVENESS_FACTOR * errors.patience)
     return asks & long & ~several & ~fix.moved, forgiven, lost

@@ -20,8 +20,8 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.float64 import jnp
-from trimtab.environment.acoustics import LINEAR, QUADRATIC, off_axis, range_ratio
-from trimtab.estimators.inertial.mechanisation import DIMENSION, turned_lever
+from trimtab.environment.acoustics import LINEAR, QUADRATIC, off_axis_angle, range_ratio
+from trimtab.estimators.inertial.mechanisation import DIMENSION, rotate_lever
 from trimtab.estimators.kalman import update
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
 
@@ -33,7 +33,7 @@ START, FARTHEST = 2.2 * TOP, 1.4
 """Angles (rad) between which Newton's method begins. Below 2 TOP there is no root for a range above the height."""
 
 
-def compensate(measured: Any, height: Any) -> tuple[Any, Any, Any]:
+def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
     """True range, angle off the axis, and the iterations that it took.
 
         e(beta) cos(beta) = h / rho,   r = e(beta) rho
@@ -50,7 +50,7 @@ def compensate(measured: Any, height: Any) -> tuple[Any, Any, Any]:
     """
     climbs = (measured > height) & (height > 0)
     goal = jnp.where(climbs, height / jnp.where(climbs, measured, 1.0), 0.9)
-    beta = jnp.clip(off_axis(goal, jnp.ones_like(goal)), START, FARTHEST)
+    beta = jnp.clip(off_axis_angle(goal, jnp.ones_like(goal)), START, FARTHEST)
 
     def closer(_: Any, carry: Any) -> Any:
         beta, iterations = carry
@@ -66,7 +66,7 @@ def compensate(measured: Any, height: Any) -> tuple[Any, Any, Any]:
     return true_range, jnp.where(climbs, beta, 0.0), jnp.where(climbs, iterations, 0.0)
 
 
-class Predicted(NamedTuple):
+class RangePrediction(NamedTuple):
     """A range as measured (m), its derivative by north and east (2,), and the second derivative (2, 2) in 1/m."""
 
     range: Any
@@ -74,7 +74,7 @@ class Predicted(NamedTuple):
     curvature: Any
 
 
-def predicted(beacon: Any, place: Any, down: Any, *, cone: bool) -> Predicted:
+def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePrediction:
     """What a unit measures to a beacon, without noise.
 
         d / e(beta),  tan beta = |p - q| / h,  e = 1 without cone error
@@ -95,14 +95,14 @@ def predicted(beacon: Any, place: Any, down: Any, *, cone: bool) -> Predicted:
     g = away / distance
     curvature = (jnp.eye(2) - g[:, None] * g[None, :]) / distance
     if not cone:
-        return Predicted(distance, g, curvature)
+        return RangePrediction(distance, g, curvature)
     aside = jnp.sqrt(jnp.where(square > 0, square, 1.0))
     aside = jnp.where(square > 0, aside, 0.0)
     beta = jnp.arctan2(aside, height)
     e, rises = range_ratio(beta), 2 * QUADRATIC * beta + LINEAR
     direction = away / jnp.where(aside > 0, aside, 1.0)
     slope = g / e - direction * (rises * height / (e * e * distance))
-    return Predicted(distance / e, slope, curvature)
+    return RangePrediction(distance / e, slope, curvature)
 
 
 POSE = np.array([0, 3, 4])
@@ -118,7 +118,7 @@ class Geometry(NamedTuple):
     cone: bool
 
 
-class Linear(NamedTuple):
+class LinearisedRange(NamedTuple):
     """A range at a state: value, derivative (k,), and what curvature adds to mean and variance."""
 
     range: Any
@@ -127,7 +127,7 @@ class Linear(NamedTuple):
     variance: Any
 
 
-class Swept(NamedTuple):
+class RangeUpdate(NamedTuple):
     """State and covariance after a ping; innovation, its variance and NIS of each range, and which were used (n,)."""
 
     x: Any
@@ -138,15 +138,15 @@ class Swept(NamedTuple):
     accepted: Any
 
 
-def linearised(x: Any, P: Any, i: Any, g: Geometry) -> Linear:
+def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
     """The range to beacon i at a state (9 + n,): Belief.x, scale, errors of the beacons.
 
     With Hessian A in (heading, north, east) and the covariance S of these, a Gaussian state adds tr(A S)/2 to the mean
     and tr(A S A S)/2 to the variance ([4] section 10.3.3).
     """
     n = g.beacons.shape[0]
-    arm, slope = turned_lever(x[0], g.lever)
-    at = predicted(jnp.asarray(g.beacons)[i], x[3:5] + arm, g.down, cone=g.cone)
+    arm, slope = rotate_lever(x[0], g.lever)
+    at = predict_range(jnp.asarray(g.beacons)[i], x[3:5] + arm, g.down, cone=g.cone)
     T = jnp.concatenate([slope[:, None], jnp.eye(2)], axis=1)
     by_pose = at.slope @ T
     grows = 1 + x[DIMENSION]
@@ -156,16 +156,18 @@ def linearised(x: Any, P: Any, i: Any, g: Geometry) -> Linear:
     swing = jnp.where(np.arange(9).reshape(3, 3) == 0, -(at.slope @ arm), 0.0)
     A = (T.T @ at.curvature @ T + swing) @ P[POSE][:, POSE]
     mean, variance = (A[0, 0] + A[1, 1] + A[2, 2]) / 2, jnp.sum(A * A.T) / 2
-    return Linear(grows * at.range + x[DIMENSION + 1 + i], H, mean, variance)
+    return LinearisedRange(grows * at.range + x[DIMENSION + 1 + i], H, mean, variance)
 
 
-def swept(x: Any, P: Any, ranges: Any, usable: Any, g: Geometry, errors: RangeErrorModel, learns: Any) -> Swept:
+def update_with_ranges(
+    x: Any, P: Any, ranges: Any, usable: Any, g: Geometry, errors: RangeErrorModel, learns: Any
+) -> RangeUpdate:
     """A ping's ranges (n,), each linearised anew, those that are usable (n,); learns (9 + n,): 0 where considered."""
 
     def one(carry: Any, row: Any) -> Any:
         x, P = carry
         i, z, use = row
-        at = linearised(x, P, i, g)
+        at = linearise_range(x, P, i, g)
         extra = at.variance if errors.second_order else 0.0
         y = z - at.range - (at.mean if errors.second_order else 0.0)
         gate = jnp.where(use, errors.gate, -1.0)
@@ -176,11 +178,11 @@ def swept(x: Any, P: Any, ranges: Any, usable: Any, g: Geometry, errors: RangeEr
 
     rows = jnp.arange(ranges.shape[0]), ranges, usable
     (x, P), (y, S, nis, accepted) = lax.scan(one, (x, P), rows)
-    return Swept(x, P, y, S, nis, accepted)
+    return RangeUpdate(x, P, y, S, nis, accepted)
 
 
 def place_information(place: Any, used: Any, g: Geometry, sigma: Any) -> Any:
     """Information (2, 2) about a unit's place (2,) in the ranges used (n,), each of this sigma."""
-    slopes = jax.vmap(lambda b: predicted(b, place, g.down, cone=g.cone).slope)(g.beacons)
+    slopes = jax.vmap(lambda b: predict_range(b, place, g.down, cone=g.cone).slope)(g.beacons)
     slopes = jnp.where(used[:, None], slopes, 0.0)
     return slopes.T @ slopes / sigma**2

@@ -24,12 +24,12 @@ from trimtab.core.float64 import jnp
 from trimtab.core.linalg import solve_spd
 from trimtab.core.record import Scalar, quantity, record, replace
 from trimtab.core.rotation import planar, wrap
-from trimtab.estimators.inertial.coupled import told_from_rest
-from trimtab.estimators.inertial.mechanisation import DIMENSION, mechanise, turned_lever
-from trimtab.estimators.inertial.sensor_watch import plus
+from trimtab.estimators.inertial.coupled import is_force_significant
+from trimtab.estimators.inertial.mechanisation import DIMENSION, mechanise, rotate_lever
+from trimtab.estimators.inertial.sensor_watch import increment
 from trimtab.estimators.ranging.position import ALL, ONE_REJECTED, RangingPosition
-from trimtab.estimators.ranging.range_errors import counted_ranges, doubted
-from trimtab.estimators.ranging.range_model import place_information, swept
+from trimtab.estimators.ranging.range_errors import count_ranges, diagnose_beacons
+from trimtab.estimators.ranging.range_model import place_information, update_with_ranges
 
 UNKNOWNS = 6
 
@@ -49,7 +49,7 @@ class RangingStart:
     position: Any = quantity("m", "Integral of that.", shape=(2,))
 
 
-class Found(NamedTuple):
+class StartSolution(NamedTuple):
     """Heading, velocity and position now (5,), their covariance (5, 5), whether it can be believed, whether it can't.
 
     refuted: enough pings are in it, and they don't agree with each other.
@@ -57,45 +57,45 @@ class Found(NamedTuple):
 
     x: Any
     P: Any
-    believed: Any
-    refuted: Any
+    usable: Any
+    inconsistent: Any
 
 
-def nothing() -> RangingStart:
+def empty_start() -> RangingStart:
     """Before the first ping."""
     o, two = np.float64(0), np.zeros(2)
     return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
 
 
-def carried(start: RangingStart, dt: Any, before: Any, felt: Any, bias: Any) -> RangingStart:
+def propagate_start(start: RangingStart, dt: Any, before: Any, felt: Any, bias: Any) -> RangingStart:
     """A time dt (s) on. before, felt: what the IMU read at both ends (3,); bias: of these (3,)."""
     turn = start.turn + dt * ((before[0] + felt[0]) / 2 - bias[0])
     f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (felt[1:] - bias[1:])
     velocity, position = mechanise(dt, f0, f1, start.velocity, start.position)
     moved = replace(start, elapsed=start.elapsed + dt, turn=turn, velocity=velocity, position=position)
-    return _chosen(start.pings > 0, moved, start)
+    return _tree_where(start.pings > 0, moved, start)
 
 
-def located(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
+def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
     """With a unit's place (2,) of information W (2, 2); lever: from the IMU to the unit, in B (2,)."""
     centre = jnp.where(start.pings > 0, start.centre, place)
-    w = start.position + turned_lever(start.turn, lever)[0]
+    w = start.position + rotate_lever(start.turn, lever)[0]
     eye = jnp.eye(2)
     A = jnp.concatenate([eye, start.elapsed * eye, w[:, None], jnp.stack([-w[1], w[0]])[:, None]], axis=1)
     z = place - centre
     moved = replace(start, centre=centre, pings=(start.pings + 1).astype(np.int32))
-    return _added(moved, A, z, W)
+    return _add_equations(moved, A, z, W)
 
 
-def pointed(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
+def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
     """With a heading (rad) of a sensor; nothing before the first ping."""
     a = heading - start.turn
     A = jnp.concatenate([jnp.zeros((2, 4)), jnp.eye(2)], axis=1)
-    told = _added(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)
-    return _chosen(start.pings > 0, told, start)
+    told = _add_equations(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)
+    return _tree_where(start.pings > 0, told, start)
 
 
-def found(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, heading_limit: Any) -> Found:
+def solve_start(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, heading_limit: Any) -> StartSolution:
     """What follows from all so far.
 
     Args:
@@ -112,7 +112,7 @@ def found(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, headin
     m = c * c + s * s
     phi = jnp.arctan2(s, c)
     T, one = start.elapsed, jnp.eye(2)
-    (v, v_slope), (p, p_slope) = (turned_lever(phi, x) for x in (start.velocity, start.position))
+    (v, v_slope), (p, p_slope) = (rotate_lever(phi, x) for x in (start.velocity, start.position))
     turned = jnp.stack([-s, c]) / m
     J = jnp.concatenate(
         [
@@ -130,30 +130,30 @@ def found(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, headin
     good = (residual <= dof + 4 * jnp.sqrt(2 * dof)) & length & (P[0, 0] <= heading_limit**2)
     good = good & jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(P)) & (count >= enough)
     refuted = ~good & ((count >= 2 * enough) | (longest < T))
-    return Found(x, P, good, refuted)
+    return StartSolution(x, P, good, refuted)
 
 
-def _added(start: RangingStart, A: Any, z: Any, W: Any) -> RangingStart:
+def _add_equations(start: RangingStart, A: Any, z: Any, W: Any) -> RangingStart:
     WA = W @ A
     return replace(start, N=start.N + A.T @ WA, g=start.g + WA.T @ z, square=start.square + z @ W @ z)
 
 
-def _chosen(condition: Any, a: RangingStart, b: RangingStart) -> RangingStart:
+def _tree_where(condition: Any, a: RangingStart, b: RangingStart) -> RangingStart:
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
-def learns(form: Any, node: Any) -> Any:
+def correction_mask(form: Any, node: Any) -> Any:
     """Which states (9 + n,) a range corrects, 1.0, and which are considered, 0.0."""
     n = np.shape(form.beacons)[0]
     vehicle = jnp.ones(DIMENSION)
     if np.shape(form.units)[0] == 1:
-        moves = told_from_rest(node.steady, node.P, form.noise, form.rest_smoothing, form.rest_sigmas)
+        moves = is_force_significant(node.steady, node.P, form.noise, form.rest_smoothing, form.rest_sigmas)
         vehicle = jnp.where((np.arange(DIMENSION) % 5 == 0) & ~moves, 0.0, vehicle)
     own = jnp.where(node.position_fix.moved | (form.errors.survey_errors != "estimate"), 0.0, jnp.ones(n))
     return jnp.concatenate([vehicle, jnp.ones(1), own])
 
 
-def agreeing(form: Any, node: Any, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
+def find_agreeing_ranges(form: Any, node: Any, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
     """Which ranges (n,) agree with each other, the unit's place (2,), and whether three or more say so."""
     finder = RangingPosition(
         beacons=form.beacons,
@@ -172,13 +172,15 @@ def agreeing(form: Any, node: Any, ranges: Any, unit: Any) -> tuple[Any, Any, An
     return agree, jnp.where(good, r.place, near), good
 
 
-def tracked(form: Any, node: Any, ranges: Any, unit: Any, agree: Any) -> Any:
+def update_running(form: Any, node: Any, ranges: Any, unit: Any, agree: Any) -> Any:
     """After a ping of a running filter."""
     heard = ranges > 0
-    done = swept(node.x, node.P, ranges, heard & agree, form.geometry(unit), form.errors, learns(form, node))
-    fix = counted_ranges(node.position_fix, heard, done, form.errors)
-    moved, forgiven, lost = doubted(fix, form.errors)
-    P = _redoubted(done.P, moved, forgiven, form.errors)
+    done = update_with_ranges(
+        node.x, node.P, ranges, heard & agree, form.geometry(unit), form.errors, correction_mask(form, node)
+    )
+    fix = count_ranges(node.position_fix, heard, done, form.errors)
+    moved, forgiven, lost = diagnose_beacons(fix, form.errors)
+    P = _inflate_beacon_errors(done.P, moved, forgiven, form.errors)
     fix = replace(
         fix,
         moved=(fix.moved | moved) & ~forgiven,
@@ -187,36 +189,36 @@ def tracked(form: Any, node: Any, ranges: Any, unit: Any, agree: Any) -> Any:
         mostly_refused=jnp.where(lost, 0, fix.mostly_refused).astype(np.int32),
         tracking=~lost,
     )
-    P = jnp.where(lost, _joined(jnp.diag(form.start_variances()[:5]), P), P)
-    start = either(lost, nothing(), node.start)
-    return _noted(replace(node, x=done.x, P=P, start=start, position_fix=fix))
+    P = jnp.where(lost, _replace_pose_covariance(jnp.diag(form.start_variances()[:5]), P), P)
+    start = tree_where(lost, empty_start(), node.start)
+    return _record_range_errors(replace(node, x=done.x, P=P, start=start, position_fix=fix))
 
 
-def started(form: Any, node: Any, unit: Any, agree: Any, place: Any, good: Any) -> Any:
+def update_starting(form: Any, node: Any, unit: Any, agree: Any, place: Any, good: Any) -> Any:
     """After a ping of a filter that waits for a start."""
     g = form.geometry(unit)
-    with_it = located(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
-    start = either(good, with_it, node.start)
+    with_it = add_unit_position(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
+    start = tree_where(good, with_it, node.start)
     biases = jnp.sqrt(jnp.stack([node.P[5, 5], jnp.maximum(node.P[6, 6], node.P[7, 7])]))
     limits = {"longest": form.start_time, "heading_limit": form.start_heading}
-    new = found(start, biases, enough=4, **limits)
+    new = solve_start(start, biases, enough=4, **limits)
     heading = node.x[0] + wrap(new.x[0] - node.x[0])
     x = jnp.concatenate([heading[None], new.x[1:], node.x[5:]])
     fix = node.position_fix
     used = (fix.used + jnp.sum(agree & good)).astype(np.int32)
-    fix = replace(fix, used=used, tracking=new.believed, starts=plus(fix.starts, new.believed))
-    return _noted(
+    fix = replace(fix, used=used, tracking=new.usable, starts=increment(fix.starts, new.usable))
+    return _record_range_errors(
         replace(
             node,
-            x=jnp.where(new.believed, x, node.x),
-            P=jnp.where(new.believed, _joined(new.P, node.P), node.P),
-            start=either(new.believed | new.refuted, nothing(), start),
+            x=jnp.where(new.usable, x, node.x),
+            P=jnp.where(new.usable, _replace_pose_covariance(new.P, node.P), node.P),
+            start=tree_where(new.usable | new.inconsistent, empty_start(), start),
             position_fix=fix,
         )
     )
 
 
-def _redoubted(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
+def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
     """P with the errors of moved beacons (n,) grown, and those of forgiven ones as at first, known to nothing else."""
     none = jnp.zeros(DIMENSION + 1)
     wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
@@ -226,13 +228,13 @@ def _redoubted(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
     return P + jnp.where(np.eye(P.shape[0], dtype=bool), own[:, None], 0.0)
 
 
-def _joined(own: Any, P: Any) -> Any:
+def _replace_pose_covariance(own: Any, P: Any) -> Any:
     """P with a new covariance (5, 5) of heading, velocity and position that nothing else knows of."""
     across = jnp.zeros((5, P.shape[0] - 5))
     return jnp.concatenate([jnp.concatenate([own, across], axis=1), jnp.concatenate([across.T, P[5:, 5:]], axis=1)])
 
 
-def _noted(node: Any) -> Any:
+def _record_range_errors(node: Any) -> Any:
     """With what the fix tells of scale and beacons."""
     n = node.x.shape[0] - DIMENSION
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([node.P[DIMENSION + i, DIMENSION + i] for i in range(n)]), 0.0))
@@ -241,6 +243,6 @@ def _noted(node: Any) -> Any:
     return replace(node, position_fix=replace(node.position_fix, **told))
 
 
-def either(condition: Any, a: Any, b: Any) -> Any:
+def tree_where(condition: Any, a: Any, b: Any) -> Any:
     """The tree a where a condition holds, else b."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -16,30 +16,30 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, begin, navigate_with, ranges
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate_with, range_aid
 from trimtab.estimators.inertial.coupled import (
     SIGNS,
-    coupled_noise,
+    coupled_process_noise,
     coupled_transition,
-    low_pass_share,
+    low_pass_gain,
 )
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, mechanise
-from trimtab.estimators.inertial.navigation_state import HeadingFix, fuse, no_heading_fix
-from trimtab.estimators.inertial.sensor_watch import NEVER, plus
+from trimtab.estimators.inertial.navigation_state import HeadingFix, fuse_measurement, no_heading_fix
+from trimtab.estimators.inertial.sensor_watch import NEVER, increment
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel, RangeFix, no_range_fix
 from trimtab.estimators.ranging.range_model import Geometry
 from trimtab.estimators.ranging.start import (
     RangingStart,
-    agreeing,
-    carried,
-    either,
-    learns,
-    nothing,
-    pointed,
-    started,
-    tracked,
+    add_heading,
+    correction_mask,
+    empty_start,
+    find_agreeing_ranges,
+    propagate_start,
+    tree_where,
+    update_running,
+    update_starting,
 )
 
 PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
@@ -106,15 +106,15 @@ class TightlyCoupled:
         self.intake.check()
         if not self.intake.position:
             raise InputError("TightlyCoupled.intake.position", "no ranging sensor is named", fix="name it")
-        check_places("TightlyCoupled", self)
+        check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return begin(self, np.shape(self.beacons)[0] + 1)
+        return initial_inertial_state(self, np.shape(self.beacons)[0] + 1)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState whose position_fix is a RangeFix."""
-        return _stepped(self, t, state, frame)
+        return _step_filter(self, t, state, frame)
 
     def first(self) -> TightNode:
         """Before the first sample."""
@@ -130,7 +130,7 @@ class TightlyCoupled:
             P=jnp.diag(variances),
             force=np.zeros(2),
             steady=np.zeros(2),
-            start=nothing(),
+            start=empty_start(),
             heading_fix=no_heading_fix(),
             position_fix=replace(no_range_fix(n), tracking=np.bool_(given), starts=np.int32(given)),
         )
@@ -144,11 +144,11 @@ class TightlyCoupled:
         f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
         velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
         mean = (node.felt[1:] + felt[1:]) / 2 - x[6:8]
-        force = node.force + low_pass_share(dt, self.smoothing) * (mean - node.force)
-        steady = node.steady + low_pass_share(dt, self.rest_smoothing) * (mean - node.steady)
+        force = node.force + low_pass_gain(dt, self.smoothing) * (mean - node.force)
+        steady = node.steady + low_pass_gain(dt, self.rest_smoothing) * (mean - node.steady)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F = coupled_transition(dt, x[0], force) * signs
-        Q = coupled_noise(self.noise.growth(dt, doubt), x[0], self.noise.reach(dt)) * signs
+        Q = coupled_process_noise(self.noise.growth(dt, doubt), x[0], self.noise.integration_time(dt)) * signs
         own, cross = node.P[:DIMENSION, :DIMENSION], F @ node.P[:DIMENSION, DIMENSION:]
         rest = node.P[DIMENSION:, DIMENSION:]
         wanders = jnp.where(np.arange(rest.shape[0]) == 0, dt * self.errors.scale_walk**2, 0.0)
@@ -156,8 +156,8 @@ class TightlyCoupled:
         top = jnp.concatenate([symmetric(F @ own @ F.T + Q), cross], axis=1)
         P = jnp.concatenate([top, jnp.concatenate([cross.T, rest], axis=1)])
         moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
-        start = carried(node.start, dt, node.felt, felt, x[5:8])
-        start = either(jnp.max(doubt) > 0, nothing(), start)
+        start = propagate_start(node.start, dt, node.felt, felt, x[5:8])
+        start = tree_where(jnp.max(doubt) > 0, empty_start(), start)
         return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
@@ -166,15 +166,15 @@ class TightlyCoupled:
         R = self.noise.heading_noise(variance)
         believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         y = wrap(z - node.x[0])[None]
-        corrected = learns(self, node).at[0].set(1.0).at[5].set(1.0)
-        done, fix = fuse(node.heading_fix, node.x, node.P, y, H, R, consider=corrected, **believed)
+        corrected = correction_mask(self, node).at[0].set(1.0).at[5].set(1.0)
+        done, fix = fuse_measurement(node.heading_fix, node.x, node.P, y, H, R, consider=corrected, **believed)
         fused = replace(node, x=done.x, P=done.P, heading_fix=fix)
         waiting = replace(
             node,
-            start=pointed(node.start, z, R[0, 0]),
-            heading_fix=replace(node.heading_fix, used=plus(node.heading_fix.used, True)),
+            start=add_heading(node.start, z, R[0, 0]),
+            heading_fix=replace(node.heading_fix, used=increment(node.heading_fix.used, True)),
         )
-        return either(node.position_fix.tracking, fused, waiting)
+        return tree_where(node.position_fix.tracking, fused, waiting)
 
     def correct_ranges(self, node: TightNode, value: Any) -> TightNode:
         """With the ranges of a ping and its unit (n + 1,); 0 where none arrived, -1 where it was not a number."""
@@ -187,13 +187,13 @@ class TightlyCoupled:
         check = unsure | ~fix.tracking
         agree, place, good = lax.cond(
             check,
-            lambda: agreeing(self, node, value[:n], unit),
+            lambda: find_agreeing_ranges(self, node, value[:n], unit),
             lambda: (value[:n] > 0, jnp.zeros(2), jnp.asarray(False)),
         )
         return lax.cond(
             fix.tracking,
-            lambda: tracked(self, node, value[:n], unit, agree),
-            lambda: started(self, node, unit, agree, place, good),
+            lambda: update_running(self, node, value[:n], unit, agree),
+            lambda: update_starting(self, node, unit, agree, place, good),
         )
 
     def belief(self, node: TightNode) -> Belief:
@@ -213,12 +213,12 @@ class TightlyCoupled:
 
 
 @jax.jit
-def _stepped(form: TightlyCoupled, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    state, estimate = navigate_with(form, ranges(form), t, state, frame)
+def _step_filter(form: TightlyCoupled, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+    state, estimate = navigate_with(form, range_aid(form), t, state, frame)
     return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
 
-def check_places(name: str, form: Any) -> None:
+def check_positions(name: str, form: Any) -> None:
     """Refuse beacons or units that are not lists of positions."""
     for field in ("beacons", "units"):
         shape = np.shape(getattr(form, field))

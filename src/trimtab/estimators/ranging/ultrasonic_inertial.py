@@ -18,7 +18,7 @@ from trimtab.core.time import to_seconds
 from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading
 from trimtab.estimators.inertial.aided import InertialState
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
-from trimtab.estimators.inertial.measurement_history import state_before
+from trimtab.estimators.inertial.measurement_history import node_before
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import RangingPosition, RangingPositionState
@@ -30,7 +30,7 @@ KNOWN = 0.3
 
 
 @record
-class HeadingFound:
+class HeadingMeasurement:
     """A heading and how sure it is. Source: [1] section 5.4."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle")
@@ -38,7 +38,7 @@ class HeadingFound:
 
 
 @record
-class PositionFound:
+class PositionMeasurement:
     """A position of the vehicle's reference point and how sure it is. Source: [1] section 5.5."""
 
     north: Scalar = quantity("m", "Position, north.", frame="W")
@@ -125,7 +125,9 @@ class UltrasonicInertial:
     def step(self, t: Any, state: UltrasonicInertialState, frame: Frame) -> tuple[UltrasonicInertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState."""
         ranging, fix = self.positioning.step(t, state.positioning, frame)
-        position, heading = lax.cond(fix.fresh, lambda: self._located(ranging, fix, state.inertial), _nothing)
+        position, heading = lax.cond(
+            fix.fresh, lambda: self._locate_vehicle(ranging, fix, state.inertial), _empty_measurements
+        )
         intake = self.inertial.intake
 
         def located(value: Any, fresh: Any) -> Sample:
@@ -133,7 +135,7 @@ class UltrasonicInertial:
 
         samples = {intake.imu: frame.samples[intake.imu], intake.position: located(position, fix.fresh)}
         if intake.heading and self.magnetometer:
-            samples[intake.heading] = self._compass(frame.samples[self.magnetometer])
+            samples[intake.heading] = self._compass_sample(frame.samples[self.magnetometer])
         elif intake.heading:
             samples[intake.heading] = located(heading, fix.fresh & fix.state.heading_valid)
         inertial, estimate = self.inertial.step(t, state.inertial, Frame(t, samples))
@@ -149,7 +151,7 @@ class UltrasonicInertial:
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
         """Where the INS believes to have been at integer time t: from the event before, with constant velocity."""
-        node = state_before(inertial.history, t)
+        node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.felt[0] - belief.x[5]
         dt = jnp.clip(to_seconds(t - node.t), 0.0, 0.1)
@@ -158,9 +160,9 @@ class UltrasonicInertial:
         variance = jnp.where(node.t > NEVER, belief.P[0, 0], np.inf)
         return _Pose(heading, place, rate, variance, variance < KNOWN**2)
 
-    def _located(
+    def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
-    ) -> tuple[PositionFound, HeadingFound]:
+    ) -> tuple[PositionMeasurement, HeadingMeasurement]:
         """The vehicle's place out of that of the unit which pinged, and its heading out of those of two."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
@@ -168,10 +170,10 @@ class UltrasonicInertial:
         variance = (self.range_noise * fix.state.dilution) ** 2 / 2
         unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
         if levers.shape[0] < 2:  # the form itself takes the lever arm off, and may learn from it
-            return PositionFound(unit[0], unit[1], variance), HeadingFound(jnp.zeros(()), jnp.zeros(()))
+            return PositionMeasurement(unit[0], unit[1], variance), HeadingMeasurement(jnp.zeros(()), jnp.zeros(()))
         place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
         spread = jnp.sum(lever * lever) * jnp.minimum(now.variance, 0.5)
-        position = PositionFound(place[0], place[1], variance + spread)
+        position = PositionMeasurement(place[0], place[1], variance + spread)
         old = 1 - new
         then, lever = self._pose(inertial, s.times[old]), levers[old]
         known = now.known & then.known
@@ -183,14 +185,14 @@ class UltrasonicInertial:
         gap = to_seconds(s.times[new] - s.times[old])
         wandered = jnp.where(known, 0.0, (gap * (self.unknown_speed + swing)) ** 2)
         places_variance = 2 * (variance + self.survey_change**2)
-        return position, HeadingFound(heading, (places_variance + wandered) / jnp.sum(base * base))
+        return position, HeadingMeasurement(heading, (places_variance + wandered) / jnp.sum(base * base))
 
-    def _compass(self, seen: Sample) -> Sample:
+    def _compass_sample(self, seen: Sample) -> Sample:
         """The magnetometer's sample as a heading."""
         heading = magnetic_heading(seen.value.field, jnp.asarray(self.field))
-        return replace(seen, value=HeadingFound(heading, jnp.zeros(())))
+        return replace(seen, value=HeadingMeasurement(heading, jnp.zeros(())))
 
 
-def _nothing() -> tuple[PositionFound, HeadingFound]:
+def _empty_measurements() -> tuple[PositionMeasurement, HeadingMeasurement]:
     o = jnp.zeros(())
-    return PositionFound(o, o, o), HeadingFound(o, o)
+    return PositionMeasurement(o, o, o), HeadingMeasurement(o, o)

@@ -60,7 +60,7 @@ SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
 Floor = tuple[float, float, float, float]
 
 
-def hall(floor: Floor) -> Beacons:
+def hall_beacons(floor: Floor) -> Beacons:
     """Beacons on a square grid below the ceiling, over a floor of north from, to, east from, to (m)."""
     south, north, west, east = floor
 
@@ -72,7 +72,7 @@ def hall(floor: Floor) -> Beacons:
     return Beacons(map=np.array(grid), survey_error=0.005)
 
 
-def equipment(
+def choose_navigation(
     navigation: Navigation, errors: NavigationErrors | None, floor: Floor, bus: Bus = "none"
 ) -> tuple[Mapping[str, Any], Any]:
     """Sensors by name, and the estimator that reads them.
@@ -88,7 +88,7 @@ def equipment(
             problem = "there are no ultrasonic units on it: the navigation is the error model"
             raise InputError("--set bus", problem, fix="--navigation ins --set bus=slave")
         return {"navigation": errors or NavigationErrors()}, Passthrough("navigation")
-    beacons = hall(floor)
+    beacons = hall_beacons(floor)
     medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed
     ranging: Any = UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium)
     if bus == "slave":

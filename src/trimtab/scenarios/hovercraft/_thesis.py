@@ -14,26 +14,26 @@ from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.links.bluetooth import bluetooth
+from trimtab.links.bluetooth import bluetooth_link
 from trimtab.links.delay_chain import DelayChain
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import Limit, Supervisor
 from trimtab.loop.world import World
-from trimtab.scenarios.hovercraft._navigation import Bus, Floor, Navigation, equipment
+from trimtab.scenarios.hovercraft._navigation import Bus, Floor, Navigation, choose_navigation
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 Links = Literal["chain", "measured"]
-Supervised = Literal["none", "automatic"]
+Supervision = Literal["none", "automatic"]
 MARGIN = 5.0
 """How far beyond its floor (m) a supervised hovercraft may get."""
 PAIRING = "free2move/linksys 2.9/22.0"
 """The radios that the source flew with."""
 
 
-def flight(
+def hovercraft_scenario(
     name: str,
     law: Any,
     x: HovercraftState,
@@ -41,7 +41,7 @@ def flight(
     targets: tuple[Target, ...],
     links: Links = "chain",
     navigation: Navigation = "errors",
-    supervisor: Supervised = "none",
+    supervisor: Supervision = "none",
     bus: Bus = "none",
     *,
     errors: NavigationErrors | None = None,
@@ -67,8 +67,8 @@ def flight(
     if links == "chain":
         downlink, uplink = DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2)
     else:
-        downlink, uplink = bluetooth(PAIRING, "down"), bluetooth(PAIRING, "up")
-    sensors, estimator = equipment(navigation, errors, floor, bus)
+        downlink, uplink = bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
+    sensors, estimator = choose_navigation(navigation, errors, floor, bus)
     world = World(
         vehicle=Hovercraft(),
         sensors=sensors,
@@ -80,7 +80,9 @@ def flight(
         estimator=estimator,
         law=law,
         allocation=ThrustVectorAllocation(),
-        supervisor=None if supervisor == "none" else Supervisor(automatic=True, limits=_limits(navigation, floor)),
+        supervisor=None
+        if supervisor == "none"
+        else Supervisor(automatic=True, limits=_flight_limits(navigation, floor)),
     )
     return Scenario(
         world=world,
@@ -93,7 +95,7 @@ def flight(
     )
 
 
-def _limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
+def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
     """Reconstructed: far beyond what these flights need, well below what a hall stands."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
@@ -106,7 +108,9 @@ def _limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
     return speeds + tuple(Limit(fields=(f,), low=low - MARGIN, high=high + MARGIN) for f, low, high in fence)
 
 
-def towards(surge: float = 0.0, sway: float = 0.0, yaw_rate: float = 0.0, **bands: float) -> tuple[Target, ...]:
+def velocity_targets(
+    surge: float = 0.0, sway: float = 0.0, yaw_rate: float = 0.0, **bands: float
+) -> tuple[Target, ...]:
     """Targets of the three velocities; a band is 0.1 m/s or 0.32 rad/s where none is given."""
     return (
         Target("truth.surge_velocity", surge, bands.get("surge_band", 0.1)),
@@ -119,8 +123,8 @@ Initial = Literal["moving", "rest"]
 TOLERANCE = np.pi / 180
 
 
-def heading_flight(
-    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervised, bus: Bus
+def heading_scenario(
+    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervision, bus: Bus
 ) -> Scenario:
     """Turn to 5 rad out of a spinning slide, or to 1 rad from rest.
 
@@ -134,5 +138,7 @@ def heading_flight(
         x, target = HovercraftState(surge_velocity=0.4, sway_velocity=1.2, yaw_rate=4.1), 5.0
         law, errors = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
     law = replace(law, target=target)
-    targets = (*towards(), Target("truth.heading", target, 5 * TOLERANCE))
-    return flight(name, law, x, 35, targets, links, navigation, supervisor, bus, errors=errors, floor=(-6, 6, -5, 9))
+    targets = (*velocity_targets(), Target("truth.heading", target, 5 * TOLERANCE))
+    return hovercraft_scenario(
+        name, law, x, 35, targets, links, navigation, supervisor, bus, errors=errors, floor=(-6, 6, -5, 9)
+    )

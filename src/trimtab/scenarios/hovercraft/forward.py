@@ -3,21 +3,21 @@
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervision, hovercraft_scenario, velocity_targets
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
 def scenario(
-    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
 ) -> Scenario:
     """[1] fig. 6.8, table 6.2."""
     law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
-    return flight(
+    return hovercraft_scenario(
         "hovercraft/forward",
         law,
         HovercraftState(),
         15,
-        towards(surge=2.8 / 2.6),
+        velocity_targets(surge=2.8 / 2.6),
         links,
         navigation,
         supervisor,

@@ -3,17 +3,17 @@
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Initial, Links, Supervised, heading_flight
+from trimtab.scenarios.hovercraft._thesis import Initial, Links, Supervision, heading_scenario
 
 
 def scenario(
     initial: Initial = "moving",
     links: Links = "chain",
     navigation: Navigation = "errors",
-    supervisor: Supervised = "none",
+    supervisor: Supervision = "none",
     bus: Bus = "none",
 ) -> Scenario:
     """[1] figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg; `--set autopilot.law.form=literal` is as published."""
-    return heading_flight(
+    return heading_scenario(
         "hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, links, navigation, supervisor, bus
     )

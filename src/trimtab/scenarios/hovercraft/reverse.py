@@ -3,22 +3,22 @@
 from trimtab.laws.velocity import ReverseMomentum
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervision, hovercraft_scenario, velocity_targets
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
 def scenario(
-    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
 ) -> Scenario:
     """[1] fig. 6.9, table 6.3."""
     law = ReverseMomentum(k1=1.5, k2=1.0, theta=1.44, reference=-1.98)
     initial = HovercraftState(sway_velocity=-0.1, yaw_rate=0.1)
-    return flight(
+    return hovercraft_scenario(
         "hovercraft/reverse",
         law,
         initial,
         15,
-        towards(surge=-1.98 / 2.6),
+        velocity_targets(surge=-1.98 / 2.6),
         links,
         navigation,
         supervisor,

@@ -3,22 +3,22 @@
 from trimtab.laws.spin import SupervisedSpin
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervision, hovercraft_scenario, velocity_targets
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
 def scenario(
-    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
 ) -> Scenario:
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
-    return flight(
+    return hovercraft_scenario(
         "hovercraft/spin",
         law,
         initial,
         22,
-        towards(yaw_rate=3.0, yaw_band=0.15),
+        velocity_targets(yaw_rate=3.0, yaw_band=0.15),
         links,
         navigation,
         supervisor,

@@ -3,22 +3,22 @@
 from trimtab.laws.velocity import ZeroVelocity
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervised, flight, towards
+from trimtab.scenarios.hovercraft._thesis import Links, Supervision, hovercraft_scenario, velocity_targets
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
 def scenario(
-    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervised = "none", bus: Bus = "none"
+    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
 ) -> Scenario:
     """[1] fig. 6.7, table 6.1."""
     law = ZeroVelocity(k1=1.0, k2=2.5)
     initial = HovercraftState(surge_velocity=0.2, sway_velocity=-0.7, yaw_rate=6.4)
-    return flight(
+    return hovercraft_scenario(
         "hovercraft/zero-velocity",
         law,
         initial,
         15,
-        towards(),
+        velocity_targets(),
         links,
         navigation,
         supervisor,

@@ -1,14 +1,21 @@
 """Scenarios of the air-breathing hypersonic vehicle, and what makes one of your own.
 
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.scenarios.hypersonic import flight
+from trimtab.scenarios.hypersonic import hypersonic_scenario
 
 def scenario():
-    return flight("mine", FilteredClimb(dh=2000.0, dV=300.0), 120.0, filter="adaptive")
+    return hypersonic_scenario("mine", FilteredClimb(dh=2000.0, dV=300.0), 120.0, filter="adaptive")
 """
 
-from trimtab.scenarios.hypersonic._flight import flight
+from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 from trimtab.scenarios.hypersonic._internal import linear_table, noncausal_table, preview_internal, sylvester_internal
 from trimtab.scenarios.hypersonic._level import level_trim
 
-__all__ = ["flight", "level_trim", "linear_table", "noncausal_table", "preview_internal", "sylvester_internal"]
+__all__ = [
+    "hypersonic_scenario",
+    "level_trim",
+    "linear_table",
+    "noncausal_table",
+    "preview_internal",
+    "sylvester_internal",
+]

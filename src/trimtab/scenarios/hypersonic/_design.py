@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.design.certificate import Certificate, certify
-from trimtab.design.linearise import Linear
+from trimtab.design.certificate import Certificate, build_certificate
+from trimtab.design.linearise import LinearModel
 from trimtab.design.lmi import LmiGain, lmi_gain
-from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr, with_integrals
-from trimtab.design.model import Model, of_vehicle
+from trimtab.design.lqr import KalmanBucy, Lqr, augment_integrals, kalman_bucy, lqr
+from trimtab.design.model import StateSpaceModel, model_of_vehicle
 from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import Trim, trim
 from trimtab.laws.adaptive_robust import SIZES
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers
-from trimtab.scenarios.hypersonic._level import FREE, bounds_of
+from trimtab.scenarios.hypersonic._level import FREE_VARIABLES, trim_bounds
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 H, V = 85000.0, 7702.0808
@@ -38,7 +38,7 @@ ALLOWED_INPUT = np.array([10.0, 5.0])
 """Accelerations (ft/s^2) that weigh 1: R_e = diag(1/ALLOWED_INPUT^2)."""
 ALLOWED_INTEGRALS = np.array([1000.0, 100.0])
 """Integrals of the errors of h (ft s) and V (ft) that weigh 1."""
-STRICT = 1.01
+STRICT_FACTOR = 1.01
 """The regulator's weight Q in parts of the Q_e that is certified for it, which makes (14) strict."""
 FILTERS = {
     "tuned": ((1e-5, 100.0, 1e-5, 100.0), 5e-7),
@@ -50,14 +50,14 @@ METHODS = ("lqr", "lmi")
 NOMINAL = Hypersonic()
 
 
-def model(craft: Hypersonic, h: float = H, V: float = V) -> Model:
+def design_model(craft: Hypersonic, h: float = H, V: float = V) -> StateSpaceModel:
     """The vehicle with outputs h (ft) and V (ft/s), made near its trim."""
     x = HypersonicState(h, V, 0.03, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
+    return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
 
 
 @lru_cache(maxsize=8)
-def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[Linear, Trim]:
+def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[LinearModel, Trim]:
     """e' = A e + B v, exactly linearised at level flight, and that flight's trim.
 
     Args:
@@ -65,8 +65,8 @@ def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tupl
         h: altitude (ft).
         V: speed (ft/s).
     """
-    plant = model(craft, h, V)
-    level = trim(plant, free=FREE, bounds=bounds_of(InputLimits())).require("hypersonic trim")
+    plant = design_model(craft, h, V)
+    level = trim(plant, free=FREE_VARIABLES, bounds=trim_bounds(InputLimits())).require_trim("hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
@@ -77,7 +77,9 @@ def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
 
 
-def feedback_gain(linear: Linear, *, method: str = "lqr", integral: bool = False, strict: float = 1.0) -> Lqr | LmiGain:
+def feedback_gain(
+    linear: LinearModel, *, method: str = "lqr", integral: bool = False, strict: float = 1.0
+) -> Lqr | LmiGain:
     """K (2, 9), or (2, 11) with integrals, of v = +K e; as it flies.
 
     Args:
@@ -88,17 +90,17 @@ def feedback_gain(linear: Linear, *, method: str = "lqr", integral: bool = False
     """
     if method not in METHODS:
         raise InputError("method", f"{method!r}", choices=METHODS, fix="--method lqr")
-    A, B = matrices(linear, integral=integral)
+    A, B = error_matrices(linear, integral=integral)
     Qe, Re, scale = weights(integral=integral)
     return lqr(A, B, strict * Qe, Re, scale=scale) if method == "lqr" else lmi_gain(A, B, Qe, Re, scale=scale)
 
 
-def matrices(linear: Linear, *, integral: bool = False) -> tuple[Any, Any]:
+def error_matrices(linear: LinearModel, *, integral: bool = False) -> tuple[Any, Any]:
     """A and B, with the integrals of the errors of h and V after the errors, if wanted."""
-    return with_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
+    return augment_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
 
 
-def mode_filter(linear: Linear, filter: str = "tuned") -> tuple[Any, Any, Any, Any, KalmanBucy]:
+def mode_filter(linear: LinearModel, filter: str = "tuned") -> tuple[Any, Any, Any, Any, KalmanBucy]:
     """A_eta (4, 4), C (1, 4), Q_eta, R and the steady filter of the modes; what v does to them is known to it.
 
     A_eta and C are blocks of A: neither v nor its inversion depends on the modes.
@@ -135,18 +137,18 @@ def certificate(
     linear, level = error_model(craft, h, V)
     found = feedback_gain(linear, method=method, integral=integral)
     Qe, Re, scale = weights(integral=integral)
-    Qe = Qe / STRICT if method == "lqr" else Qe
+    Qe = Qe / STRICT_FACTOR if method == "lqr" else Qe
     about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
     trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
-    return certify(
+    return build_certificate(
         "hypersonic",
-        matrices(linear, integral=integral),
+        error_matrices(linear, integral=integral),
         (found.K, found.P),
         (Qe, Re),
         states=(*linear.states, *INTEGRALS) if integral else linear.states,
         inputs=linear.inputs,
         method=method,
-        Q=STRICT * Qe if method == "lqr" else None,
+        Q=STRICT_FACTOR * Qe if method == "lqr" else None,
         scale=scale,
         observer=(MODES, *mode_filter(linear, filter)),
         recorded=recorded_numbers(craft, craft if plant is None else plant),
@@ -154,7 +156,7 @@ def certificate(
     )
 
 
-def again(made: Certificate) -> tuple[Any, Any]:
+def recompute_matrices(made: Certificate) -> tuple[Any, Any]:
     """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
     place: list[float] = []
     for name in ("h_ft", "V_ft_per_s"):
@@ -166,4 +168,4 @@ def again(made: Certificate) -> tuple[Any, Any]:
                 "certificate", problem, fix="trimtab design hypersonic --out FILE  makes it anew"
             ) from None
     linear, _ = error_model(h=place[0], V=place[1])
-    return matrices(linear, integral=made.about.get("integral") == "true")
+    return error_matrices(linear, integral=made.about.get("integral") == "true")

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
-from trimtab.design.certificate import Recorded
-from trimtab.laws.path_inversion import invert
+from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.design.certificate import RecordedNumber
+from trimtab.laws.path_inversion import invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 DEG = math.pi / 180
@@ -30,8 +30,10 @@ GRID = tuple(
     )
 )
 """h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
-WHERE = f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
-WANTED = (2.0, -2.0)
+GRID_DESCRIPTION = (
+    f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
+)
+WANTED_ACCELERATIONS = (2.0, -2.0)
 """Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
 
 
@@ -42,25 +44,27 @@ def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
     return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])
 
 
-def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, Recorded]:
+def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, RecordedNumber]:
     """kappa_G, the least |det dv/du|, and the worst residual of the inversion that the law flies.
 
     Args:
         craft: the vehicle the law believes in.
         plant: the vehicle that flies.
     """
-    kappa, determinant, residual = _worst(craft, plant)
-    kappa_how = f"largest |(G_plant - G) G^-1|, {WHERE}" + ("; no parameter error" if plant == craft else "")
+    kappa, determinant, residual = _worst_values(craft, plant)
+    kappa_how = f"largest |(G_plant - G) G^-1|, {GRID_DESCRIPTION}" + ("; no parameter error" if plant == craft else "")
     return {
-        "kappa_G": Recorded(kappa, 0.0, 1.0, kappa_how),
-        "least |det dv/du|": Recorded(determinant, 1.0, 1e9, WHERE),
-        "residual of the inversion": Recorded(residual, 0.0, 1e-9, f"v = {WANTED} ft/s^2, {WHERE}"),
+        "kappa_G": RecordedNumber(kappa, 0.0, 1.0, kappa_how),
+        "least |det dv/du|": RecordedNumber(determinant, 1.0, 1e9, GRID_DESCRIPTION),
+        "residual of the inversion": RecordedNumber(
+            residual, 0.0, 1e-9, f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}"
+        ),
     }
 
 
 @lru_cache(maxsize=8)
-def _worst(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
-    v = jnp.array(WANTED)
+def _worst_values(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
+    v = jnp.array(WANTED_ACCELERATIONS)
 
     def at(point: Any) -> tuple[Any, Any, Any]:
         h, V, alpha, gamma, delta_e = point
@@ -69,15 +73,15 @@ def _worst(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
         slope = jax.jacfwd(lambda w: accelerations(craft, x, w))
         G = slope(start)
         apart = jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G
-        found = invert(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
+        found = invert_path(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
         u = jnp.stack([found.Phi, found.delta_e])
-        inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _det(G)
-        return apart @ inverse, _det(G), accelerations(craft, x, u) - v
+        inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _determinant(G)
+        return apart @ inverse, _determinant(G), accelerations(craft, x, u) - v
 
-    errors, dets, left = jax.jit(jax.vmap(at), compiler_options=QUICKLY)(jnp.array(GRID))
+    errors, dets, left = jax.jit(jax.vmap(at), compiler_options=FAST_COMPILE_OPTIONS)(jnp.array(GRID))
     kappa = np.linalg.norm(np.asarray(errors), 2, axis=(1, 2)).max()
     return float(kappa), float(np.abs(dets).min()), float(np.abs(left).max())
 
 
-def _det(G: Any) -> Any:
+def _determinant(G: Any) -> Any:
     return G[0, 0] * G[1, 1] - G[0, 1] * G[1, 0]

@@ -42,7 +42,7 @@ TICK = ms(5)
 """Control period; [1] prints none."""
 
 
-def flight(
+def hypersonic_scenario(
     name: str,
     climb: FilteredClimb,
     duration_s: float,
@@ -85,14 +85,19 @@ def flight(
         max_step=TICK,
     )
     tracking = StableInversion(
-        internal=_internal(internal, believed, climb, duration_s), craft=believed, command=climb, **_gains(integral, K)
+        internal=_make_internal(internal, believed, climb, duration_s),
+        craft=believed,
+        command=climb,
+        **_gain_settings(integral, K),
     )
-    tracking = replace(tracking, robust=_robust(robust, tracking.robust))
-    autopilot = Autopilot(estimator=_filter(filter, believed), law=tracking, allocation=DirectAllocation(), period=TICK)
+    tracking = replace(tracking, robust=_choose_robust_terms(robust, tracking.robust))
+    autopilot = Autopilot(
+        estimator=_make_filter(filter, believed), law=tracking, allocation=DirectAllocation(), period=TICK
+    )
     return Scenario(
         world=world,
         autopilot=autopilot,
-        initial=flown.at_rest(climb.h0, climb.V0, float(start.zeta[0]), start.u.delta_e),
+        initial=flown.level_state(climb.h0, climb.V0, float(start.zeta[0]), start.u.delta_e),
         duration=seconds(duration_s),
         targets=(Target("law.h_error", 0.0, 0.05), Target("law.V_error", 0.0, 0.01)),
         truth_sensor=FlexibleTruth(period=TICK),
@@ -100,18 +105,18 @@ def flight(
     )
 
 
-def _filter(name: Filter, believed: Hypersonic) -> Any:
+def _make_filter(name: Filter, believed: Hypersonic) -> Any:
     settings: dict[str, Any] = {
         "tuned": FlexibleModeFilter(),
-        "accurate": FlexibleModeFilter.accurate(),
-        "printed": FlexibleModeFilter.printed(),
+        "accurate": FlexibleModeFilter.for_exact_model(),
+        "printed": FlexibleModeFilter.from_publication(),
         "none": FlexibleModeFilter(corrects=False),
         "adaptive": AdaptiveFlexibleModeFilter(),
     }
     return replace(settings[name], craft=believed, period=TICK)
 
 
-def _internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
+def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
     if form == "quasi-static":
         return QuasiStaticInternal(craft=believed)
     if form == "preview":
@@ -122,14 +127,14 @@ def _internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, durati
     return make(believed, climb, duration_s)[0]
 
 
-def _gains(integral: Integral, K: Any) -> dict[str, Any]:
+def _gain_settings(integral: Integral, K: Any) -> dict[str, Any]:
     if integral == "on":
         gain = feedback_gain(error_model()[0], integral=True, strict=1.0).K
         return {"K": gain[:, :9], "Ki": gain[:, 9:]}
     return {} if K is None else {"K": K}
 
 
-def _robust(name: Robust, terms: AdaptiveRobust) -> AdaptiveRobust:
+def _choose_robust_terms(name: Robust, terms: AdaptiveRobust) -> AdaptiveRobust:
     if name in ("smooth", "sign"):
         return replace(terms, switching=name)
     return replace(terms, damping=name)

@@ -14,15 +14,28 @@ from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import QUICKLY
+from trimtab.core.once import FAST_COMPILE_OPTIONS
 from trimtab.core.record import replace
-from trimtab.design.stable_inversion import BoundedSolution, bounded_solution, filter_matrix, following, residual
+from trimtab.design.stable_inversion import (
+    BoundedSolution,
+    bounded_residual,
+    bounded_solution,
+    exosystem_matrix,
+    solve_steady_response,
+)
 from trimtab.laws.internal_preview import FadingModes, PreviewInternal
 from trimtab.laws.internal_quasi_static import InternalTable, SylvesterInternal
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates
 from trimtab.laws.stable_inversion import INTERNAL_SIZES
-from trimtab.scenarios.hypersonic._level import LevelTrim, accepted, internal_linear, level, level_trim, static
+from trimtab.scenarios.hypersonic._level import (
+    LevelTrim,
+    accept_trim,
+    internal_linear,
+    level_points,
+    level_trim,
+    quasi_static_states,
+)
 from trimtab.vehicles.hypersonic import Hypersonic
 
 SCALES = np.array(INTERNAL_SIZES)
@@ -66,8 +79,8 @@ def noncausal_table(
         keep: between the table's nodes (s), a multiple of dt.
         beyond: how much further the solution is computed (s).
     """
-    t, wanted = _grid(climb, seconds, dt, keep, beyond)
-    ends, guess = _ends_and_guess(craft, t, wanted)
+    t, wanted = _time_grid(climb, seconds, dt, keep, beyond)
+    ends, guess = _boundaries_and_guess(craft, t, wanted)
     solution = bounded_solution(
         lambda zeta: np.asarray(_rates(craft, wanted, zeta)),
         internal_linear(craft, ends[0]).A22,
@@ -77,14 +90,14 @@ def noncausal_table(
         right=guess[-1],
         scales=SCALES,
     )
-    return _kept(solution, t, dt, keep, seconds, ends[0].zeta, ends[1].zeta)
+    return _make_table(solution, t, dt, keep, seconds, ends[0].zeta, ends[1].zeta)
 
 
 def linear_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
     """The same for the internal dynamics linearised about the trim at the start: only for small climbs. As [1]."""
-    t, wanted = _grid(climb, seconds, dt, keep, beyond)
+    t, wanted = _time_grid(climb, seconds, dt, keep, beyond)
     linear = internal_linear(craft, level_trim(craft, float(wanted.h[0]), float(wanted.V[0])))
     xi = np.stack([wanted.h - linear.trim.h, wanted.h_rate, wanted.V - linear.trim.V], axis=1)
     v = np.stack([wanted.h_acceleration, wanted.V_rate], axis=1)
@@ -99,19 +112,19 @@ def linear_table(
         right=rest,
         scales=SCALES,
     )
-    table, report = _kept(solution, t, dt, keep, seconds, zeta0, rest)
+    table, report = _make_table(solution, t, dt, keep, seconds, zeta0, rest)
     return replace(table, exact=False), report
 
 
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
     """The causal linear form about the trim at the start of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
-    S: Any = block_diag(filter_matrix(float(climb.wh), 4), filter_matrix(float(climb.wV), 3))
+    S: Any = block_diag(exosystem_matrix(float(climb.wh), 4), exosystem_matrix(float(climb.wV), 3))
     G = np.zeros((len(linear.trim.zeta), len(S)))
     G[:, [0, 1, 4]] = linear.A21
     G[:, [2, 5]] += linear.B2
     rest = np.linalg.solve(linear.A22, linear.A21)
-    return SylvesterInternal(X=following(linear.A22, S, G), rest=rest, zeta_0=linear.trim.zeta)
+    return SylvesterInternal(X=solve_steady_response(linear.A22, S, G), rest=rest, zeta_0=linear.trim.zeta)
 
 
 def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
@@ -142,22 +155,22 @@ def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, int
     return made
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _rates(craft: Any, p: Any, zeta: Any) -> Any:
     return jnp.stack(internal_rates(craft, p.h, p.h_rate, p.V, p.h_acceleration, p.V_rate, zeta.T), axis=1)
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
-def _wanted(climb: Any, t: Any) -> Any:
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _path_points(climb: Any, t: Any) -> Any:
     return climb.at(t)
 
 
-@partial(jax.jit, compiler_options=QUICKLY)
-def _between(table: InternalTable, t: Any) -> Any:
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _interpolate(table: InternalTable, t: Any) -> Any:
     return jax.vmap(table.at)(t)
 
 
-def _grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
+def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
     """The grid and what is wanted on it."""
     every = round(keep / dt) if dt > 0 else 0
     if every < 1 or abs(every * dt - keep) > 1e-9 * keep or not seconds >= keep:
@@ -168,7 +181,7 @@ def _grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> 
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
-    wanted = jax.tree.map(np.asarray, _wanted(climb, t))
+    wanted = jax.tree.map(np.asarray, _path_points(climb, t))
     start = [float(leaf[0]) for leaf in (wanted.h_rate, wanted.h_acceleration, wanted.V_rate)]
     if not np.abs(start).max() < 1e-9:
         problem = f"at time 0 h' = {start[0]:g}, h'' = {start[1]:g}, V' = {start[2]:g}: not level"
@@ -176,20 +189,20 @@ def _grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> 
     return t, wanted
 
 
-def _ends_and_guess(craft: Hypersonic, t: Any, wanted: PathPoint) -> tuple[list[LevelTrim], Any]:
+def _boundaries_and_guess(craft: Hypersonic, t: Any, wanted: PathPoint) -> tuple[list[LevelTrim], Any]:
     """The level trims at both ends, and the quasi-static solution between (n, 6)."""
-    ends = level(wanted.h[[0, -1]], wanted.V[[0, -1]])
-    zeta, u, found = static(craft, jax.tree.map(lambda *several: np.concatenate(several), wanted, ends))
+    ends = level_points(wanted.h[[0, -1]], wanted.V[[0, -1]])
+    zeta, u, found = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), wanted, ends))
     n, limits = len(t), InputLimits()
     points = [(i, float(ends.h[i - n]), float(ends.V[i - n])) for i in (n, n + 1)]
-    trims = [accepted(craft, h, V, zeta[:, i], u[:, i], bool(found[i]), limits) for i, h, V in points]
+    trims = [accept_trim(craft, h, V, zeta[:, i], u[:, i], bool(found[i]), limits) for i, h, V in points]
     if not found[:n].all():
         problem = f"at {t[int(np.argmin(found))]:g} s there is no angle of attack without pitching moment"
         raise InputError("internal table.climb", problem, fix="make the climb slower or smaller")
     return trims, zeta[:, :n].T
 
 
-def _kept(
+def _make_table(
     solution: BoundedSolution, t: Any, dt: float, keep: float, seconds: float, left: Any, right: Any
 ) -> tuple[InternalTable, TableReport]:
     every = round(keep / dt)
@@ -197,11 +210,11 @@ def _kept(
     rows = slice(0, last + 1, every)
     table = InternalTable(nodes=solution.zeta[rows], rates=solution.rates[rows], first=0.0, spacing=keep)
     table.check()
-    between = _between(table, t[: last + 1])
+    between = _interpolate(table, t[: last + 1])
     report = TableReport(
         solution=solution,
         changes=solution.changes,
-        residual=float(np.abs(residual(solution, dt) / SCALES).max()),
+        residual=float(np.abs(bounded_residual(solution, dt) / SCALES).max()),
         left=float(np.abs((solution.zeta[0] - left) / SCALES).max()),
         right=float(np.abs((solution.zeta[-1] - right) / SCALES).max()),
         interpolation=np.abs((np.asarray(between) - solution.zeta[: last + 1]) / SCALES).max(axis=0),

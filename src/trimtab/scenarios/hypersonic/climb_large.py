@@ -4,11 +4,11 @@ from typing import Any
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, flight
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
     """Nominal: the plant is the model. `hypersonic/noise` is the same with noise."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
-    return flight("hypersonic/climb-large", climb, 200.0, **options)
+    return hypersonic_scenario("hypersonic/climb-large", climb, 200.0, **options)

@@ -5,7 +5,7 @@ from typing import Any, Literal
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, flight
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, hypersonic_scenario
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
 
 Kind = Literal["moment", "normal-force"]
@@ -22,4 +22,6 @@ def scenario(
     else:
         felt = Disturbance(normal=20.0 / LENGTH * craft.m, start=START, duration=LENGTH)
     options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
-    return flight("hypersonic/impulse", FilteredClimb(), 100.0, plant=replace(craft, disturbance=felt), **options)
+    return hypersonic_scenario(
+        "hypersonic/impulse", FilteredClimb(), 100.0, plant=replace(craft, disturbance=felt), **options
+    )

@@ -5,7 +5,7 @@ from typing import Any
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, Robust, flight
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, Robust, hypersonic_scenario
 from trimtab.vehicles.hypersonic import Hypersonic
 
 
@@ -15,10 +15,10 @@ def scenario(
     """State feedback leaves an offset, which robust terms make smaller and integrals remove."""
     climb = FilteredClimb(dh=3000.0, dV=500.0)
     options: dict[str, Any] = {"robust": robust, "integral": integral, "filter": filter, "noise": noise}
-    return flight("hypersonic/mismatch", climb, 150.0, plant=off_nominal(), **options)
+    return hypersonic_scenario("hypersonic/mismatch", climb, 150.0, plant=off_nominal_plant(), **options)
 
 
-def off_nominal(times: float = 1.0) -> Hypersonic:
+def off_nominal_plant(times: float = 1.0) -> Hypersonic:
     """The plant, its differences from the model scaled by `times`."""
     craft = Hypersonic()
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion

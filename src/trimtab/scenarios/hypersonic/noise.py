@@ -4,11 +4,11 @@ from typing import Any
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, flight
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
 
 
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
     """The plant is the model; the noise is chosen, the source prints none."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
-    return flight("hypersonic/noise", climb, 200.0, noise="on", **options)
+    return hypersonic_scenario("hypersonic/noise", climb, 200.0, noise="on", **options)

@@ -5,7 +5,7 @@ from typing import Any, Literal
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, flight
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, hypersonic_scenario
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
 
 Kind = Literal["lift", "drag", "moment", "large-moment"]
@@ -25,4 +25,4 @@ def scenario(
     }
     plant = replace(craft, disturbance=felt[kind])
     options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
-    return flight("hypersonic/step-gust", FilteredClimb(), 100.0, plant=plant, **options)
+    return hypersonic_scenario("hypersonic/step-gust", FilteredClimb(), 100.0, plant=plant, **options)

@@ -47,7 +47,7 @@ LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(
 """What the lean does to a level navigation between two positions, as white noise of each sample of force (m^2/s^4)."""
 
 
-def rig(
+def rig_scenario(
     name: str,
     sensors: dict[str, Any],
     law: Turntable,
@@ -90,7 +90,7 @@ def rig(
     return Scenario(
         world=world,
         autopilot=autopilot,
-        initial=platform.rest(),
+        initial=platform.rest_state(),
         duration=seconds(30),
         targets=targets,
         name=name,

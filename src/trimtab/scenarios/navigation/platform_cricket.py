@@ -8,14 +8,14 @@ from trimtab.core.time import ms
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig
+from trimtab.scenarios.navigation._platform import DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
 from trimtab.sensors.heading import HeadingSensor
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.late_fix import LateFix
 from trimtab.sensors.position import PositionSensor
 
 Rate = Literal["-115", "-57", "-230"]
-Stamped = Literal["arrival", "measurement"]
+StampTime = Literal["arrival", "measurement"]
 HEADING_LATENCY, POSITION_LATENCY = 0.087, 0.120
 """Fitted (s): one number for three headings, one for two figures of position and velocity."""
 FIX = 0.0044
@@ -27,7 +27,10 @@ TURN = math.sqrt(2) * FIX / BASE
 
 
 def scenario(
-    rate: Rate = "-115", stamped: Stamped = "arrival", covariance: Covariance = "consistent", form: Form = "feedforward"
+    rate: Rate = "-115",
+    stamped: StampTime = "arrival",
+    covariance: Covariance = "consistent",
+    form: Form = "feedforward",
 ) -> Scenario:
     """[1] section 6.2.1; `covariance=literal` is as published, `stamped=measurement` what the source did not have."""
     fix = LateFix(latency=POSITION_LATENCY, interval=FIX_INTERVAL, stamped=stamped)
@@ -40,7 +43,7 @@ def scenario(
         "unit_a": PositionSensor(noise=FIX, timing=first),
         "unit_b": PositionSensor(noise=FIX, timing=second, lever_arm=(0.0, BASE, 0.0)),
     }
-    return rig(
+    return rig_scenario(
         "navigation/platform-cricket",
         sensors,
         Turntable(rate=float(rate) * DEG),

@@ -5,7 +5,7 @@ import math
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import ARM, DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig
+from trimtab.scenarios.navigation._platform import ARM, DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu
@@ -20,7 +20,7 @@ def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") 
         "heading": Compass(),
         "position": EncoderPosition(encoder=encoder, arm=ARM),
     }
-    return rig(
+    return rig_scenario(
         "navigation/platform-encoder",
         sensors,
         Turntable(rate=-166 * DEG),

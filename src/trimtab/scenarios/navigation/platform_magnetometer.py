@@ -3,7 +3,7 @@
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig
+from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.tachometer import Tachometer
@@ -14,6 +14,6 @@ def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") 
     sensors = {"imu": Imu.microstrain_3dm_gx1(), "heading": Compass(), "tachometer": Tachometer()}
     law = Turntable(rate=-166 * DEG)
     intake = Intake(position="")
-    return rig(
+    return rig_scenario(
         "navigation/platform-magnetometer", sensors, law, arm=0.0, intake=intake, covariance=covariance, form=form
     )

@@ -16,21 +16,21 @@ from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, rig
+from trimtab.scenarios.navigation._platform import DEG, rig_scenario
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 Coupling = Literal["tight", "loose"]
-Heard = Literal["4", "3", "2"]
+BeaconCount = Literal["4", "3", "2"]
 NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8e-3, force_walk=3e-4)
 """The unit's white noise; walks for scale factor, misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
-BELIEVED = replace(NOISE, position_constant=0.008, heading_constant=0.012)
+BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
 """For fixes: constant errors of survey and air are counted; the tight filter considers them itself."""
 
 
-def scenario(coupling: Coupling = "tight", beacons: Heard = "4") -> Scenario:
+def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenario:
     """The rig of [1] section 6.2.1 upright, with what its chapter 7 names as future work.
 
     Four beacons hang; so many of them as `beacons` says still reply from 5 s on.
@@ -48,10 +48,10 @@ def scenario(coupling: Coupling = "tight", beacons: Heard = "4") -> Scenario:
             return TightlyCoupled(noise=NOISE, start=START, beacons=CEILING_SQUARE, units=PAIR)
         return UltrasonicInertial(
             positioning=RangingPosition(beacons=CEILING_SQUARE, units=PAIR),
-            inertial=AidedInertialFeedback(noise=BELIEVED, start=START),
+            inertial=AidedInertialFeedback(noise=BELIEVED_NOISE, start=START),
         )
 
     name, law = "navigation/platform-ranging", Turntable(rate=-115.0 * DEG)
-    made = rig(name, sensors, law, intake=Intake(), estimator=estimator)
+    made = rig_scenario(name, sensors, law, intake=Intake(), estimator=estimator)
     level = replace(made.world.vehicle, tilt=0.0)
     return replace(made, world=replace(made.world, vehicle=level))

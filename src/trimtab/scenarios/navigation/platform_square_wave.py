@@ -7,23 +7,23 @@ from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig
+from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.tachometer import Tachometer
 
-Compensated = Literal["yes", "no"]
+Compensation = Literal["yes", "no"]
 
 
 def scenario(
-    compensated: Compensated = "yes", covariance: Covariance = "consistent", form: Form = "feedforward"
+    compensated: Compensation = "yes", covariance: Covariance = "consistent", form: Form = "feedforward"
 ) -> Scenario:
     """[1] table 6.6. The square wave's height and cycle are not printed: reconstructed (docs page, Errata)."""
     imu = Imu.microstrain_3dm_gx1()
     imu = replace(imu, gyro=replace(imu.gyro, bandwidth=0.0, response=DelayedGyro()))
     sensors = {"imu": imu, "heading": Compass(), "tachometer": Tachometer()}
-    return rig(
+    return rig_scenario(
         "navigation/platform-square-wave",
         sensors,
         Turntable(rate=166 * DEG, cycle=2.0, waveform="square"),
