@@ -1,8 +1,8 @@
 """A gain with all that is needed to prove it again: matrices, weights, what is claimed, and how it was found.
 
-`build_certificate` makes one, `certificate_json` and `read_certificate` keep it in a file of text without
-losing a digit, and `certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear model that is
-in it: near the point, in continuous time, and not while an input saturates.
+`build_certificate` makes one, `certificate_json` and `read_certificate` keep it in a file of text without losing a
+digit, and `certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear
+model that is in it: near the point, in continuous time, and not while an input saturates.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`.

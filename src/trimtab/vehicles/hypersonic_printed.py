@@ -3,8 +3,8 @@
 Order of the errors: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2'); virtual inputs (h'', V'); slug, foot, second.
 
 **Never control with them**: signs are lost, one coefficient is used twice, an inertia once too often, and neither sign
-of the gain stabilises anything. `emulate_linearisation` repeats the errors and so reproduces 32 of the 34 numbers of rows 4,
-5, 7 and 9 in magnitude; row 9 of B fits no variant that was tried.
+of the gain stabilises anything. `emulate_linearisation` repeats the errors and so reproduces 32 of the 34 numbers of
+rows 4, 5, 7 and 9 in magnitude; row 9 of B fits no variant that was tried.
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, the numbers of its simulation.
