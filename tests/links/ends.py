@@ -19,7 +19,7 @@ def collect(link, n, patience=PATIENCE):
     found, end = b"", time.monotonic() + patience
     while len(found) < n and time.monotonic() < end:
         found += link.receive(0.05) or b""
-        link.vouch()
+        link.accept_sender()
     return found
 
 
@@ -40,7 +40,7 @@ def meet(a, b):
         b.send(b"!")
         for name, link in (("a", a), ("b", b)):
             if link.receive(0.02):
-                link.vouch()
+                link.accept_sender()
                 seen.add(name)
     assert seen == {"a", "b"}
     for link in (a, b):

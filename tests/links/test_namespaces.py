@@ -15,7 +15,7 @@ link = open_link("udp://0.0.0.0:14550", listen=True)
 print("listening", flush=True)
 while True:
     packet = link.receive(1.0)
-    link.vouch()
+    link.accept_sender()
     if packet:
         link.send(packet)
 """
