@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from studies.hovercraft2006._flights import slow_manifold_slope
-from studies.row import Row, at_most, same, within
 from trimtab.core.float64 import jax
 from trimtab.core.signals import Estimate, PlanarState
 from trimtab.laws.spin import (
@@ -20,6 +19,7 @@ from trimtab.laws.spin import (
     switching_energy_sharp,
 )
 from trimtab.laws.velocity import ForwardMomentum, ReverseMomentum, ZeroVelocity, slow_manifold_rate
+from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 jnp = jax.numpy

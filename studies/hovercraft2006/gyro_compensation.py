@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from studies.row import Row, within
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.gyro_compensated import GyroCompensator
 from trimtab.sensors.gyro_dynamics import TICK, DelayedGyro, frequency_response
+from trimtab.study import Row, within
 
 SECTION = "6.2.1.0"
 PLACE = "[1] table 6.5"

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from studies.hovercraft2006._rig import LITERAL, Errors, navigation_errors
-from studies.row import Row, direction, within
+from trimtab.study import Row, direction, within
 
 SECTION = "6.2.1.1"
 PLACE = "[1] table 6.6"

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from studies.hovercraft2006._flights import first_time, fly_ideal, fly_real, load_scenario
-from studies.row import Row, direction, missing_row, within
 from trimtab.core.record import replace
 from trimtab.logs.log import Log
 from trimtab.run.simulate import simulate
+from trimtab.study import Row, direction, missing_row, within
 from trimtab.vehicles.hovercraft import Friction
 
 SECTION = "6.2.2"

@@ -8,7 +8,7 @@ the source's covariances as printed (`literal`). Medians over 20 seeds.
 from collections.abc import Iterator
 
 from studies.hovercraft2006._rig import LITERAL, navigation_errors, network_errors, two_unit_errors
-from studies.row import Row, band, within
+from trimtab.study import Row, band, within
 
 SECTION = "6.2.1"
 PLACE = "[1] section 6.2.1"

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.row import Row, within
 from trimtab.actuators.rudder import DEG, RudderGeometry
 from trimtab.core.integrate import rk4
 from trimtab.core.signals import PlanarForce
 from trimtab.identify.inertia import SpinUpTrial, fit_slope, lateral_force, moment_of_inertia, trial_inertia
+from trimtab.study import Row, within
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 SECTION = "4.3.3"

@@ -7,7 +7,7 @@ Not the source's filters: what they would have given, beside its numbers. Median
 from collections.abc import Iterator
 
 from studies.hovercraft2006._rig import LITERAL, navigation_errors
-from studies.row import Row, band, direction
+from trimtab.study import Row, band, direction
 
 SECTION = "6.2.1"
 PLACE = "[1] section 6.2.1"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from studies.hovercraft2006._rig import LITERAL, navigation_errors
 from studies.hovercraft2006.heading_filter import RATE
-from studies.row import Row, band
+from trimtab.study import Row, band
 
 SECTION = "6.2.1.2"
 PLACE = "[1] table 6.7"

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from studies.row import Row, at_most, band, within
 from trimtab.core.float64 import jax
 from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
 from trimtab.links.bluetooth import TABLE, bluetooth_link
 from trimtab.links.delay_chain import DelayChain
+from trimtab.study import Row, at_most, band, within
 
 SECTION = "5.3"
 DRAWS = 100_000

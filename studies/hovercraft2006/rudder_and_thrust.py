@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from studies.row import Row, inside, same, within
 from trimtab.actuators.lookup import BilinearTable, forward_speed_table, full_speed_table, thrust_table
 from trimtab.actuators.rudder import DEG, RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.float64 import jax
 from trimtab.core.record import to_arrays
+from trimtab.study import Row, inside, same, within
 
 SECTION = "4.2"
 RATIO = {6: 0.2313, 8: 0.3685, 10: 0.4304, 12: 0.4638}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from studies.hovercraft2006._flights import draw_figure, first_time, fly_ideal, fly_real, settling_time
-from studies.row import Row, band, direction, overlaps, within
+from trimtab.study import Row, band, direction, overlaps, within
 
 SECTION = "6.1"
 FIGURES = {"fig-6.7": "zero-velocity", "fig-6.8": "forward", "fig-6.9": "reverse", "fig-6.10": "spin"}

@@ -18,8 +18,8 @@ from studies.hovercraft2006._flights import (
     fly_random_starts,
     fly_real,
 )
-from studies.row import Row, band, direction, inside, within
 from trimtab.laws.heading import TURN
+from trimtab.study import Row, band, direction, inside, within
 
 SECTION = "6.1"
 ARM = 0.32

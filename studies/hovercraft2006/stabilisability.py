@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.row import Row, same
 from trimtab.core.float64 import jax
 from trimtab.core.signals import PlanarForce
 from trimtab.design.stabilisability import brockett, byrnes_isidori, is_reachable
+from trimtab.study import Row, same
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 jnp = jax.numpy

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.row import Row, within
 from trimtab.environment.acoustics import LINEAR, QUADRATIC, fit_range_ratio, range_ratio
 from trimtab.estimators.ranging.range_model import compensate_range
+from trimtab.study import Row, within
 
 SECTION = "5.5.4"
 PLACE = "[1] table 5.2"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from studies.hovercraft2006._rig import LITERAL, navigation_errors
-from studies.row import Row, band, direction, within
+from trimtab.study import Row, band, direction, within
 
 SECTION = "6.2.1"
 PLACE = "[1] section 6.2.1"

@@ -26,10 +26,10 @@ from studies.hypersonic2022._flights import (
     fly_climb,
     fly_seeds,
 )
-from studies.row import Row, at_most, direction, same, within
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.run.simulate import simulate
+from trimtab.study import Row, at_most, direction, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 
 SECTION = "simulation"

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._flights import MEDIUM, RunSignals, build_climb, extent, fly_seeds
-from studies.row import Row, at_most, direction, same, within
 from trimtab.core.record import replace
 from trimtab.scenarios.hypersonic import impulse, step_gust
+from trimtab.study import Row, at_most, direction, same, within
 
 SECTION = "simulation, further work"
 PLACE = "[1] conclusions, further work"

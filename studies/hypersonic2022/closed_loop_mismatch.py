@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._flights import MEDIUM, RunSignals, build_climb, change_robust, fly_seeds
-from studies.row import Row, direction, same, within
 from trimtab.scenarios.hypersonic.mismatch import off_nominal_plant
+from trimtab.study import Row, direction, same, within
 
 SECTION = "simulation"
 PLACE = "[1] simulation, parameter uncertainty"

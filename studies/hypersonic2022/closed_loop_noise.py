@@ -23,8 +23,8 @@ from studies.hypersonic2022._flights import (
     fly_climb,
     fly_seeds,
 )
-from studies.row import Row, at_most, direction, within
 from trimtab.scenarios.hypersonic import modal_mismatch
+from trimtab.study import Row, at_most, direction, within
 
 SECTION = "simulation"
 PLACE = "[1] simulation, measurement noise"

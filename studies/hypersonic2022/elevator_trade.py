@@ -32,7 +32,7 @@ from studies.hypersonic2022._trade import (
     trade_curve,
     weighted_gain,
 )
-from studies.row import Row, at_most, direction, inside, same, within
+from trimtab.study import Row, at_most, direction, inside, same, within
 
 SECTION = "further work"
 PLACE = "[1] further work: noise"

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
 from studies.hypersonic2022._flights import CRUISE, MODES, build_climb, extent, fly_seeds
-from studies.row import Row, at_most, direction, overlaps, same, within
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
 from trimtab.design.lqr import kalman_bucy
@@ -22,6 +21,7 @@ from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
 from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynamics
 from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.study import Row, at_most, direction, overlaps, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import QUOTED_H, QUOTED_V
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from studies.row import Row, at_most, direction, same, within
 from trimtab.design import composite
 from trimtab.design.lqr import kalman_bucy
 from trimtab.scenarios.hypersonic._design import SCALE, error_model, feedback_gain, weights
+from trimtab.study import Row, at_most, direction, same, within
 
 SECTION = "eqs. 13-18"
 PLACE = "[1] eq. 13"

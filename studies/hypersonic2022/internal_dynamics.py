@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._flights import LARGE, fly_climb
-from studies.row import Row, at_most, band, direction, same, within
 from trimtab.design.stable_inversion import bounded_residual
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic._internal import SCALES, noncausal_table
+from trimtab.study import Row, at_most, band, direction, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 
 SECTION = "eq. 7"

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._flights import fly_seeds
-from studies.row import Row, at_most, same, within
 from trimtab.scenarios.hypersonic import printed_gains
 from trimtab.scenarios.hypersonic._design import error_model, feedback_gain
+from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, K_PRINTED
 
 SECTION = "eq. 13, printed K"

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.row import Row, direction, same, within
 from trimtab.scenarios.hypersonic._design import error_model
+from trimtab.study import Row, direction, same, within
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, emulate_linearisation
 
 SECTION = "eq. 10, printed A and B"

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.row import Row, at_most, same, within
 from trimtab.core.record import replace
 from trimtab.scenarios.hypersonic._level import LevelTrim, level_trim
+from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 from trimtab.vehicles.hypersonic_modes import KMODES
 from trimtab.vehicles.hypersonic_printed import (

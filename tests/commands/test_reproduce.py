@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from studies import catalogue
+from trimtab import study
 from trimtab.cli import main
 
 ROW = {
@@ -17,7 +17,7 @@ MADE_UP = '''"""Figures of chapter 1.
 Made up.
 """
 
-from studies.row import missing, within
+from trimtab.study import missing_row, within
 
 SECTION = "1"
 
@@ -26,7 +26,7 @@ def rows():
     """Three rows."""
     yield within("a/1", "[length]", 2.0, {value}, "[1] table 1", tolerance=0.1, unit="m")
     yield within("a/2", "width", 2.0, 3.0, "[1] table 1", tolerance=0.1, must_hold=False, note="It was raining.")
-    yield missing("a/3", "colour", "blue", "[1] fig. 2", note="Black and white.")
+    yield missing_row("a/3", "colour", "blue", "[1] fig. 2", note="Black and white.")
 
 
 def figures(folder):
@@ -45,8 +45,8 @@ def _no_cache(monkeypatch, tmp_path_factory):
 @pytest.fixture
 def made_up(tmp_path, monkeypatch):
     """make(value): a study of one group whose first row computes value, where 2.0 is printed."""
-    monkeypatch.setattr(catalogue, "FOLDER", tmp_path)
-    monkeypatch.setattr(catalogue.StudyGroup, "_module", lambda self: namespace)
+    monkeypatch.setattr(study, "CLONE", tmp_path)
+    monkeypatch.setattr(study, "import_study", lambda file: namespace)
     namespace = type("Module", (), {})
 
     def make(value):

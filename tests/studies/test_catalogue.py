@@ -2,16 +2,16 @@
 
 import pytest
 
-from studies import catalogue
+from trimtab import study
 from trimtab.core.errors import InputError
 
 NAME = "hovercraft2006"
 
 
 def test_studies_and_groups_are_the_files_with_rows():
-    assert NAME in catalogue.list_studies()
-    found = catalogue.list_groups(NAME)
-    folder = catalogue.FOLDER / NAME
+    assert NAME in study.find_studies()
+    found = study.list_groups(NAME)
+    folder = study.CLONE / NAME
     files = {f.stem.replace("_", "-") for f in folder.glob("*.py") if "\ndef rows(" in f.read_text(encoding="utf-8")}
     assert {g.name for g in found} == files >= {"control-laws", "inertia", "simulated-autopilot"}
     assert all(g.title and g.section for g in found)
@@ -24,15 +24,37 @@ def test_groups_are_in_the_order_of_the_publication(tmp_path, monkeypatch):
         (tmp_path / "s" / f"{name}.py").write_text(f'"""T."""\nSECTION = "{section}"\ndef rows(): ...\n')
     (tmp_path / "s" / "__init__.py").write_text('"""A study."""\n')
     (tmp_path / "s" / "errata.py").write_text('"""No group."""\n')
-    monkeypatch.setattr(catalogue, "FOLDER", tmp_path)
-    found = catalogue.list_groups("s")
+    monkeypatch.setattr(study, "CLONE", tmp_path)
+    found = study.list_groups("s")
     assert [g.name for g in found] == ["first", "early", "equations", "late", "unnumbered"]
     assert [g.place for g in found[1:3]] == ["section 2.10", "eqs. 3-4"]
-    assert [g.name for g in catalogue.list_groups("s", ["late"])] == ["late"]
+    assert [g.name for g in study.list_groups("s", ["late"])] == ["late"]
 
 
 def test_unknown_names_are_refused_with_the_choices():
     with pytest.raises(InputError, match=r"no such study.*\nChoices: .*\nFix: trimtab reproduce hovercraft2006"):
-        catalogue.list_groups("hovercraft")
+        study.list_groups("hovercraft")
     with pytest.raises(InputError, match=r"no group 'inertial'.*\nChoices: .*\nFix: --only inertia"):
-        catalogue.list_groups(NAME, ["inertia", "inertial"])
+        study.list_groups(NAME, ["inertia", "inertial"])
+
+
+def test_a_study_of_ones_own_is_given_by_its_folder(tmp_path):
+    folder = tmp_path / "somebody2001"
+    folder.mkdir()
+    with pytest.raises(InputError, match=r"no __init__\.py"):
+        study.find_study(str(folder))
+    (folder / "__init__.py").write_text('"""Somebody, 2001."""\n')
+    (folder / "sizes.py").write_text(
+        '"""Sizes."""\nfrom trimtab.study import within\n\n\ndef rows():\n'
+        '    yield within("length", "length", 2.0, 2.0, "[1] table 1", tolerance=0.1)\n'
+    )
+    (group,) = study.list_groups(str(folder))
+    assert [row.verdict for row in group.rows()] == ["holds"]
+
+
+def test_without_a_clone_it_says_where_the_studies_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "CLONE", tmp_path / "nowhere")
+    monkeypatch.chdir(tmp_path)
+    assert study.find_studies() == {}
+    with pytest.raises(InputError, match="source repository"):
+        study.find_study(NAME)

@@ -1,14 +1,10 @@
 """The study of [1] Z. Kulis 2006: rows that must hold do, the others say why they don't."""
 
 from functools import cache
-from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
-from studies import catalogue
-from studies.erratum import KINDS, errata_by_section
-from studies.hovercraft2006.errata import ERRATA
+from trimtab.study import list_groups
 
 RIG = (
     "heading-filter",
@@ -19,9 +15,8 @@ RIG = (
 )
 DEAR = ("simulated-autopilot", "simulated-heading", *RIG)
 """Groups that fly many runs of several scenarios, each compiled first."""
-GROUPS = catalogue.list_groups("hovercraft2006")
+GROUPS = list_groups("hovercraft2006")
 CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.slow] if g.name in DEAR else []) for g in GROUPS]
-PAGES = Path(__file__).parents[2] / "docs"
 
 
 @cache
@@ -42,12 +37,12 @@ def test_rows_hold_or_say_why_not(group):
 
 def test_check_24_every_printed_latency_has_its_row():
     """Table 5.1: five pairs, three paths; mean and deviation of each, and both extremes of the single paths."""
-    (group,) = catalogue.list_groups("hovercraft2006", ["radio-links"])
+    (group,) = list_groups("hovercraft2006", ["radio-links"])
     rows = {r.id: r for r in rows_of(group)}
     found = [i for i in rows if i.startswith("table-5.1/")]
     assert len(found) == 5 * (4 + 4 + 3)
-    assert rows["table-5.1/free2move/linksys 2.9/41.0 up/mean"].printed_text == 51.04
-    assert rows["table-5.1/free2move/free2move 2.9/22.0 round trip/sd"].printed_text == 16.58
+    assert rows["table-5.1/free2move/linksys 2.9/41.0 up/mean"].printed == 51.04
+    assert rows["table-5.1/free2move/free2move 2.9/22.0 round trip/sd"].printed == 16.58
 
 
 @pytest.mark.slow
@@ -57,19 +52,3 @@ def test_pictures_of_the_simulated_autopilot(tmp_path):
     assert names >= {f"fig-6.{n}.png" for n in (7, 8, 9, 10)}
     assert names >= {f"fig-6.{n}-{law}.png" for n in (11, 12) for law in ("bang-bang", "proportional")}
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
-
-
-@pytest.mark.parametrize("entry", ERRATA, ids=lambda e: e.place)
-def test_erratum_is_whole_and_its_modules_exist(entry):
-    assert all((entry.section, entry.place, entry.printed_text, entry.replacement, entry.why))
-    assert entry.kind in KINDS
-    for module in entry.code:
-        assert find_spec(f"trimtab.{module}") is not None, module
-
-
-def test_the_page_shows_every_section_of_the_errata():
-    page = (PAGES / "errata.md").read_text(encoding="utf-8")
-    for section in errata_by_section(ERRATA):
-        assert (
-            f'\n## {section}\n\n```{{code-cell}}\n:tags: [remove-input]\n\nMarkdown(table(found["{section}"]))' in page
-        )

@@ -5,8 +5,18 @@ import math
 
 import pytest
 
-from studies.markdown import rows_table
-from studies.row import at_most, band, direction, format_value, inside, missing_row, overlaps, same, within
+from trimtab.study import (
+    at_most,
+    band,
+    direction,
+    format_value,
+    inside,
+    missing_row,
+    overlaps,
+    rows_table,
+    same,
+    within,
+)
 
 HOLDING = {
     "within": within("a", "x", 2.0, 2.1, "p", tolerance=0.1001),

@@ -5,12 +5,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from trimtab.commands.fly_scenario import check_folder
 from trimtab.core.errors import InputError
+from trimtab.study import find_study, import_study
 
 if TYPE_CHECKING:
     from studies.live_faults.case import CaseOutcome
@@ -28,9 +29,8 @@ class LiveFaultsRequest(NamedTuple):
 
 def live_faults(request: LiveFaultsRequest) -> bool:
     """Fly the cases; whether all of them hold."""
-    from studies.live_faults.campaign import fly_cases, select_cases
-
-    wanted = select_cases(request.only)
+    campaign = _import_module("campaign")
+    wanted = campaign.select_cases(request.only)
     if request.out is not None:
         check_folder("--out", request.out)
         for name in wanted:
@@ -47,7 +47,7 @@ def live_faults(request: LiveFaultsRequest) -> bool:
         for problem in outcome.problems:
             click.echo(f"        {outcome.name}: {problem}", err=True)
 
-    outcomes = fly_cases(wanted, out=request.out, jobs=request.jobs, tell=tell)
+    outcomes = campaign.fly_cases(wanted, out=request.out, jobs=request.jobs, tell=tell)
     wall = monotonic() - began
     _show_outcomes(request, outcomes, wall)
     return all(one.verdict != "fails" for one in outcomes)
@@ -68,9 +68,14 @@ def _show_outcomes(request: LiveFaultsRequest, outcomes: "Sequence[CaseOutcome]"
 
 def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:
     """A new page of all cases; or the rows of some in the page that is there."""
-    from studies.live_faults.cases import all_cases
-    from studies.live_faults.page import describe_flights, format_page
-
+    page = _import_module("page")
     before = file.read_text("utf-8") if apart and file.exists() else ""
-    run = describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
-    file.write_text(format_page(outcomes, run, before, [case.name for case in all_cases()]), "utf-8")
+    run = page.describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
+    file.write_text(
+        page.format_page(outcomes, run, before, [case.name for case in _import_module("cases").all_cases()]), "utf-8"
+    )
+
+
+def _import_module(name: str) -> Any:
+    """A module of the study that makes these flights, which a clone of trimtab has."""
+    return import_study(find_study("live_faults") / f"{name}.py")

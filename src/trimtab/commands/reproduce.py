@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from studies import catalogue
-from studies.catalogue import StudyGroup
 from trimtab.commands.progress import show_progress
+from trimtab.study import WHERE, StudyGroup, find_studies, find_study, list_groups, read_study_title
 
 if TYPE_CHECKING:  # rich is imported when something is shown
-    from studies.row import Row
+    from trimtab.study import Row
 
 GroupRows = list[tuple[StudyGroup, "list[Row]"]]
 
@@ -32,7 +31,7 @@ def reproduce(request: ReproduceRequest) -> bool:
     if request.study is None:
         _list_studies(request.as_json)
         return True
-    chosen = catalogue.list_groups(request.study, request.only)
+    chosen = list_groups(request.study, request.only)
     if request.out is not None:
         from trimtab.commands.fly_scenario import check_folder
 
@@ -51,7 +50,7 @@ def reproduce(request: ReproduceRequest) -> bool:
 
 def _list_studies(as_json: bool) -> None:
     """Every study with its groups."""
-    found = {name: (doc, catalogue.list_groups(name)) for name, doc in catalogue.list_studies().items()}
+    found = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in found.items()}
         click.echo(json.dumps({"studies": content}))
@@ -60,7 +59,7 @@ def _list_studies(as_json: bool) -> None:
         click.echo(f"{name}   {doc}")
         for group in groups:
             click.echo(f"  --only {group.name:22s} {group.title}, {group.place}")
-    click.echo(f"compute one: trimtab reproduce {next(iter(found))}")
+    click.echo(f"compute one: trimtab reproduce {next(iter(found))}" if found else WHERE)
 
 
 def _compute_groups(chosen: list[StudyGroup], out: Path | None) -> tuple[GroupRows, list[Path]]:
@@ -105,7 +104,7 @@ def _print_groups(study: str, found: GroupRows, files: list[Path]) -> None:
         print_rows(f"{group.title}, [1] {group.place}", rows)
     total = verdict_counts(row for _, rows in found for row in rows)
     click.echo("* not a number of the publication: read off an axis, or calculated independently from what it prints")
-    click.echo(f"[1] {catalogue.list_studies()[study]}")
+    click.echo(f"[1] {read_study_title(find_study(study))}")
     click.echo(", ".join(f"{n} {verdict}" for verdict, n in total.items() if n or verdict != "differs"))
     for file in files:
         click.echo(f"wrote {file}")

@@ -10,12 +10,12 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
     from rich.table import Table
 
-    from studies.row import Row
     from trimtab.commands.calibrate import SensorAxis
     from trimtab.design.certificate_check import CertificateProof
     from trimtab.identify.allan import Coefficient
     from trimtab.logs.navigation import Navigation
     from trimtab.run.error_budget import ErrorBudget
+    from trimtab.study import Row
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -237,7 +237,7 @@ def _format_rms(value: float, error: float) -> str:
 
 def print_rows(title: str, rows: Iterable["Row"]) -> None:
     """Rows of a study: printed beside computed, and of each that does not hold the reason."""
-    from studies.row import format_value
+    from trimtab.study import format_value
 
     rows, screen = list(rows), console()
     table = new_table(title=title.replace("[", r"\["), title_justify="left")

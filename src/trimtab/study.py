@@ -1,8 +1,22 @@
-"""A row of a study: what a publication gives, what this package computes, and the verdict."""
+"""Studies: publications computed again. A row is what a publication gives beside what is computed, with the verdict.
 
+A study is a package of Python files: in a clone of trimtab those below `studies/`, or a folder of yours. Each file with
+a function ``rows`` is a group of it: its docstring's first line says what it holds, ``SECTION`` where that stands in
+the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` gives its rows. If it also has ``figures(folder)``, that
+draws pictures and gives their files.
+"""
+
+import ast
 import dataclasses
+import importlib
 import math
-from typing import Any, Literal
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from trimtab.core.errors import InputError, closest
 
 Relation = Literal["within", "at most", "band", "inside", "overlaps", "direction", "same", "none"]
 Basis = Literal["printed", "text", "axis", "reference"]
@@ -184,3 +198,133 @@ def _replace_infinite(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_replace_infinite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+HEADINGS = ("figure", "printed", "computed", "accepted", "unit", "verdict", "where", "")
+
+
+def rows_table(rows: Iterable[Row]) -> str:
+    """One line a row; a star marks what is no number or statement of the publication itself (see Row.basis)."""
+    lines = [_table_line(HEADINGS), _table_line("---" for _ in HEADINGS)]
+    for row in rows:
+        printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")
+        unit = "" if row.unit == "1" else row.unit
+        verdict = "holds" if row.holds else f"**{row.verdict}**"
+        cells = (row.what, printed, format_value(row.computed), row.tolerance, unit, verdict, row.citation, row.note)
+        lines.append(_table_line(cell.replace("|", "\\|") for cell in cells))
+    return "\n".join(lines)
+
+
+def _table_line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+CLONE = Path(__file__).parents[2] / "studies"
+"""The studies of a clone of trimtab, which an installed package has not."""
+WHERE = "the studies are in trimtab's source repository: run in a clone of it, or give a study's folder"
+
+
+class StudyGroup(NamedTuple):
+    """A group of a study's figures.
+
+    file: that computes it.  name: as on the command line.  title: its first line.
+    section: of the publication.  has_figures: whether it draws pictures.
+    """
+
+    file: Path
+    name: str
+    title: str
+    section: str
+    has_figures: bool
+
+    @property
+    def place(self) -> str:
+        """Where it stands in the publication, in words."""
+        return f"section {self.section}" if self.section[:1].isdigit() else self.section
+
+    def rows(self) -> Iterator[Row]:
+        """Its rows, each computed when it is asked for."""
+        yield from import_study(self.file).rows()
+
+    def figures(self, folder: Path) -> Iterator[Path]:
+        """Draw its pictures into a folder."""
+        if self.has_figures:
+            yield from import_study(self.file).figures(folder)
+
+
+def find_studies() -> dict[str, Path]:
+    """Name -> folder of each study of this clone, or of the folder `studies` where the program runs; none elsewhere."""
+    for folder in (CLONE, Path.cwd() / "studies"):
+        studies = {file.parent.name: file.parent for file in sorted(folder.glob("*/__init__.py"))}
+        if studies:
+            return studies
+    return {}
+
+
+def find_study(study: str) -> Path:
+    """The folder of a study given by its name or by its folder."""
+    folder, studies = Path(study), find_studies()
+    if study in studies:
+        return studies[study]
+    if (folder / "__init__.py").is_file():
+        return folder.resolve()
+    if folder.is_dir():
+        raise InputError(f"study {study!r}", "the folder has no __init__.py", fix=f"touch {folder / '__init__.py'}")
+    if not studies:
+        raise InputError(f"study {study!r}", f"not found: {WHERE}", fix="trimtab reproduce path/to/a/study")
+    near = closest(study, studies, 1) or list(studies)
+    raise InputError(f"study {study!r}", "there is no such study", choices=studies, fix=f"trimtab reproduce {near[0]}")
+
+
+def import_study(file: Path) -> Any:
+    """Import a study's package or one of its modules; its outermost package's folder joins the path of imports."""
+    parts, root = [file.stem], file.parent
+    while (root / "__init__.py").is_file():
+        parts.insert(0, root.name)
+        root = root.parent
+    if str(root) not in sys.path:
+        sys.path.append(str(root))
+    return importlib.import_module(".".join(parts).removesuffix(".__init__"))
+
+
+def read_study_title(folder: Path) -> str:
+    """First line of a study's docstring; nothing is imported."""
+    return _read_title(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
+
+
+def list_groups(study: str, only: Iterable[str] = ()) -> list[StudyGroup]:
+    """The groups of a study, by name or folder, in the order of the publication: all, or those named."""
+    files = sorted(find_study(study).glob("*.py"))
+    groups = sorted((g for g in map(_read_group, files) if g is not None), key=_sort_key)
+    names, chosen = [g.name for g in groups], list(only)
+    for name in chosen:
+        if name not in names:
+            near = closest(name, names, 1) or names
+            problem = f"study {study!r} has no group {name!r}"
+            raise InputError("--only", problem, choices=names, fix=f"--only {near[0]}")
+    return [g for g in groups if not chosen or g.name in chosen]
+
+
+def _read_group(file: Path) -> StudyGroup | None:
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    functions = {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
+    if "rows" not in functions:
+        return None
+    section = next((s for n in tree.body if (s := _read_section(n))), "")
+    return StudyGroup(file, file.stem.replace("_", "-"), _read_title(tree), section, "figures" in functions)
+
+
+def _read_section(node: ast.stmt) -> str:
+    if not (isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)):
+        return ""
+    names = [t.id for t in node.targets if isinstance(t, ast.Name)]
+    return str(node.value.value) if names == ["SECTION"] else ""
+
+
+def _sort_key(group: StudyGroup) -> tuple[list[float], str]:
+    """By the numbers of the section or equation; what has none comes last."""
+    return [float(n) for n in re.findall(r"\d+", group.section)] or [math.inf], group.name
+
+
+def _read_title(tree: ast.Module) -> str:
+    return (ast.get_docstring(tree) or "").partition("\n")[0].removesuffix(".")
