@@ -10,9 +10,9 @@ USE = """
 import sys
 import numpy as np
 from click.testing import CliRunner
-import trimtab.core.errors, trimtab.core.record, trimtab.core.signals, trimtab.core.time
+import trimtab.core.errors, trimtab.core.quantity, trimtab.core.time
 import trimtab.cli, trimtab.commands.tables, trimtab.logs.messages, trimtab.plots.run, trimtab.scenarios.catalogue
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, metrics, mode_switches
@@ -63,6 +63,28 @@ def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
     done = run(USE, str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "yaw_rate (rad/s)" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "trimtab.cli",
+        "trimtab.logs.comma_separated",
+        "trimtab.logs.log",
+        "trimtab.logs.mcap",
+        "trimtab.logs.stream",
+        "trimtab.plots.dilution",
+        "trimtab.plots.navigation",
+        "trimtab.plots.replay",
+        "trimtab.plots.run",
+        "trimtab.plots.tracking",
+        "trimtab.run.library",
+        "trimtab.run.program",
+    ],
+)
+def test_who_reads_draws_or_flies_a_compiled_program_starts_without_jax(module):
+    done = run(f"import sys, {module}\nprint('jax' in sys.modules)")
+    assert done.stdout == "False\n", done.stderr
 
 
 @pytest.mark.parametrize("module", ["trimtab.cli", "trimtab.commands.plan", "trimtab.commands.sources"])

@@ -9,10 +9,10 @@ __version__ = "0.1.0"
 
 HOMES = {
     "record": "core.record",
-    "quantity": "core.record",
-    "part": "core.record",
-    "option": "core.record",
-    "period": "core.record",
+    "quantity": "core.quantity",
+    "part": "core.quantity",
+    "option": "core.quantity",
+    "period": "core.quantity",
     "replace": "core.record",
     "ms": "core.time",
     "seconds": "core.time",

@@ -1,9 +1,9 @@
 from trimtab.campaign.campaign import Campaign as Campaign
 from trimtab.core.errors import InputError as InputError
-from trimtab.core.record import option as option
-from trimtab.core.record import part as part
-from trimtab.core.record import period as period
-from trimtab.core.record import quantity as quantity
+from trimtab.core.quantity import option as option
+from trimtab.core.quantity import part as part
+from trimtab.core.quantity import period as period
+from trimtab.core.quantity import quantity as quantity
 from trimtab.core.record import record as record
 from trimtab.core.record import replace as replace
 from trimtab.core.time import ms as ms

@@ -6,9 +6,9 @@ An estimate is of the time of its newest inertial sample, so it is compared with
 from functools import cache
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
-from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.ranging.multilateration import assisted_heading, two_unit_heading

@@ -6,10 +6,10 @@
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import numpy as np
 
 from studies.hovercraft2006._flights import slow_manifold_slope
-from trimtab.core.float64 import jax
 from trimtab.core.signals import Estimate, PlanarState
 from trimtab.laws.spin import (
     ConstantSpin,

@@ -6,9 +6,9 @@
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import numpy as np
 
-from trimtab.core.float64 import jax
 from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms

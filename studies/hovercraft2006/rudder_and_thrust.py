@@ -5,12 +5,12 @@
 
 from collections.abc import Iterator
 
+import jax
 import numpy as np
 
 from trimtab.actuators.lookup import BilinearTable, forward_speed_table, full_speed_table, thrust_table
 from trimtab.actuators.rudder import DEG, RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
-from trimtab.core.float64 import jax
 from trimtab.core.record import to_arrays
 from trimtab.study import Row, inside, same, within
 

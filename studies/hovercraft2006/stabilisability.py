@@ -6,9 +6,9 @@
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import numpy as np
 
-from trimtab.core.float64 import jax
 from trimtab.core.signals import PlanarForce
 from trimtab.design.stabilisability import brockett, byrnes_isidori, is_reachable
 from trimtab.study import Row, same

@@ -10,13 +10,13 @@ vehicle", Aerospace 2022, 9(4), 206.
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.integrate import rk4
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import replace
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.core.time import to_seconds
 from trimtab.estimators.flexible.discrete import TUNED_Q, FlexibleModeFilter
 from trimtab.estimators.flexible.model import RigidFlight

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+import jax
 import numpy as np
 
 from studies.hypersonic2022.printed_matrices import COLUMNS, INPUTS
-from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.design.linearise import linearise
 from trimtab.scenarios.hypersonic._design import V, design_model, error_model

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.commands.fly_scenario import summarise_run
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target

@@ -1,5 +1,7 @@
 """Every primitive that is said to be covered, compared with JAX; every other one refused with a way out."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -10,7 +12,6 @@ from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import CALLS
 from trimtab.compiler.rules import RULES
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 
 
 def test_list_is_what_has_a_rule() -> None:

@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.function import lower_function
-from trimtab.core.float64 import jax
 from trimtab.native.build import build_library, load_library
 
 CPU = Path("/proc/cpuinfo")

@@ -8,15 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.core.quantity import DTYPES
 from trimtab.core.record import (
-    DTYPES,
     Option,
     Part,
     Quantity,
     Scalar,
-    children,
     declarations,
-    is_record,
     leaves,
     option,
     part,
@@ -104,11 +102,6 @@ def test_field_that_is_not_declared_is_refused():
             k1: float = 1.0
 
 
-def test_unknown_kind_is_refused():
-    with pytest.raises(TypeError, match="'length' is not one of"):
-        quantity("m", "A length.", kind="length")
-
-
 def test_missing_value_is_refused_by_name():
     @record
     class Needs:
@@ -118,15 +111,6 @@ def test_missing_value_is_refused_by_name():
 
     with pytest.raises(TypeError, match="mass"):
         Needs()  # pyright: ignore[reportCallIssue]
-
-
-def test_is_record_tells_records_from_the_rest():
-    @dataclasses.dataclass
-    class Plain:
-        x: float = 1.0
-
-    assert is_record(Gains())
-    assert not any(is_record(v) for v in (Plain(), 1.0, None, {"a": Gains()}, Gains))
 
 
 def test_pytree_round_trip_keeps_options_and_values():
@@ -166,18 +150,6 @@ def test_leaves_are_dotted_paths_in_declared_order():
     found = {p: (v, d) for p, v, d in leaves(Block())}
     assert found["several.a.k1"] == (3.0, declarations(Gains)["k1"])
     assert found["pair.0.k2"][0] == 6.0
-
-
-def test_leaves_below_a_path():
-    assert [p for p, _, _ in leaves(Gains(), "law")] == ["law.k1", "law.k2"]
-    assert list(leaves(3.0)) == []
-
-
-def test_children_are_one_level():
-    assert [n for n, _, _ in children(Gains())] == ["k1", "k2"]
-    assert children({"a": 1}) == [("a", 1, None)]
-    assert children((4, 5)) == [("0", 4, None), ("1", 5, None)]
-    assert children(1.0) == []
 
 
 @pytest.mark.parametrize("path", PATHS)

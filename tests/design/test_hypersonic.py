@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import replace
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.design.lie import affine_fields, curved_inputs, extend_inputs, lie_derivative, relative_degree
 from trimtab.design.linearise import linearise
 from trimtab.design.model import model_of_vehicle

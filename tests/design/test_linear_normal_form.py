@@ -1,11 +1,11 @@
 """The linearisation in normal coordinates, against first orders by hand; the hypersonic vehicle's: its own test."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from design.published import G, vtol
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.design.model import model_of_functions
 from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import trim

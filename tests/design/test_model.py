@@ -1,16 +1,51 @@
 """Vehicles as functions of vectors: the same numbers as the records, and names that are checked."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import PlanarForce
-from trimtab.design.model import find_indices, model_of_functions, model_of_vehicle, record_vector, unpack_record
+from trimtab.design.model import (
+    entry_names,
+    find_indices,
+    model_of_functions,
+    model_of_vehicle,
+    record_vector,
+    unpack_record,
+)
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 X = HovercraftState(0.3, -0.2, 0.1, 4.0, 5.0, 7.0)
 U = PlanarForce(0.4, -0.1)
+
+
+@record
+class Bias:
+    """Nested. Source: this test."""
+
+    gyro: Scalar = quantity("rad/s", "A bias.", default=0.1)
+    count: Scalar = quantity("1", "Not an entry of the vector.", kind="count", default=4)
+
+
+@record
+class State:
+    """Vector, angle, a nested record and a mapping. Source: this test."""
+
+    p: Any = quantity("m", "A vector.", default=np.array([1.0, 2.0]), shape=(2,))
+    heading: Scalar = quantity("rad", "An angle.", kind="angle", default=3.0)
+    bias: Bias = part("Nested.", default=Bias())
+    more: Any = part("A mapping.", default={"a": Bias(0.5, 1)})
+    valid: Scalar = quantity("1", "Not an entry of the vector.", kind="flag", default=True)
+
+
+def test_entries_have_names():
+    assert entry_names(State()) == ("p[0]", "p[1]", "heading", "bias.gyro", "more.a.gyro")
+    assert entry_names(U) == ("FX", "FY")
+    np.testing.assert_array_equal(record_vector(State()), [1.0, 2.0, 3.0, 0.1, 0.5])
 
 
 def test_a_vehicle_as_a_function_of_vectors():

@@ -7,7 +7,7 @@ import pytest
 from design.published import G, ball_and_beam, vtol
 
 from trimtab.core.errors import InputError
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.linearise import linearise
 from trimtab.design.model import model_of_functions
 from trimtab.design.normal_form import normal_form, solve_root

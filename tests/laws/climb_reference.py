@@ -6,8 +6,7 @@ import time
 import jax
 import numpy as np
 
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import to_arrays
+from trimtab.core.record import FAST_COMPILE_OPTIONS, to_arrays
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic import _internal
 from trimtab.vehicles.hypersonic import Hypersonic

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import replace, to_arrays
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
 from trimtab.laws.internal_preview import FadingModes
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler

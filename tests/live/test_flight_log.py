@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.live.flight_log import FlightLog, LogSource
 from trimtab.logs.mcap import read_mcap
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
 from trimtab.run.replay import compare_logs
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value

@@ -3,7 +3,7 @@ import json
 import jsonschema
 import numpy as np
 
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.messages import group_by_topic, topic_schema
 

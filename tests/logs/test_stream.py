@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log, provenance
 from trimtab.logs.mcap import read_mcap, write_mcap

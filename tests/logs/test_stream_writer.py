@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.messages import layout_record, run_record

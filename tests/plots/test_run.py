@@ -6,7 +6,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target

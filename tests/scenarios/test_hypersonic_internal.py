@@ -9,8 +9,7 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, DT, H0, SCALES, V0, linear, noncausal
 
 from trimtab.core.errors import InputError
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import replace
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.design.stable_inversion import bounded_residual
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import internal_rates

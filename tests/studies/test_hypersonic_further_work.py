@@ -1,5 +1,6 @@
 """The campaign: every coefficient is in it, failures are failures, rankings find what was planted; the rows hold."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -7,7 +8,6 @@ from studies.hypersonic2022 import _campaign as campaign
 from studies.hypersonic2022 import _campaign_ranking as ranking
 from studies.hypersonic2022 import further_work
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.run.simulate import simulate

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.commands.plan import CachedRun, find_run, keep_run
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import to_plain
 from trimtab.logs.metrics import Target
 from trimtab.native.cache import find_library as find_library

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.c_functions import C_TYPES
@@ -11,7 +12,6 @@ from trimtab.compiler.routine import Routine, StructPlace
 from trimtab.compiler.scalar_text import number_literal
 from trimtab.compiler.structs import Member, members, struct_text
 from trimtab.compiler.writer import Writer
-from trimtab.core.float64 import jax
 
 
 class ExportedBlock(NamedTuple):

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
@@ -19,7 +20,6 @@ from trimtab.compiler.rules import RULES
 from trimtab.compiler.uniform import find_varying
 from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.native.build import build_library, load_library
 
 

@@ -3,9 +3,12 @@
 import os
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jax._src import source_info_util
 from jax.extend.core import ClosedJaxpr, Literal
+
+jax.config.update("jax_enable_x64", True)
 
 CALLS = {
     "jit": "jaxpr",

@@ -5,11 +5,11 @@ import math
 import re
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.arrays import type_name
 from trimtab.compiler.c_functions import C_TYPES
-from trimtab.core.float64 import jax
 from trimtab.core.record import Quantity, leaves
 
 RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}

@@ -1,14 +1,16 @@
 """Integration of the truth between two instants."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from trimtab.core.float64 import jax
+import jax
+
+from trimtab.core.record import Scalar
 
 X = TypeVar("X")
 
 
-def rk4(f: Callable[[Any, X], X], t: Any, x: X, h: Any) -> X:
+def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
     """One classical Runge–Kutta step of x' = f(t, x) from t to t + h; x is any pytree of floats.
 
     Args:
@@ -19,7 +21,7 @@ def rk4(f: Callable[[Any, X], X], t: Any, x: X, h: Any) -> X:
     Source: Hairer, Nørsett, Wanner, "Solving ordinary differential equations I", table 1.2.
     """
 
-    def ahead(k: X, by: Any) -> X:
+    def ahead(k: X, by: Scalar) -> X:
         return jax.tree.map(lambda a, d: a + by * d, x, k)
 
     k1 = f(t, x)

@@ -5,7 +5,10 @@ A matrix that is not positive definite gives NaN: a signal, never an exception.
 
 from typing import Any
 
-from trimtab.core.float64 import jnp
+import jax
+import jax.numpy as jnp
+
+jax.config.update("jax_enable_x64", True)
 
 
 def cholesky(A: Any) -> Any:

@@ -1,205 +1,102 @@
 """Records: frozen dataclasses that are pytrees, each field declared once with unit, meaning and valid range.
 
-Three kinds of field:
+Who declares a record imports everything from here, also what `core.quantity` declares fields with.
 
-- ``quantity``  a number or array; a run-time input, so that changing it never compiles anything again;
-- ``part``      another record, a mapping or tuple of records, or None;
-- ``option``    a choice or a period; it shapes the program, so changing it compiles again.
-
-What is declared here is the name of the same thing in ``--set``, the log, the plots and the exported code.
-
-This module does not import JAX, so that what only reads logs starts without it. `core.float64`, which everything that
-computes imports, makes the records pytrees; a program that imports JAX itself gets them as soon as it makes one.
+JAX computes in float64: states are integrated and time is counted in 64 bits everywhere. Importing this module sees to
+that, and whatever computes imports it, itself or through another; a module that knows no record sets it itself.
 """
 
 import dataclasses
-import importlib
-import os
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
+import jax
 import numpy as np
 
+from trimtab.core.quantity import (
+    Option,
+    Part,
+    Quantity,
+    Scalar,
+    children,
+    declarations,
+    is_record,
+    leaves,
+    option,
+    part,
+    period,
+    quantity,
+)
+
+__all__ = [
+    "FAST_COMPILE_OPTIONS",
+    "Option",
+    "Part",
+    "Quantity",
+    "Scalar",
+    "children",
+    "declarations",
+    "is_record",
+    "leaves",
+    "option",
+    "part",
+    "period",
+    "quantity",
+    "record",
+    "replace",
+    "to_arrays",
+    "with_leaf",
+]
+
+jax.config.update("jax_enable_x64", True)
+
 T = TypeVar("T")
-Scalar = Any
-"""A float, or an array of shape () while a run is traced."""
-
-DTYPES = {
-    "real": np.float64,
-    "angle": np.float64,
-    "time": np.int64,
-    "count": np.int32,
-    "mode": np.int32,
-    "word": np.uint32,
-    "flag": np.bool_,
-}
-KINDS = tuple(DTYPES)
-MISSING = dataclasses.MISSING
-PENDING_RECORDS: list[Any] = []
-"""Records that are not pytrees yet, because nothing had imported JAX when they were made."""
-X64_VARIABLE = "JAX_ENABLE_X64"
-X64_WAS_UNSET = "jax" not in sys.modules and X64_VARIABLE not in os.environ
-"""Whether JAX was told here to start in float64, should it be imported; `core.float64` takes the note away again."""
-if X64_WAS_UNSET:
-    os.environ[X64_VARIABLE] = "1"
-
-
-@dataclasses.dataclass(frozen=True)
-class Quantity:
-    """What a numeric field means. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
-
-    unit: str
-    doc: str
-    frame: str = ""
-    kind: str = "real"
-    source: str = ""
-    above: float | None = None
-    low: float | None = None
-    high: float | None = None
-    modes: tuple[str, ...] = ()
-    shape: tuple[int, ...] = ()
-
-    def dtype(self) -> Any:
-        """The numpy type that the field has in a run."""
-        return DTYPES[self.kind]
-
-
-@dataclasses.dataclass(frozen=True)
-class Part:
-    """A nested record."""
-
-    doc: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Option:
-    """A static choice. Kind `period` is a time in integer units of 100 ns and must be at least `low`."""
-
-    doc: str
-    kind: str = "choice"
-    choices: tuple[Any, ...] = ()
-    low: int | None = None
-
-
-Declaration = Quantity | Part | Option
-
-
-def quantity(
-    unit: str,
-    doc: str,
-    *,
-    default: Any = MISSING,
-    frame: str = "",
-    kind: str = "real",
-    source: str = "",
-    above: float | None = None,
-    low: float | None = None,
-    high: float | None = None,
-    modes: tuple[str, ...] = (),
-    shape: tuple[int, ...] = (),
-) -> Any:
-    """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source."""
-    if kind not in KINDS:
-        raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
-    declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
-    return _field(declared, default)
-
-
-def part(doc: str, *, default: Any = MISSING) -> Any:
-    """Declare a nested record (or a mapping or tuple of records, or None)."""
-    return _field(Part(doc), default)
-
-
-def option(doc: str, *, default: Any = MISSING, choices: tuple[Any, ...] = (), kind: str = "choice") -> Any:
-    """Declare a static choice; `choices` lists the valid values."""
-    return _field(Option(doc, kind, choices), default)
-
-
-def period(doc: str, *, default: Any = MISSING, low: int = 1) -> Any:
-    """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`."""
-    return _field(Option(doc, "period", (), low), default)
-
-
-def _field(declared: Declaration, default: Any) -> Any:
-    metadata = {"declared": declared}
-    if isinstance(default, Mapping | np.ndarray | list):  # dataclasses refuse mutable defaults
-        held: Any = default
-        return dataclasses.field(default_factory=lambda: held, metadata=metadata)
-    return dataclasses.field(default=default, metadata=metadata)
+FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+"""For jax.jit(…, compiler_options=FAST_COMPILE_OPTIONS) of what runs once: there compiling is what takes the time."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
 def record(cls: type[T]) -> type[T]:
     """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
-    if "jax" not in sys.modules:
-        _register_on_creation(cls)
-    made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    for f in dataclasses.fields(made):
+    frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    for f in dataclasses.fields(frozen):
         if "declared" not in f.metadata:
             raise TypeError(f"{cls.__name__}.{f.name} is not declared: use quantity(), part(), option() or period()")
-    PENDING_RECORDS.append(made)
-    _register_pending_records()
-    return made
+    _register_pytree(frozen)
+    return frozen
 
 
-def _register_pending_records() -> None:
-    """Make the records that wait pytrees, once the program has imported JAX."""
-    if PENDING_RECORDS and "jax" in sys.modules:
-        importlib.import_module("trimtab.core.float64").register_records()
+def _register_pytree(cls: Any) -> None:
+    """Quantities and parts are the children of the pytree, options its structure."""
+    declared = declarations(cls)
+    dynamic = tuple(n for n, d in declared.items() if not isinstance(d, Option))
+    static = tuple(n for n, d in declared.items() if isinstance(d, Option))
+    keys = tuple(jax.tree_util.GetAttrKey(n) for n in dynamic)
 
+    def aux(r: Any) -> tuple[Any, ...]:
+        return tuple(getattr(r, n) for n in static)
 
-def _register_on_creation(cls: Any) -> None:
-    """Let each new one of a class look whether JAX has been imported since the class was made."""
-    finish = getattr(cls, "__post_init__", None)
+    def flatten(r: Any) -> tuple[Any, Any]:
+        return [getattr(r, n) for n in dynamic], aux(r)
 
-    def __post_init__(self: Any) -> None:
-        _register_pending_records()
-        if finish is not None:
-            finish(self)
+    def flatten_with_keys(r: Any) -> tuple[Any, Any]:
+        return [(k, getattr(r, n)) for k, n in zip(keys, dynamic, strict=True)], aux(r)
 
-    cls.__post_init__ = __post_init__
+    def unflatten(meta: Any, children: Any) -> Any:
+        r = object.__new__(cls)
+        for n, v in zip(dynamic, children, strict=True):
+            object.__setattr__(r, n, v)
+        for n, v in zip(static, meta, strict=True):
+            object.__setattr__(r, n, v)
+        return r
 
-
-def is_record(value: Any) -> bool:
-    """Whether value is an instance of a record."""
-    kind = type(value)
-    return dataclasses.is_dataclass(kind) and all("declared" in f.metadata for f in dataclasses.fields(kind))
-
-
-def declarations(cls: Any) -> dict[str, Declaration]:
-    """Field name -> what was declared, for a record or its class."""
-    return {f.name: f.metadata["declared"] for f in dataclasses.fields(cls)}
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
 
 
 def replace(r: T, **changes: Any) -> T:
     """A copy of a record with some fields changed."""
-    made: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
-    return made
-
-
-def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
-    """Name, value and declaration of everything one level below a record, mapping or tuple."""
-    if is_record(value):
-        declared = declarations(value)
-        return [(n, getattr(value, n), d) for n, d in declared.items()]
-    if isinstance(value, Mapping):
-        items: Any = value.items()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
-        return [(str(n), v, None) for n, v in items]
-    if isinstance(value, tuple | list):
-        several: Any = value  # pyright: ignore[reportUnknownVariableType]
-        return [(str(i), v, None) for i, v in enumerate(several)]
-    return []
-
-
-def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
-    """Every quantity and option below value, as (dotted path, value, declaration), in declared order."""
-    for name, child, declared in children(value):
-        here = f"{path}.{name}" if path else name
-        if isinstance(declared, Quantity | Option):
-            yield here, child, declared
-        else:
-            yield from leaves(child, here)
+    copy: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
+    return copy
 
 
 def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], Any]) -> Any:
@@ -253,7 +150,3 @@ def to_arrays(tree: T) -> T:
         return value
 
     return convert(tree)
-
-
-if "jax" in sys.modules:
-    importlib.import_module("trimtab.core.float64")

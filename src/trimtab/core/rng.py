@@ -9,9 +9,9 @@ Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3
 import zlib
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, quantity, record
 
 ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))

@@ -9,29 +9,30 @@ Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson,
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
+from trimtab.core.record import Scalar
 
 
-def wrap(angle: Any) -> Any:
+def wrap(angle: Scalar) -> Scalar:
     """An angle (rad) as its equal in [-pi, pi)."""
     return angle - 2 * np.pi * jnp.floor((angle + np.pi) / (2 * np.pi))
 
 
-def wrap_positive(angle: Any) -> Any:
+def wrap_positive(angle: Scalar) -> Scalar:
     """An angle (rad) as its equal in [0, 2 pi)."""
     wrapped = angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
     return jnp.where(wrapped < 2 * np.pi, wrapped, 0.0)  # a tiny negative angle rounds up to a full turn
 
 
-def planar(heading: Any) -> Any:
+def planar(heading: Scalar) -> Any:
     """R_WB (2, 2) of a heading (rad): body to world components in the horizontal plane."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
 
 
-def from_euler(roll: Any, pitch: Any, yaw: Any) -> Any:
+def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
     """R_WB (3, 3) of roll, pitch, yaw (rad), order 3-2-1; defined for every angle."""
     cr, sr, cp, sp, cy, sy = (g(a) for a in (roll, pitch, yaw) for g in (jnp.cos, jnp.sin))
     return jnp.stack(
@@ -129,7 +130,7 @@ def is_vertical(R_WB: Any, margin: float = 0.01) -> Any:
     return R_WB[0, 0] ** 2 + R_WB[1, 0] ** 2 < np.sin(margin) ** 2
 
 
-def euler_rates(roll: Any, pitch: Any, w_WB_B: Any, margin: float = 0.01) -> tuple[Any, Any]:
+def euler_rates(roll: Scalar, pitch: Scalar, w_WB_B: Any, margin: float = 0.01) -> tuple[Any, Any]:
     """Rates of roll, pitch, yaw (3,) (rad/s) at an angular velocity (3,), and whether they are singular (a flag).
 
     Within `margin` (rad) of pitch ±90° the rates of roll and yaw grow without bound: there they are held at the value
@@ -158,7 +159,7 @@ def rotate_quaternion_by_vector(q_WB: Any, turn: Any) -> Any:
     return normalise_quaternion(quaternion_product(q_WB, quaternion_from_rotation_vector(turn)))
 
 
-def quaternion_from_euler(roll: Any, pitch: Any, yaw: Any) -> Any:
+def quaternion_from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
     """Unit quaternion q_WB (4,) of roll, pitch, yaw (rad), order 3-2-1; defined for every angle."""
     cr, sr, cp, sp, cy, sy = (g(a / 2) for a in (roll, pitch, yaw) for g in (jnp.cos, jnp.sin))
     return jnp.stack(

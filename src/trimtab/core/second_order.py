@@ -7,7 +7,8 @@ Values may have any shape; each component is filtered alone.
 
 from typing import Any
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, quantity, record
 
 

@@ -11,11 +11,12 @@ Schaft, "Nonlinear Dynamical Control Systems", Springer 1990, chapter 13, for sy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import Function, StateSpaceModel, find_indices, format_combination
 
 ROUNDING = 1e-10

@@ -10,12 +10,13 @@ participation factors.
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import StateSpaceModel, find_indices
 
 ROUNDING = 1e-10

@@ -8,17 +8,17 @@ Source: [1] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wi
 import math
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.manifold import error_names
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.design.linearise import balance_matrix, linearise
 from trimtab.design.lqr import format_pole, sorted_poles, uncontrollable_poles
-from trimtab.design.model import model_of_vehicle, record_vector, unpack_record
+from trimtab.design.model import entry_names, model_of_vehicle, record_vector, unpack_record
 
 PER_DECADE = 120
 """Frequencies of `grid` in each decade."""
@@ -159,7 +159,7 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
     )
     u, gain = once(start)
     linear = linearise(model_of_vehicle(vehicle, x, u))
-    K = np.asarray(gain).reshape(len(error_names(u)), len(start))
+    K = np.asarray(gain).reshape(len(entry_names(u)), len(start))
     loop = loop_of_gain(linear.A, linear.B, K)
     closed, moved, seen = loop.complementary_sensitivity().A, linear.drift, []
     for _ in range(len(start)):

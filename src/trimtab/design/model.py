@@ -8,11 +8,11 @@ Source: this module; the form is that of A. Isidori, "Nonlinear Control Systems"
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.manifold import error_names
 from trimtab.core.record import Quantity, is_record, leaves, with_leaf
 
 Function = Callable[[Any, Any], Any]
@@ -51,9 +51,17 @@ class StateSpaceModel(NamedTuple):
         return given[0], given[1]
 
 
+def entry_names(value: Any) -> tuple[str, ...]:
+    """What each entry of a record's vector is, e.g. ("surge_velocity", "position[0]", "position[1]", "heading")."""
+    names: list[str] = []
+    for path, old, _ in _real_leaves(value):
+        names += [path] if np.ndim(old) == 0 else [f"{path}[{i}]" for i in range(int(np.size(old)))]
+    return tuple(names)
+
+
 def record_vector(value: Any) -> Any:
     """The reals and angles of a record as one vector, in declared order."""
-    if not error_names(value):
+    if not entry_names(value):
         raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
     return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in _real_leaves(value)])
 
@@ -129,7 +137,7 @@ def model_of_vehicle(
             raise InputError(
                 "of_vehicle", problem, fix="give the vehicle's records, or use `model_of_functions` for vectors"
             )
-    states, inputs = error_names(x), error_names(u)
+    states, inputs = entry_names(x), entry_names(u)
 
     def f(xs: Any, us: Any) -> Any:
         return record_vector(vehicle.dynamics(t, unpack_record(x, xs), unpack_record(u, us)))

@@ -22,12 +22,13 @@ Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import qr
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.lie import RelativeDegree, equilibrate, output_derivatives, relative_degree
 from trimtab.design.linearise import LinearModel
 from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions

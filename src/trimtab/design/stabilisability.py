@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
+jax.config.update("jax_enable_x64", True)
+
 RANK_TOLERANCE = 1e-9
 """Singular values below this part of the largest count as zero."""
 

@@ -10,11 +10,12 @@ trim as a search; [2] M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 2
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9

@@ -11,9 +11,9 @@ off their axis, so that the range grows with the angle from it.
 import math
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, quantity, record
 
 QUADRATIC, LINEAR = -0.038, 0.0032

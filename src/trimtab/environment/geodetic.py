@@ -20,7 +20,8 @@ Source: Groves, "Principles of GNSS, inertial, and multisensor integrated naviga
 
 from typing import Any
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, quantity, record
 
 SEMI_MAJOR = 6378137.0

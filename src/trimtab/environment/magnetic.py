@@ -13,10 +13,10 @@ import math
 from datetime import date
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.rotation import from_euler
 
 

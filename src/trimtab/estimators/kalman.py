@@ -16,9 +16,10 @@ Source: Van Loan, "Computing integrals involving the matrix exponential", IEEE T
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
 

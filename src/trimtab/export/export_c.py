@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab import __version__
 from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, quantity, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame

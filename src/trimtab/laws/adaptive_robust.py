@@ -2,10 +2,10 @@
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, quantity, record
 
 SIGNS = ("minus", "published", "off")

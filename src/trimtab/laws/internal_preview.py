@@ -2,8 +2,9 @@
 
 from typing import Any
 
+import jax.numpy as jnp
+
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.laws.internal_quasi_static import solve_quasi_static
 from trimtab.laws.path_inversion import internal_rates

@@ -7,11 +7,12 @@ Internal states that go with a command that is known beforehand: computed offlin
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import STEEPEST, invert_path

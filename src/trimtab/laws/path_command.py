@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
+import jax.numpy as jnp
+
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, quantity, record
 
 

@@ -2,7 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 

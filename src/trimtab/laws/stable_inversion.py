@@ -8,12 +8,12 @@ Source: docs page, Stable inversion.
 from functools import partial
 from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, part, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds

@@ -3,7 +3,8 @@
 import math
 from typing import Any, ClassVar
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds

@@ -5,12 +5,12 @@ Source: docs page, Vehicle.
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, quantity, record, to_arrays
 from trimtab.core.signals import Command, Sample
 from trimtab.loop.scenario import Scenario

@@ -12,11 +12,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.float64 import jax
 from trimtab.core.record import leaves, part, quantity, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.time import ms, seconds

@@ -5,10 +5,10 @@ Source: docs page, Vehicle.
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, quantity, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Sample

@@ -7,10 +7,10 @@ frame of this one. Same order of things, same numbers (docs page, Time).
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame

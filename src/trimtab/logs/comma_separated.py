@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.logs.log import Log
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from trimtab import __version__
 from trimtab.core.errors import InputError, closest
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, provenance
 from trimtab.logs.messages import EVENTS, dump_json, layout_record, run_record
 from trimtab.logs.ring import Ring

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
@@ -26,7 +27,7 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
 
 
-def step_if(due: Any, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
+def step_if(due: Scalar, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
     """step() where due, else hold(); a plain call where due is known beforehand."""
     if due is True:
         return step()
@@ -47,12 +48,12 @@ def cast_like(tree: Any, pattern: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 
 
-def tree_where(condition: Any, a: Any, b: Any) -> Any:
+def tree_where(condition: Scalar, a: Any, b: Any) -> Any:
     """a where the condition holds, else b, leaf by leaf."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
-def is_finite(tree: Any) -> Any:
+def is_finite(tree: Any) -> Scalar:
     """Whether every real number of a tree is finite."""
     floats = [v for v in map(jnp.asarray, jax.tree.leaves(tree)) if jnp.issubdtype(v.dtype, jnp.floating)]
     found = jnp.asarray(True)

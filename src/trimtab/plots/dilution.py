@@ -5,16 +5,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.design.dilution import DilutionMap
-
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
+
+    from trimtab.design.dilution import DilutionMap
 
 LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 
 
 def plot_dilution(
-    found: DilutionMap, path: str | os.PathLike[str] | None = None, title: str = "Dilution of precision"
+    found: "DilutionMap", path: str | os.PathLike[str] | None = None, title: str = "Dilution of precision"
 ) -> "Figure":
     """Draw a map: north up, east to the right. White: no fix. Lines: how many beacons are heard on their inner side.
 

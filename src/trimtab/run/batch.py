@@ -4,10 +4,10 @@ import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.float64 import jax
 from trimtab.core.time import Timetable, ms
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import WalkResult, walk

@@ -4,9 +4,9 @@ import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
-from trimtab.core.float64 import jax
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import logged_signals
 from trimtab.native.build import build_library

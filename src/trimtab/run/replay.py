@@ -7,10 +7,10 @@ The control steps that a log holds: which of its rows they are, and what the aut
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
@@ -13,7 +14,6 @@ from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
-from trimtab.core.float64 import jax
 from trimtab.core.time import Clock
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.structure import cast_like

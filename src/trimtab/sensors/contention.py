@@ -6,9 +6,9 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, quantity, record
 from trimtab.core.rng import Key, uniform2
 

@@ -2,7 +2,8 @@
 
 from typing import Any, ClassVar
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample, new_sample

@@ -7,9 +7,9 @@ import functools
 import math
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.second_order import Section, SectionState, filter_sample, steady_state
 from trimtab.core.time import ms, to_seconds

@@ -2,8 +2,9 @@
 
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
+
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample

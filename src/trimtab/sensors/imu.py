@@ -11,10 +11,11 @@ stands behind the low-pass: its density is that of the output.
 import math
 from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler

@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_seconds

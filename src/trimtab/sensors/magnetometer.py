@@ -3,10 +3,10 @@
 import math
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler

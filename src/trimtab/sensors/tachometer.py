@@ -3,8 +3,10 @@
 import math
 from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
+
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state

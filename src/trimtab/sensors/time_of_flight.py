@@ -6,11 +6,11 @@
 import math
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler

@@ -6,10 +6,10 @@
 from typing import Any, ClassVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Motion, Sample

@@ -2,7 +2,8 @@
 
 from typing import Any, ClassVar
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import Motion
 from trimtab.vehicles.hypersonic_aerodynamics import Forces, RigidForces

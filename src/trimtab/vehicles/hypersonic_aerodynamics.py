@@ -7,7 +7,8 @@ modeling of an air-breathing hypersonic vehicle", Journal of Guidance, Control, 
 
 from typing import Any, NamedTuple
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, part, quantity, record
 
 LIFT, DRAG, MOMENT, THRUST = "[1], [2], lift", "[1], [2], drag", "[1], [2], pitching moment", "[1], [2], thrust"

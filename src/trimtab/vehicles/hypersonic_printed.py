@@ -13,9 +13,10 @@ vehicle", Aerospace 2022, 9(4), 206, the numbers of its simulation.
 import math
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jax, jnp
 from trimtab.vehicles.hypersonic import Hypersonic
 
 ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")

@@ -2,7 +2,8 @@
 
 from typing import Any, ClassVar
 
-from trimtab.core.float64 import jnp
+import jax.numpy as jnp
+
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import from_euler, from_rotation_vector, to_euler, wrap
 from trimtab.core.signals import Motion

@@ -5,7 +5,7 @@ import pytest
 
 from trimtab.campaign.statistics.metrics import Rows, parse_metric
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity
+from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, metrics
 

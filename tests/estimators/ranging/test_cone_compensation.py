@@ -1,8 +1,8 @@
+import jax
 import numpy as np
 import pytest
 
 from trimtab.compiler.function import lower_function
-from trimtab.core.float64 import jax
 from trimtab.environment.acoustics import range_ratio
 from trimtab.estimators.ranging.range_model import TOP, compensate_range
 

@@ -15,11 +15,11 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.campaign.workers.ready import PreparedCampaign
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.core.time import to_seconds
 from trimtab.logs.metrics import full_path
 from trimtab.loop.walk import Signals, logged_signals, signals, start

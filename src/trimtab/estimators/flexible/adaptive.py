@@ -27,10 +27,11 @@ hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, in the reading of 
 import math
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame, is_new

@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.integrate import rk4
 from trimtab.core.linalg import symmetric
 from trimtab.core.record import Scalar, option, part, period, quantity, record

@@ -12,10 +12,11 @@ vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing 
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import to_seconds

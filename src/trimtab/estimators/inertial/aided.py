@@ -15,11 +15,11 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds

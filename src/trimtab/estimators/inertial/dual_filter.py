@@ -9,9 +9,9 @@ and section 6.2.1. The unit error of its process noise is described in docs Erra
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rotation import planar
 from trimtab.core.time import ms, to_seconds

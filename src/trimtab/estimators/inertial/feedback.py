@@ -5,9 +5,9 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap

@@ -9,9 +9,9 @@ The inverse of a gyro's identified dynamics: what the gyro was turned by, out of
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.second_order import Section

@@ -8,9 +8,9 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import planar
 

@@ -6,9 +6,9 @@ Source: docs page, Aided inertial navigation.
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import planar
 from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, LeverArms, rotate_lever

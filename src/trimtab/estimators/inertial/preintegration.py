@@ -15,10 +15,10 @@ Source: Lupton, Sukkarieh, "Visual-inertial-aided navigation for high-dynamic mo
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import quantity, record
 from trimtab.core.rotation import planar
 from trimtab.core.time import to_seconds

@@ -5,9 +5,9 @@ Source: docs page, Sensor watch.
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER

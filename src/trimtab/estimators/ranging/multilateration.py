@@ -16,9 +16,9 @@ between counts as heading error, unless inertial navigation says how much it was
 from collections.abc import Callable
 from typing import Any
 
+import jax.numpy as jnp
 from jax import lax
 
-from trimtab.core.float64 import jnp
 from trimtab.core.linalg import solve_spd
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import wrap

@@ -9,11 +9,11 @@ Source: docs page, Particle filter.
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.rotation import wrap

@@ -10,10 +10,10 @@ Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Pro
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from trimtab.core.float64 import jnp
 from trimtab.core.linalg import symmetric
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.rotation import planar, wrap

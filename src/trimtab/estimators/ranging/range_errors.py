@@ -5,9 +5,9 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, quantity, record, replace
 
 FORGIVENESS_FACTOR = 5

@@ -16,10 +16,10 @@ Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracki
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from trimtab.core.float64 import jnp
 from trimtab.environment.acoustics import LINEAR, QUADRATIC, off_axis_angle, range_ratio
 from trimtab.estimators.inertial.mechanisation import DIMENSION, rotate_lever
 from trimtab.estimators.kalman import update

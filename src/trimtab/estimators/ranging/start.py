@@ -18,9 +18,9 @@ Functions of a form (`TightlyCoupled`) and its node. Source: docs page, Tightly 
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jnp
 from trimtab.core.linalg import solve_spd
 from trimtab.core.record import Scalar, quantity, record, replace
 from trimtab.core.rotation import planar, wrap

@@ -6,11 +6,11 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.linalg import symmetric
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key

@@ -5,11 +5,11 @@
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jnp
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar

@@ -11,10 +11,11 @@ import math
 from functools import lru_cache
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.certificate import RecordedNumber
 from trimtab.laws.path_inversion import invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState

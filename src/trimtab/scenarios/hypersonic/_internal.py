@@ -9,13 +9,13 @@ import math
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
-from trimtab.core.record import replace
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.design.stable_inversion import (
     BoundedSolution,
     bounded_residual,

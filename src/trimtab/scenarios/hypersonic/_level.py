@@ -7,10 +7,11 @@ vehicle", Aerospace 2022, 9(4), 206, eq. 7: the internal dynamics; their lineari
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.float64 import jax, jnp
-from trimtab.core.once import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import model_of_vehicle
 from trimtab.design.trim import trim
 from trimtab.laws.internal_quasi_static import solve_quasi_static

@@ -1,0 +1,150 @@
+"""What a field is declared as: unit, meaning and valid range; and reading what has been declared.
+
+Three kinds of field:
+
+- ``quantity``  a number or array; a run-time input, so that changing it never compiles anything again;
+- ``part``      another record, a mapping or tuple of records, or None;
+- ``option``    a choice or a period; it shapes the program, so changing it compiles again.
+
+What is declared here is the name of the same thing in ``--set``, the log, the plots and the exported code. This module
+does not import JAX: what only reads logs, draws them or flies a compiled program starts without it.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+Scalar = Any
+"""A float, or an array of shape () while a run is traced."""
+
+DTYPES = {
+    "real": np.float64,
+    "angle": np.float64,
+    "time": np.int64,
+    "count": np.int32,
+    "mode": np.int32,
+    "word": np.uint32,
+    "flag": np.bool_,
+}
+KINDS = tuple(DTYPES)
+MISSING = dataclasses.MISSING
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What a numeric field means. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
+
+    unit: str
+    doc: str
+    frame: str = ""
+    kind: str = "real"
+    source: str = ""
+    above: float | None = None
+    low: float | None = None
+    high: float | None = None
+    modes: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+
+    def dtype(self) -> Any:
+        """The numpy type that the field has in a run."""
+        return DTYPES[self.kind]
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A nested record."""
+
+    doc: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """A static choice. Kind `period` is a time in integer units of 100 ns and must be at least `low`."""
+
+    doc: str
+    kind: str = "choice"
+    choices: tuple[Any, ...] = ()
+    low: int | None = None
+
+
+Declaration = Quantity | Part | Option
+
+
+def quantity(
+    unit: str,
+    doc: str,
+    *,
+    default: Any = MISSING,
+    frame: str = "",
+    kind: str = "real",
+    source: str = "",
+    above: float | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    modes: tuple[str, ...] = (),
+    shape: tuple[int, ...] = (),
+) -> Any:
+    """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source."""
+    if kind not in KINDS:
+        raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
+    declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
+    return _field(declared, default)
+
+
+def part(doc: str, *, default: Any = MISSING) -> Any:
+    """Declare a nested record (or a mapping or tuple of records, or None)."""
+    return _field(Part(doc), default)
+
+
+def option(doc: str, *, default: Any = MISSING, choices: tuple[Any, ...] = (), kind: str = "choice") -> Any:
+    """Declare a static choice; `choices` lists the valid values."""
+    return _field(Option(doc, kind, choices), default)
+
+
+def period(doc: str, *, default: Any = MISSING, low: int = 1) -> Any:
+    """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`."""
+    return _field(Option(doc, "period", (), low), default)
+
+
+def _field(declared: Declaration, default: Any) -> Any:
+    metadata = {"declared": declared}
+    if isinstance(default, Mapping | np.ndarray | list):  # dataclasses refuse mutable defaults
+        return dataclasses.field(default_factory=lambda: default, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def is_record(value: Any) -> bool:
+    """Whether value is an instance of a record."""
+    kind = type(value)
+    return dataclasses.is_dataclass(kind) and all("declared" in f.metadata for f in dataclasses.fields(kind))
+
+
+def declarations(cls: Any) -> dict[str, Declaration]:
+    """Field name -> what was declared, for a record or its class."""
+    return {f.name: f.metadata["declared"] for f in dataclasses.fields(cls)}
+
+
+def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
+    """Name, value and declaration of everything one level below a record, mapping or tuple."""
+    if is_record(value):
+        declared = declarations(value)
+        return [(n, getattr(value, n), d) for n, d in declared.items()]
+    if isinstance(value, Mapping):
+        items: Any = value.items()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        return [(str(n), v, None) for n, v in items]
+    if isinstance(value, tuple | list):
+        several: Any = value  # pyright: ignore[reportUnknownVariableType]
+        return [(str(i), v, None) for i, v in enumerate(several)]
+    return []
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
+    """Every quantity and option below value, as (dotted path, value, declaration), in declared order."""
+    for name, child, declared in children(value):
+        here = f"{path}.{name}" if path else name
+        if isinstance(declared, Quantity | Option):
+            yield here, child, declared
+        else:
+            yield from leaves(child, here)

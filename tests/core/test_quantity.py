@@ -1,0 +1,94 @@
+"""Declarations are refused where they are wrong, and read from records, mappings and tuples, without JAX."""
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from trimtab.core.quantity import (
+    DTYPES,
+    KINDS,
+    Option,
+    Quantity,
+    Scalar,
+    children,
+    declarations,
+    is_record,
+    leaves,
+    option,
+    period,
+    quantity,
+)
+from trimtab.core.record import record
+
+
+@record
+class Gains:
+    """Two gains. Source: this test."""
+
+    k1: Scalar = quantity("kg/s", "First.", default=1.0, above=0)
+    k2: Scalar = quantity("kg/s", "Second.", default=2.0)
+
+
+def test_unknown_kind_is_refused():
+    with pytest.raises(TypeError, match="'length' is not one of"):
+        quantity("m", "A length.", kind="length")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_fixes_the_type(kind):
+    assert Quantity("1", "Something.", kind=kind).dtype() is DTYPES[kind]
+
+
+def test_options_and_periods_say_what_they_take():
+    @record
+    class Choices:
+        """Source: this test."""
+
+        form: str = option("A form.", default="flat", choices=("flat", "round"))
+        every: int = period("A period.", default=7, low=5)
+
+    assert declarations(Choices) == {
+        "form": Option("A form.", choices=("flat", "round")),
+        "every": Option("A period.", kind="period", low=5),
+    }
+
+
+def test_an_array_may_be_a_default():
+    start = np.zeros(3)
+
+    @record
+    class Vector:
+        """Source: this test."""
+
+        x: Scalar = quantity("m", "A vector.", default=start, shape=(3,))
+
+    assert Vector().x is start
+
+
+def test_is_record_tells_records_from_the_rest():
+    @dataclasses.dataclass
+    class Plain:
+        x: float = 1.0
+
+    assert is_record(Gains())
+    assert not any(is_record(v) for v in (Plain(), 1.0, None, {"a": Gains()}, Gains))
+
+
+def test_children_are_one_level():
+    assert [n for n, _, _ in children(Gains())] == ["k1", "k2"]
+    assert children({"a": 1}) == [("a", 1, None)]
+    assert children((4, 5)) == [("0", 4, None), ("1", 5, None)]
+    assert children(1.0) == []
+
+
+def test_leaves_below_a_path():
+    assert [p for p, _, _ in leaves(Gains(), "law")] == ["law.k1", "law.k2"]
+    assert list(leaves(3.0)) == []
+
+
+def test_declarations_need_no_jax():
+    text = "import sys, trimtab.core.quantity\nprint('jax' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", text], text=True) == "False\n"
