@@ -28,7 +28,9 @@ ticks = np.arange(0, 50) * 10_000
 yaw = np.exp(-np.arange(50) / 10.0)
 log = Log(
     t=to_seconds(ticks), ticks=ticks, signals={"truth.yaw_rate": yaw, "law.mode": np.zeros(50, np.int32)},
-    declared={"truth.yaw_rate": Quantity("rad/s", "Rate."), "law.mode": Quantity("1", "M.", kind="mode", modes=("a",))},
+    declarations={
+        "truth.yaw_rate": Quantity("rad/s", "Rate."), "law.mode": Quantity("1", "M.", kind="mode", modes=("a",)),
+    },
     metadata={"scenario": "hand-made", "seed": 1}, final={"truth.yaw_rate": 0.0},
 )
 target = Target("yaw_rate", 0.0, 0.1)
