@@ -30,10 +30,11 @@ UNFIT = (AttributeError, KeyError, TypeError, IndexError, ValueError, InputError
 
 
 def modules(folder: str) -> list[ModuleType]:
-    """Every public module of trimtab.<folder>."""
+    """Every public module of trimtab.<folder> and of the folders in it."""
     package = importlib.import_module(f"trimtab.{folder}")
-    found = [m.name for m in pkgutil.iter_modules(package.__path__) if not m.name.startswith("_")]
-    return [importlib.import_module(f"trimtab.{folder}.{name}") for name in found]
+    below = pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    names = [m.name for m in below if not m.ispkg and not m.name.rpartition(".")[2].startswith("_")]
+    return [importlib.import_module(name) for name in names]
 
 
 def records(folder: str) -> list[type]:

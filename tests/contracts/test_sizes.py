@@ -1,16 +1,20 @@
-"""Files and functions stay small enough to read, and what is public says what it is."""
+"""Files hold one concept each and stay small enough to read; what is public says what it is."""
 
 import ast
 from pathlib import Path
-
-import pytest
 
 SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
 FILES = sorted(SOURCE.rglob("*.py"))
 FILE_LINES, FUNCTION_LINES = 400, 80
 
 
-def too_long(tree):
+def parse_files():
+    """Path below the package -> its lines and its tree."""
+    texts = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8") for path in FILES}
+    return {name: (text.splitlines(), ast.parse(text)) for name, text in texts.items()}
+
+
+def long_functions(tree):
     """Functions of FUNCTION_LINES lines or more, with their length."""
     functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
     lengths = {f.name: (f.end_lineno or 0) - f.lineno + 1 for f in functions}
@@ -19,30 +23,33 @@ def too_long(tree):
 
 def undocumented(tree):
     """Public modules, classes, functions and methods without a docstring; empty modules need none."""
-    missing = [] if ast.get_docstring(tree) or not tree.body else ["module"]
+    names = [] if ast.get_docstring(tree) or not tree.body else ["module"]
 
     def visit(node, where):
         for child in node.body:
-            if not isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) or child.name.startswith(
-                "_"
-            ):
+            if not isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            if child.name.startswith("_"):
                 continue
             if not ast.get_docstring(child):
-                missing.append(f"{where}{child.name}")
+                names.append(f"{where}{child.name}")
             if isinstance(child, ast.ClassDef):
                 visit(child, f"{where}{child.name}.")
 
     visit(tree, "")
-    return missing
+    return names
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SOURCE)))
-def test_file_is_small_and_documented(path):
-    text = path.read_text(encoding="utf-8")
-    tree = ast.parse(text)
-    assert len(text.splitlines()) < FILE_LINES, "two concepts in one file? split it"
-    assert not too_long(tree)
-    assert not undocumented(tree)
+def test_no_file_holds_two_concepts():
+    assert {name: len(lines) for name, (lines, _) in parse_files().items() if len(lines) > FILE_LINES} == {}
+
+
+def test_no_function_is_too_long_to_read():
+    assert {name: long for name, (_, tree) in parse_files().items() if (long := long_functions(tree))} == {}
+
+
+def test_what_is_public_is_documented():
+    assert {name: bare for name, (_, tree) in parse_files().items() if (bare := undocumented(tree))} == {}
 
 
 def test_there_is_no_drawer_for_odds_and_ends():
@@ -51,6 +58,6 @@ def test_there_is_no_drawer_for_odds_and_ends():
 
 def test_the_checks_find_what_they_are_for():
     long = "def f():\n" + "    x = 1\n" * FUNCTION_LINES
-    assert too_long(ast.parse(long)) == {"f": FUNCTION_LINES + 1}
+    assert long_functions(ast.parse(long)) == {"f": FUNCTION_LINES + 1}
     assert undocumented(ast.parse("class A:\n    def b(self): ...\n    def _c(self): ...\n")) == ["module", "A", "A.b"]
     assert not undocumented(ast.parse(""))

@@ -1,0 +1,53 @@
+"""Names: a class exists once in the package, and a function is a verb or a noun, never a participle."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
+IRREGULAR = """
+begun bent broken brought built bought caught chosen done drawn driven fallen fed felt found flown forgotten given gone
+grown heard held hidden kept known laid lent lost made meant paid rung said seen sent shaken shown spent spoken spoilt
+stood struck sunk taken taught told thought thrown understood undone unseen untold withdrawn won worn written
+"""
+NOT_PAST = frozenset(("need", "seed", "feed", "embed", "exceed", "speed", "bleed", "proceed", "succeed"))
+"""Words in -ed that are no past tense."""
+FUNCTION_WORDS = ("and", "at", "by", "for", "from", "in", "of", "on", "or", "to", "with")
+"""What may follow a participle, where a noun would make it an adjective: `detuned_frequencies` is a noun."""
+
+
+def is_participle(name):
+    """Whether a function's name is, or begins as, a participle without a noun."""
+    first, *rest = name.strip("_").split("_")
+    past = first in IRREGULAR.split() or (first.endswith("ed") and first not in NOT_PAST)
+    return past and (not rest or rest[0] in FUNCTION_WORDS)
+
+
+def definitions():
+    """Module, and definition of each class and function in it, nested ones too."""
+    for path in sorted(SOURCE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                yield str(path.relative_to(SOURCE)), node
+
+
+def test_a_class_name_exists_once():
+    places = defaultdict(list)
+    for module, node in definitions():
+        if isinstance(node, ast.ClassDef):
+            places[node.name].append(module)
+    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
+
+
+def test_no_participle_names_a_function():
+    functions = [(module, node.name) for module, node in definitions() if not isinstance(node, ast.ClassDef)]
+    assert [f"{module}: {name}" for module, name in functions if is_participle(name)] == []
+
+
+def test_the_rule_for_names():
+    assert [
+        name for name in ("told", "_drawn", "made_of", "flown", "sampled", "kept_in") if not is_participle(name)
+    ] == []
+    assert [
+        n for n in ("seed", "draw", "published_poles", "find_peaks", "_detuned_by", "speed_of") if is_participle(n)
+    ] == ["_detuned_by"]
