@@ -42,7 +42,7 @@ def test_groups_are_in_the_order_of_the_equations():
     ordered = ["exact-linearisation", "internal-dynamics", "filter", "printed-matrices"]
     ordered += ["printed-gain", "gains", "closed-loop"]
     assert [n for n in names if n in ordered] == ordered
-    assert {g.name for g in GROUPS if g.draws} >= {"closed-loop"}
+    assert {g.name for g in GROUPS if g.has_figures} >= {"closed-loop"}
 
 
 def test_check_03_every_printed_number_of_the_matrices_has_its_row():

@@ -122,7 +122,7 @@ def unremembered():
 
 
 def test_thresholds_are_found_from_both_sides(monkeypatch, unremembered):
-    monkeypatch.setattr(ranking, "fly", planted({"w2": (0.843, 9.0), "ce": (0.6, 1.05), "m": (0.0, 1.004)}))
+    monkeypatch.setattr(ranking, "fly_plants", planted({"w2": (0.843, 9.0), "ce": (0.6, 1.05), "m": (0.0, 1.004)}))
     found = ranking.failure_thresholds(True)
     at = campaign.NAMES.index
     assert found.down[at("w2")] == pytest.approx(0.157, rel=0.05)
@@ -139,7 +139,7 @@ def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered)
 
     The first-order index of x is Var(E[y|x])/Var(y) = q^2 p (1 - p)/(p q (1 - p q)), the total one p q (1 - p)/(...).
     """
-    monkeypatch.setattr(ranking, "fly", planted({"w2": (0.9, 2.0), "ce": (0.8, 2.0)}))
+    monkeypatch.setattr(ranking, "fly_plants", planted({"w2": (0.9, 2.0), "ce": (0.8, 2.0)}))
     found = ranking.sobol_indices(0.3, True, 1024)
     p, q = 2 / 3, 5 / 6
     spread = p * q * (1 - p * q)
