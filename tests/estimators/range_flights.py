@@ -21,8 +21,8 @@ from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import LeverArms, rotate_lever
 from trimtab.estimators.ranging.position import RangingPosition
-from trimtab.estimators.ranging.range_model import predict_range
-from trimtab.estimators.ranging.start import update_running
+from trimtab.estimators.ranging.range_model import predict_range, unit_geometry
+from trimtab.estimators.ranging.tightly_coupled import update_running
 from trimtab.sensors.time_of_flight import Beacons, Medium, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 
@@ -285,7 +285,7 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
         unit = jnp.arange(len(flight.times)) % np.shape(form.units)[0]
 
         def ideal(heading: Any, position: Any, unit: Any) -> Any:
-            g = form.geometry(unit)
+            g = unit_geometry(form, unit)
             place = position + rotate_lever(heading, g.lever)[0]
             return jax.vmap(lambda b: predict_range(b, place, g.down, cone=g.cone).range)(g.beacons)
 
@@ -294,7 +294,7 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
         begun = flight.felt
         true = jnp.concatenate([begun.heading[0][None], begun.velocity[0], begun.position[0]])
         first = form.first()
-        sigma = jnp.sqrt(form.start_variances()[:5])
+        sigma = jnp.sqrt(form.start.variances()[:5])
         first = replace(first, x=first.x.at[:5].set(true + sigma * normals(k.at("first"), 0, 5)))
         hears = jnp.ones(n, bool)
 

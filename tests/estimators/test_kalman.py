@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad_vec
+from scipy.linalg import expm
 
 from trimtab.compiler.function import lower_function
-from trimtab.core.linalg import cholesky
 from trimtab.estimators import kalman
-from trimtab.estimators.kalman import nees, pivots, predict, update_sequentially
+from trimtab.estimators.kalman import discretise, matrix_exponential, nees, predict
 
 N, M = 5, 3
 update, health = jax.jit(kalman.update), jax.jit(kalman.covariance_health)
@@ -55,26 +56,17 @@ def test_update_is_the_information_form(m):
     assert done.finite
 
 
-def test_one_scalar_after_another_is_the_same():
-    x, P, y, H, _ = case(4)
-    variances = np.array([0.5, 1.0, 2.0])
-    joint, turn = update(x, P, y, H, np.diag(variances)), update_sequentially(x, P, y, H, variances)
-    np.testing.assert_allclose(turn.x, joint.x, rtol=1e-11)
-    np.testing.assert_allclose(turn.P, joint.P, rtol=1e-10, atol=1e-13)
-    np.testing.assert_allclose(turn.nis, joint.nis, rtol=1e-11)
-
-
-def test_in_turn_an_outlier_costs_only_itself():
-    x, P, y, H, _ = case(5)
-    variances, bad = np.ones(M), y + np.array([0.0, 1e3, 0.0])
-    kept = update(x, P, y[[0, 2]], H[[0, 2]], np.eye(2))
-    turn = update_sequentially(x, P, bad, H, variances, gate=50.0)
-    np.testing.assert_array_equal(turn.accepted, [True, False, True])
-    np.testing.assert_allclose(turn.x, kept.x, rtol=1e-11)
-    missing = update_sequentially(x, P, np.array([y[0], np.nan, y[2]]), H, variances)
-    np.testing.assert_allclose(missing.x, kept.x, rtol=1e-11)
-    np.testing.assert_array_equal(missing.finite, [True, False, True])
-    np.testing.assert_allclose(missing.nis, kept.nis, rtol=1e-11)
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_inflated_an_innovation_is_a_usual_one(m):
+    """Without noise of the measurement NIS falls to its mean m; an innovation within it inflates nothing."""
+    _, P, y, H, _ = case(3, m)
+    none = 1e-12 * np.eye(m)
+    y = 10 * y
+    assert update(np.zeros(N), P, y, H, none).nis > m
+    wider = kalman.inflate_covariance(P, y, H, none)
+    assert float(update(np.zeros(N), wider, y, H, none).nis) == pytest.approx(m, rel=1e-6)
+    for small in (1e-3 * y, np.full(m, np.nan)):
+        np.testing.assert_array_equal(kalman.inflate_covariance(P, small, H, none), P)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -121,22 +113,23 @@ def test_josephs_form_keeps_symmetry_over_many_steps():
         P = predict(jnp.zeros(N), P, F, 1e-12 * jnp.eye(N))[1]
         return update(jnp.zeros(N), P, jnp.zeros(M), H, 1e-9 * R).P, health(P)
 
-    _, told = jax.jit(lambda P: jax.lax.scan(step, P, None, length=2000))(P)
-    assert np.asarray(told.positive).all()
-    assert np.asarray(told.asymmetry).max() == 0.0
+    _, signals = jax.jit(lambda P: jax.lax.scan(step, P, None, length=2000))(P)
+    assert np.asarray(signals.positive).all()
+    assert np.asarray(signals.asymmetry).max() == 0.0
 
 
 def test_health_against_eigenvalues():
     for seed in range(20):
         _, P, *_ = case(seed)
-        told = health(P)
+        signals = health(P)
         s = np.sqrt(np.diag(P))
         least = np.linalg.eigvalsh(P / np.outer(s, s)).min()
-        assert told.positive
-        assert 0 < told.eigenvalue_bound <= least * (1 + 1e-12)
-        np.testing.assert_allclose(told.trace, np.trace(P), rtol=1e-13)
-        np.testing.assert_allclose(pivots(P), np.diag(np.asarray(cholesky(P))) ** 2, rtol=1e-9)
-        assert told.least_pivot >= told.eigenvalue_bound
+        assert signals.positive
+        assert 0 < signals.eigenvalue_bound <= least * (1 + 1e-12)
+        np.testing.assert_allclose(signals.trace, np.trace(P), rtol=1e-13)
+        shares = np.diag(np.linalg.cholesky(P)) ** 2 / np.diag(P)
+        np.testing.assert_allclose(signals.least_pivot, shares.min(), rtol=1e-9)
+        assert signals.least_pivot >= signals.eigenvalue_bound
 
 
 @pytest.mark.parametrize("spoil", ["negative", "indefinite", "nan", "infinite"])
@@ -151,9 +144,11 @@ def test_health_tells_what_is_no_covariance(spoil):
         P[1, 1] = np.nan
     if spoil == "infinite":
         P[1, 1] = np.inf
-    told = health(P)
-    assert not told.positive
-    assert all(np.isfinite(v) for v in (told.asymmetry, told.least_pivot, told.eigenvalue_bound, told.trace))
+    signals = health(P)
+    assert not signals.positive
+    assert all(
+        np.isfinite(v) for v in (signals.asymmetry, signals.least_pivot, signals.eigenvalue_bound, signals.trace)
+    )
 
 
 def test_health_tells_asymmetry():
@@ -172,5 +167,37 @@ def test_the_steps_export():
     x, P, y, H, R = case(14)
     assert lower_function(predict, (x, P, P, P)).text("f")
     assert lower_function(lambda *a: update(*a, gate=9.0, consider=jnp.ones(N)), (x, P, y, H, R)).text("f")
-    assert lower_function(update_sequentially, (x, P, y, H, np.ones(M))).text("f")
     assert lower_function(lambda P: (health(P), nees(x, P)), (P,)).text("f")
+
+
+PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1], [19.6, 0.05, -330.9, -0.66]])
+
+
+@pytest.mark.parametrize("size", [1e-6, 0.3, 4.0, 30.0])
+def test_exponential_is_scipys(size):
+    A = np.random.default_rng(0).normal(size=(5, 5))
+    A *= size / np.abs(A).sum(1).max()
+    want = expm(A)
+    np.testing.assert_allclose(matrix_exponential(A), want, rtol=0, atol=3e-13 * np.abs(want).max())
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3, 0.05])
+def test_discrete_model_is_the_integral(dt):
+    root = np.random.default_rng(1).normal(size=(4, 4))
+    Q = root @ root.T
+    Ad, Bd, Qd = jax.jit(discretise)(PENDULUM, Q, dt)
+    np.testing.assert_allclose(Ad, expm(PENDULUM * dt), rtol=1e-10, atol=1e-12)
+    integral = quad_vec(lambda s: expm(PENDULUM * s), 0, dt, epsabs=1e-15)[0]
+    np.testing.assert_allclose(Bd, integral, rtol=1e-9, atol=1e-14)
+    gathered = quad_vec(lambda s: expm(PENDULUM * s) @ Q @ expm(PENDULUM * s).T, 0, dt, epsabs=1e-14)[0]
+    np.testing.assert_allclose(Qd, gathered, rtol=1e-9, atol=1e-12)
+    assert np.linalg.eigvalsh(Qd).min() > 0
+    np.testing.assert_array_equal(Qd, np.asarray(Qd).T)
+
+
+def test_two_half_steps_are_one():
+    Q = np.diag([1e-5, 100.0, 1e-5, 100.0])
+    half, whole = discretise(PENDULUM, Q, 2.5e-3), discretise(PENDULUM, Q, 5e-3)
+    np.testing.assert_allclose(half.Ad @ half.Ad, whole.Ad, atol=1e-13)
+    np.testing.assert_allclose(half.Ad @ half.Qd @ half.Ad.T + half.Qd, whole.Qd, rtol=1e-11, atol=1e-15)
+    np.testing.assert_allclose(half.Bd + half.Ad @ half.Bd, whole.Bd, atol=1e-15)

@@ -9,7 +9,8 @@ from trimtab.core.time import ms, seconds
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import InertialStart
-from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
+from trimtab.estimators.ranging.position import PAIR
+from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.links.wire import Wire
 from trimtab.scenarios import catalogue
 from trimtab.sensors.imu import Imu

@@ -88,6 +88,49 @@ class Estimator(Protocol):
         ...
 
 
+class InertialForm(Protocol):
+    """A form of aided inertial navigation: the filter alone, without what reads and orders the samples.
+
+    A node is the form's state at one instant: a record with the fields t, felt (3,), doubt (2,), heading_fix and
+    position_fix, and whatever else the form keeps. z: as measured; variance: of z, 0 where the sensor states none.
+    """
+
+    AIDED_BY: ClassVar[str]
+    """What the sensor at intake.position gives: "positions", which go to correct_position(node, z, variance), or
+    "ranges", which go to correct_ranges(node, value)."""
+
+    @property
+    def intake(self) -> Any:
+        """Which samples are read."""
+        ...
+
+    @property
+    def noise(self) -> Any:
+        """Of the IMU and of what aids it."""
+        ...
+
+    @property
+    def arms(self) -> Any:
+        """Where the sensors sit."""
+        ...
+
+    def first(self) -> Any:
+        """The node before the first sample."""
+        ...
+
+    def propagate(self, node: Any, dt: Any, felt: Any, doubt: Any) -> Any:
+        """The node dt (s) on, where the IMU reads felt (3,); doubt (2,): 1 for gyro, accelerometers not trusted."""
+        ...
+
+    def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
+        """With a heading (rad)."""
+        ...
+
+    def belief(self, node: Any) -> Any:
+        """A Belief about the IMU's point."""
+        ...
+
+
 @runtime_checkable
 class Law(Protocol):
     """Estimate in; out comes a record with the field `demand` (the wanted input) and whatever is worth logging."""

@@ -1,4 +1,5 @@
-"""The Kalman filter's two steps on small matrices, for linear models and linearised ones: pure, unrolled, exportable.
+"""The Kalman filter's two steps on small matrices, for linear models and linearised ones, and how a continuous linear
+model becomes a discrete one: pure, unrolled, exportable, no LAPACK.
 
 An innovation y = z - h(x) comes from the caller, so that the same update serves a linear filter, an extended one and
 a filter of errors. A measurement that is not finite is never used, and neither is one outside the gate; both leave
@@ -6,12 +7,9 @@ state and covariance bit for bit as they were.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
 sections 5.2 (update in Joseph's form) and 5.4 (consistency). [5] Schmidt, "Application of state-space methods to
-navigation problems", Advances in control systems 3 (1966): consider states.
-
-Linear models in continuous time made discrete: matrix exponential and Van Loan's integrals, without LAPACK.
-
-Source: Van Loan, "Computing integrals involving the matrix exponential", IEEE Trans. AC 23 (1978); Moler, Van Loan,
-"Nineteen dubious ways to compute the exponential of a matrix", SIAM Review 20 (1978), method 3.
+navigation problems", Advances in control systems 3 (1966): consider states. Van Loan, "Computing integrals involving
+the matrix exponential", IEEE Trans. AC 23 (1978); Moler, Van Loan, "Nineteen dubious ways to compute the exponential of
+a matrix", SIAM Review 20 (1978), method 3.
 """
 
 from typing import Any, NamedTuple
@@ -23,47 +21,10 @@ import numpy as np
 from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
 
-SQUARINGS, TERMS = 6, 12
-"""A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
-
-
-class DiscreteModel(NamedTuple):
-    """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
-
-    Ad: Any
-    Bd: Any
-    Qd: Any
-
-
-def matrix_exponential(A: Any) -> Any:
-    """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
-    n = A.shape[0]
-    X, one = A / 2.0**SQUARINGS, jnp.eye(n)
-
-    def taylor(i: Any, E: Any) -> Any:
-        return one + X @ E / (TERMS - i)
-
-    series = jax.lax.fori_loop(0, TERMS, taylor, one)
-    return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
-
-
-def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
-    """x' = A x + b + w over a step.
-
-    Args:
-        A: (n, n).
-        Q: power spectral density of w (n, n), symmetric.
-        dt: length of the step (s); A dt as `matrix_exponential` takes it.
-    """
-    n = A.shape[0]
-    zero, one = jnp.zeros((n, n)), jnp.eye(n)
-    moved = matrix_exponential(jnp.block([[A, one], [zero, zero]]) * dt)
-    V = matrix_exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
-    return DiscreteModel(Ad=moved[:n, :n], Bd=moved[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))
-
-
 NO_GATE = float("inf")
 """A gate through which every finite measurement passes."""
+SQUARINGS, TERMS = 6, 12
+"""A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
 
 
 class Update(NamedTuple):
@@ -145,26 +106,6 @@ def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
     return P * jnp.maximum(jnp.where(jnp.isfinite(nis), nis, 1.0) / y.shape[0], 1.0)
 
 
-def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
-    """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
-
-    The gate holds for each scalar by itself, so one outlier of several measurements does not cost the others. nis is
-    the sum over those that were finite; without a refusal it equals that of `update`, and S then is diagonal: the
-    variance of each innovation given those before. accepted and finite have shape (m,).
-
-    Source: [4] section 5.2, applied to one component after another.
-    """
-    start, done = x, []
-    for i in range(y.shape[0]):
-        one = update(x, P, (y[i] - H[i] @ (x - start))[None], H[i][None], variances[i][None, None], gate=gate)
-        x, P = one.x, one.P
-        done.append(one)
-    nis = sum(jnp.where(one.finite, one.nis, 0.0) for one in done)
-    S = jnp.diag(jnp.stack([one.S[0, 0] for one in done]))
-    accepted, finite = (jnp.stack([getattr(one, n) for one in done]) for n in ("accepted", "finite"))
-    return Update(x, P, jnp.concatenate([one.innovation for one in done]), S, nis, accepted, finite)
-
-
 def nees(error: Any, P: Any) -> Any:
     """e' P^-1 e: chi-square with n degrees of freedom when P is the covariance of e. NaN where P is not one."""
     half = solve_lower(cholesky(P), error)
@@ -196,23 +137,51 @@ def covariance_health(P: Any) -> CovarianceHealth:
     )
 
 
-def pivots(P: Any) -> Any:
-    """d (n,) of P = L diag(d) L' for symmetric P (n, n): all above 0 exactly when P is positive definite.
+def _pivots(upper: Any, n: int) -> Any:
+    """d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
 
     d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
     computations", section 4.1.
     """
-    n = P.shape[0]
-    i, k = np.triu_indices(n)
-    return _pivots(P.reshape(-1)[i * n + k], n)
-
-
-def _pivots(upper: Any, n: int) -> Any:
-    """The same from the upper triangle (n (n + 1)/2,), row by row: what is left shrinks with each state."""
-    found = []
+    pivots = []
     for m in range(n, 0, -1):
         row, upper, d = upper[:m], upper[m:], upper[0]
-        found.append(d)
+        pivots.append(d)
         i, k = np.triu_indices(m - 1)
         upper = upper - row[1:][i] * (row / d)[1:][k]
-    return jnp.stack(found)
+    return jnp.stack(pivots)
+
+
+class DiscreteModel(NamedTuple):
+    """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
+
+    Ad: Any
+    Bd: Any
+    Qd: Any
+
+
+def matrix_exponential(A: Any) -> Any:
+    """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
+    n = A.shape[0]
+    X, one = A / 2.0**SQUARINGS, jnp.eye(n)
+
+    def taylor(i: Any, E: Any) -> Any:
+        return one + X @ E / (TERMS - i)
+
+    series = jax.lax.fori_loop(0, TERMS, taylor, one)
+    return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
+
+
+def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
+    """x' = A x + b + w over a step.
+
+    Args:
+        A: (n, n).
+        Q: power spectral density of w (n, n), symmetric.
+        dt: length of the step (s); A dt as `matrix_exponential` takes it.
+    """
+    n = A.shape[0]
+    zero, one = jnp.zeros((n, n)), jnp.eye(n)
+    E = matrix_exponential(jnp.block([[A, one], [zero, zero]]) * dt)
+    V = matrix_exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
+    return DiscreteModel(Ad=E[:n, :n], Bd=E[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))

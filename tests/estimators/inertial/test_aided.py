@@ -1,5 +1,7 @@
 """The four forms on one interface: they agree, take late measurements exactly, and survive faults with a flag."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rotation import wrap
 from trimtab.core.time import ms
-from trimtab.estimators.inertial.aided import Intake
+from trimtab.estimators.inertial.aided import Intake, position_numbers, range_numbers
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.direct import AidedInertialDirect
 from trimtab.estimators.inertial.dual_filter import InertialNoise
@@ -295,3 +297,15 @@ def test_a_gap_of_the_imu_is_bridged_in_doubt():
     assert not state.coasting[641:].any()
     assert state.sigma_heading[638] > 10 * state.sigma_heading[599]
     assert sigmas_off(state, stale=range(600, 607)) < 4.5
+
+
+def test_positions_with_and_without_a_variance():
+    assert position_numbers(SimpleNamespace(north=1.0, east=2.0)) == (1.0, 2.0, 0.0)
+    assert position_numbers(SimpleNamespace(north=1.0, east=2.0, variance=0.5)) == (1.0, 2.0, 0.5)
+
+
+def test_ranges_that_are_none_are_told_apart():
+    sent = SimpleNamespace(
+        range=np.array([3.0, np.nan, 3.2, 0.0, np.inf]), arrived=np.array([True, True, False, True, True]), unit=1
+    )
+    assert [float(v) for v in range_numbers(sent)] == [3.0, -1.0, 0.0, -1.0, -1.0, 1.0]

@@ -32,6 +32,7 @@ class Toy:
     """A linear filter small enough to be written twice."""
 
     intake = SimpleNamespace(heading="heading", position="position")
+    AIDED_BY = "positions"
 
     def first(self):
         return Node(np.int64(NEVER), np.zeros(3), np.zeros(2), np.zeros(2), np.ones(2))
@@ -64,11 +65,9 @@ def take(h, t, kind, value, doubt):
     def one(k):
         event = Event(t, k, value, doubt)
         reached = ring.newest_imu_index(h)
-        room, known = ring.check_room(h, reached, event)
-        use = room & ~known
-        put, now = jax.lax.cond(use, lambda: ring.insert_event(h, reached, event), lambda: (h, reached))
+        put, now, late, known = ring.enter_event(h, reached, event)
         new, node = ring.replay_events(FORM, put, now)
-        return new, node, use
+        return new, node, ~late & ~known
 
     return jax.lax.switch(kind - 1, [lambda: one(IMU), lambda: one(HEADING), lambda: one(POSITION)])
 

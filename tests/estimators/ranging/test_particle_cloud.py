@@ -1,4 +1,4 @@
-"""Resampling, moments and likelihood against dumb numpy."""
+"""First particles, prediction, resampling, moments and likelihood against dumb numpy."""
 
 import jax
 import jax.numpy as jnp
@@ -7,9 +7,12 @@ import pytest
 from scipy import stats
 
 from trimtab.compiler.function import lower_function
-from trimtab.core.record import replace
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.rng import key
 from trimtab.estimators.inertial.preintegration import PreintegratedMotion
 from trimtab.estimators.ranging import particle_cloud as pc
+from trimtab.estimators.ranging.particle import Particle
+from trimtab.estimators.ranging.particle_cloud import initialise_cloud
 from trimtab.estimators.ranging.position import SQUARE
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import Geometry, predict_range
@@ -65,15 +68,18 @@ def test_a_summary_is_the_mixtures():
     np.testing.assert_allclose(P, want, atol=1e-12)
 
 
-@pytest.mark.slow
-def test_moving_is_linear_about_itself():
+def test_the_predicted_covariance_is_that_of_the_predicted_state():
+    """F P F' with the derivative of the state's own prediction; each block of F counts here."""
     m = PreintegratedMotion(
         0.1, 0.2, np.array([0.1, -0.2]), np.array([0.01, 0.02]), 0.1 * np.eye(2), 0.005 * np.eye(2), np.zeros(2)
     )
     x, P = cloud().x[0], np.asarray(cloud().P[0])
-    F = jax.jacfwd(lambda x: pc.predict_particle(x, P, m, np.zeros((8, 8)))[0])(x)
-    F = np.asarray(F)
-    np.testing.assert_allclose(pc.predict_particle(x, P, m, np.zeros((8, 8)))[1], F @ P @ F.T, atol=1e-12)
+
+    def predict(x):
+        return pc.predict_particle(x, P, m, np.zeros((8, 8)))
+
+    F, new_P = (np.asarray(a) for a in jax.jit(lambda x: (jax.jacfwd(lambda x: predict(x)[0])(x), predict(x)[1]))(x))
+    np.testing.assert_allclose(new_P, F @ P @ F.T, atol=1e-12)
     np.testing.assert_allclose(F[0], np.eye(13)[0] - 0.1 * np.eye(13)[5], atol=1e-14)
 
 
@@ -103,3 +109,33 @@ def test_it_exports():
         return pc.update_cloud(c, z, G, errors, 0.1, 6.0, jnp.ones(13))
 
     assert lower_function(f, (c, np.ones(4))).text("f")
+
+
+PARTICLES = to_arrays(Particle(N=120))
+
+
+def test_first_particles_are_where_two_ranges_meet():
+    """Half of the particles of each pair on either side of it, headings all around."""
+    place = np.array([0.3, -0.2])
+    ranges = np.sqrt(((SQUARE[:, :2] - place) ** 2).sum(1) + 2.7048**2)
+    ranges[2:] = 0.0
+    form = replace(PARTICLES, cone=False, units=np.zeros((1, 3)))
+    first = jax.jit(lambda: initialise_cloud(form, key(0), 0, ranges, 0))()
+    mirrored = np.array([3.0 - 0.3, -0.2])
+    near = np.linalg.norm(np.asarray(first.x)[:, 3:5] - place, axis=1) < 1e-6
+    far = np.linalg.norm(np.asarray(first.x)[:, 3:5] - mirrored, axis=1) < 1e-6
+    assert (near | far).all()
+    assert 40 <= near.sum() <= 80
+    heading = np.sort(np.asarray(first.x)[:, 0])
+    assert np.diff(heading).max() < 3 * 2 * np.pi / 120
+
+
+def test_a_wrong_range_spoils_only_its_pairs():
+    """Of four ranges one is wrong: three of the six pairs are not, so a quarter of the particles is right."""
+    place = np.array([0.3, -0.2])
+    ranges = np.sqrt(((SQUARE[:, :2] - place) ** 2).sum(1) + 2.7048**2) + np.array([0.0, 1.0, 0.0, 0.0])
+    form = replace(PARTICLES, cone=False, units=np.zeros((1, 3)))
+    first = jax.jit(lambda: initialise_cloud(form, key(0), 1, ranges, 0))()
+    near = np.linalg.norm(np.asarray(first.x)[:, 3:5] - place, axis=1) < 1e-6
+    assert 15 <= near.sum() <= 45
+    assert np.isfinite(np.asarray(first.P)).all()

@@ -1,4 +1,4 @@
-"""Value and slope of a range against the simulated network and automatic derivatives."""
+"""A range against the simulated network and automatic derivatives, its cone error undone, a ping's ranges in turn."""
 
 import jax
 import numpy as np
@@ -6,7 +6,18 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.signals import Motion
-from trimtab.estimators.ranging.range_model import predict_range
+from trimtab.environment.acoustics import range_ratio
+from trimtab.estimators.ranging.position import SQUARE
+from trimtab.estimators.ranging.range_errors import RangeErrorModel
+from trimtab.estimators.ranging.range_model import (
+    TOP,
+    Geometry,
+    compensate_range,
+    linearise_range,
+    place_information,
+    predict_range,
+    update_with_ranges,
+)
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 BEACON = np.array([1.5, -1.5, -2.7])
@@ -49,3 +60,130 @@ def test_under_a_beacon_all_is_finite():
 
 def test_it_exports():
     assert lower_function(lambda b, p: predict_range(b, p, 0.0, cone=True), (BEACON, np.zeros(2))).text("f")
+
+
+G = Geometry(SQUARE, np.array([0.2, 0.1]), 0.05, True)
+X = np.array([0.7, 0.1, 0.2, 0.3, -0.2, 0.01, 0.1, -0.1, 0.003, 0.01, -0.02, 0.03, 0.0])
+P = np.diag([0.04, 1, 1, 0.01, 0.02, 1, 1, 1, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
+
+
+def range_at(x, i):
+    c, s = jax.numpy.cos(x[0]), jax.numpy.sin(x[0])
+    place = x[3:5] + jax.numpy.stack([c * 0.2 - s * 0.1, s * 0.2 + c * 0.1])
+    return (1 + x[8]) * predict_range(SQUARE[i], place, 0.05, cone=True).range + x[9 + i]
+
+
+@pytest.mark.parametrize("i", range(4))
+def test_it_is_the_derivative_of_the_range(i):
+    at = linearise_range(X, P, i, G)
+    assert float(at.range) == pytest.approx(float(range_at(X, i)), rel=1e-14)
+    np.testing.assert_allclose(at.H, jax.grad(range_at)(X, i), atol=1e-12)
+
+
+def test_curvature_adds_what_drawn_states_show():
+    """Mean and variance beyond first order of 400000 states (Bar-Shalom 10.3.3)."""
+    g = np.random.default_rng(0)
+    x = X + np.sqrt(np.diag(P)) * g.standard_normal((400_000, 13))
+    at = linearise_range(X, P, 0, G)
+    z = np.asarray(jax.jit(jax.vmap(lambda x: range_at(x, 0)))(x))
+    rest = z - float(at.range) - (x - X) @ np.asarray(at.H)
+    assert rest.mean() == pytest.approx(float(at.mean), rel=0.05)
+    assert rest.var() == pytest.approx(float(at.variance), rel=0.1)
+
+
+def test_a_ping_is_used_range_by_range():
+    """The right ones are used, a wrong, a silent and a considered one not or hardly; the state comes nearer."""
+    truth = X.copy()
+    truth[[3, 4]] += [0.05, -0.1]
+    z = np.array([float(range_at(truth, i)) for i in range(4)])
+    z[1] += 2.0
+    done = update_with_ranges(
+        X, P, z, np.array([True, True, True, False]), G, RangeErrorModel(), np.r_[np.ones(9), np.zeros(4)]
+    )
+    assert list(np.asarray(done.accepted)) == [True, False, True, False]
+    np.testing.assert_array_equal(done.x[9:], X[9:])
+    assert done.nis[3] == 0.0
+    assert done.nis[1] > 15.1
+    assert np.all(np.linalg.eigvalsh(np.asarray(done.P)) > 0)
+    assert np.all(np.diag(np.asarray(done.P))[9:] == np.diag(P)[9:])
+
+
+def test_information_of_a_place_is_that_of_its_slopes():
+    place = np.array([0.3, -0.2])
+    used = np.array([True, True, False, True])
+    slopes = np.array([predict_range(b, place, 0.05, cone=True).slope for b in SQUARE])[used]
+    np.testing.assert_allclose(place_information(place, used, G, 0.02), slopes.T @ slopes / 4e-4, rtol=1e-12)
+
+
+def test_the_ranges_of_a_ping_export():
+    learns = np.ones(13)
+
+    def f(x, P, z):
+        return update_with_ranges(x, P, z, z > 0, G, RangeErrorModel(), learns)
+
+    assert lower_function(f, (X, P, np.ones(4))).text("f")
+
+
+HEIGHT = 2.7048
+
+
+def measured(degrees):
+    beta = np.radians(degrees)
+    true_range = HEIGHT / np.cos(beta)
+    return beta, true_range, true_range / np.asarray(range_ratio(beta))
+
+
+def test_check_22_newton_iterations():
+    """At most 5 iterations from 2 to 45° to 1e-6, and the true range comes back."""
+    beta, true_range, rho = measured(np.linspace(2, 45, 2000))
+    r, found, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    assert np.asarray(iterations).max() <= 5
+    assert np.asarray(iterations).max() <= 3  # what was found when the method was chosen
+    excess = np.asarray(range_ratio(found)) * np.cos(found) - HEIGHT / rho
+    assert abs(excess).max() <= 1e-6
+    np.testing.assert_allclose(found, beta, atol=1e-6 / (1.076 * np.radians(2) - 0.0032))
+    np.testing.assert_allclose(r, true_range, atol=3e-6)
+
+
+def test_check_22_range_not_above_the_height_is_returned():
+    rho = np.array([HEIGHT, HEIGHT - 1e-9, HEIGHT - 0.01, 0.5, 0.0])
+    r, beta, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    np.testing.assert_array_equal(r, rho)
+    assert (np.asarray(beta) == 0).all()
+    assert (np.asarray(iterations) == 0).all()
+
+
+def test_calibration_table_backwards():
+    """[1] table 5.2: true ranges out of the measured ones, within the 1.2e-4 of check 22."""
+    rho = np.array([274.83, 288.83, 315.07, 334.25]) / 100
+    r, beta, _ = compensate_range(rho, np.full(4, HEIGHT))
+    np.testing.assert_allclose(r, np.array([274.65, 287.84, 312.32, 330.20]) / 100, rtol=1.6e-4)
+    np.testing.assert_allclose(np.degrees(beta), [10, 20, 30, 35], atol=0.1)
+
+
+def test_below_two_degrees_where_the_slope_vanishes():
+    """Two angles may fit there; either gives the range to a tenth of a millimetre, and no step runs away."""
+    _, true_range, rho = measured(np.linspace(0.0, 2, 4001))
+    assert np.radians(0.17) == pytest.approx(TOP, rel=0.01)
+    r, beta, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    assert abs(np.asarray(r) - true_range).max() < 1e-4
+    assert np.asarray(beta).max() < np.radians(2.1)
+    assert np.asarray(iterations).max() < 8
+
+
+def test_noise_and_other_heights_stay_finite():
+    rng = np.random.default_rng(0)
+    height = rng.uniform(-1, 9, 5000)
+    rho = rng.uniform(0, 12, 5000)
+    for out in compensate_range(rho, height):
+        assert np.isfinite(out).all()
+    r, beta, _ = compensate_range(rho, height)
+    within = (rho > height) & (height > 0)
+    solved = within & (np.asarray(beta) < np.pi / 4) & (np.asarray(beta) > 0.04)
+    np.testing.assert_allclose((np.asarray(r) * np.cos(beta))[solved], height[solved], rtol=2e-6)
+
+
+def test_the_compensation_exports_and_differentiates():
+    assert lower_function(compensate_range, [np.zeros(4), np.ones(4)]).outputs
+    slope = jax.vmap(jax.grad(lambda rho: compensate_range(rho, HEIGHT)[0]))(np.array([2.5, 2.71, 3.0, 4.0]))
+    assert np.isfinite(slope).all()

@@ -27,8 +27,7 @@ from trimtab.estimators.inertial.measurement_history import newest_node
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.start import update_running
-from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
+from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled, update_running
 from trimtab.logs.consistency import CONSISTENT, chi_square_bounds, nees_verdict
 from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.time_of_flight import Beacons

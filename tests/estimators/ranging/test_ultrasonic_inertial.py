@@ -14,8 +14,8 @@ from trimtab.core.time import ms, seconds
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
 from trimtab.estimators.inertial.mechanisation import LeverArms
-from trimtab.estimators.ranging.position import RangingPosition
-from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.estimators.ranging.position import PAIR, RangingPosition
+from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.links.wire import Wire
 from trimtab.loop.structure import strengthen_types
 from trimtab.run.simulate import simulate_many

@@ -1,12 +1,5 @@
 """The bending modes and their frequencies from the pitch acceleration: a filter that learns what it was told wrong.
 
-What the adaptive filter of the bending modes remembers and tells.
-
-[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206.
-
-The bending modes with frequencies that are not known: coordinates in which rest says nothing about them.
-
 The first thought, eta and the frequencies in one state, has a trap. At rest eta_i = N_i/w_i^2: the accelerometer feels
 w_i^2 eta_i alone, so that a pair (eta_i, w_i) along a curve explains it equally well. A linearised filter whose
 estimate moves with the noise sees that curve from several tangents, and believes that it learns where on it the truth
@@ -34,7 +27,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame, is_new
+from trimtab.core.signals import Frame, is_new
 from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0
@@ -44,10 +37,13 @@ from trimtab.estimators.flexible.model import (
     ModelPrediction,
     RigidFlight,
     check_variances,
+    first_instant,
     flexible_flight,
     forcing,
     initial_model_prediction,
+    listened_sensors,
     modal_dynamics,
+    next_instant,
     read_flight_samples,
     step_mode_filter,
 )
@@ -59,6 +55,14 @@ TERMS = 6
 """Of the exponential's series over a step; what is left out is (w dt)^7/5040, 4e-11 at 22 rad/s and 5 ms."""
 OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
 """Which mode each of s1, s1', s2, s2' belongs to."""
+SHARE = 0.5
+"""Of the first deviation of a frequency, what each hypothesis has by itself; they stand apart by the rest."""
+APART = math.sqrt(1.5 * (1 - SHARE**2))
+LEAST = 1e-6
+"""No hypothesis becomes less probable than about this, so that each can come back."""
+CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
+M = len(CORNERS)
+"""Hypotheses: each mode lower, as told, higher."""
 
 
 def stretch_factors(x: Any) -> Any:
@@ -123,11 +127,6 @@ def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
     return mean, (p @ spread.reshape(-1, 36)).reshape(6, 6)
 
 
-CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
-M = len(CORNERS)
-"""Hypotheses: each mode lower, as told, higher."""
-
-
 @record
 class AdaptiveModeState:
     """What the filter remembers. Source: docs page, Adaptive flexible modes."""
@@ -152,27 +151,6 @@ class AdaptiveModeState:
     updated: Scalar = quantity("1", "Whether a measurement was used then.", kind="flag")
     learned: Scalar = quantity("1", "Whether it told something about the frequencies.", kind="flag")
     bounded: Scalar = quantity("1", "Whether a frequency was held at its bound then.", kind="flag")
-
-
-def mixture_flight(state: AdaptiveModeState) -> FlexibleFlight:
-    """The flight as the filter's state tells it: the mean of the hypotheses, with what they differ by in the sigmas."""
-    sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
-    frequencies = ModalFrequencies(
-        w1=state.w[0],
-        w2=state.w[1],
-        w1_sigma=state.w[0] * sigma[4],
-        w2_sigma=state.w[1] * sigma[5],
-        learned=state.learned,
-        bounded=state.bounded,
-    )
-    return replace(flexible_flight(state, state.mean[:4], sigma[:4] ** 2), frequencies=frequencies)
-
-
-SHARE = 0.5
-"""Of the first deviation of a frequency, what each hypothesis has by itself; they stand apart by the rest."""
-APART = math.sqrt(1.5 * (1 - SHARE**2))
-LEAST = 1e-6
-"""No hypothesis becomes less probable than about this, so that each can come back."""
 
 
 @record
@@ -212,10 +190,8 @@ class AdaptiveFlexibleModeFilter:
     actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
     period: int = period("Time between predictions.", default=ms(5))
 
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """Rigid flight, pitch acceleration, acting input."""
-        return (self.flight, self.accelerometer, self.actuators)
+    listens = property(listened_sensors)
+    step = step_mode_filter
 
     def check(self) -> None:
         """Variances that are variances, hypotheses within the bound, a period for which the series is exact."""
@@ -241,7 +217,7 @@ class AdaptiveFlexibleModeFilter:
 
     def init(self, key: Key) -> AdaptiveModeState:
         """The first estimate, nothing measured."""
-        no, zero, deviation = jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(self.deviation)
+        no, deviation = jnp.asarray(False), jnp.asarray(self.deviation)
         A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         lam = CORNERS * APART * deviation
@@ -258,16 +234,8 @@ class AdaptiveFlexibleModeFilter:
             spread=spread,
             w=self._frequencies(mean),
             bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
-            chi=jax.tree.map(jnp.asarray, RigidFlight()),
-            u=HypersonicInput(zero, zero),
-            t=np.int64(0),
+            **first_instant(),
             seen=np.int64(NEVER),
-            flight_t=np.int64(0),
-            started=no,
-            innovation=zero,
-            S=zero,
-            nis=zero,
-            updated=no,
             learned=no,
             bounded=no,
         )
@@ -306,20 +274,17 @@ class AdaptiveFlexibleModeFilter:
         new_P = done.P + moment * shaken[:, None] * shaken
         return jnp.concatenate([done.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != done.x[4:])
 
-    def step(self, t: Any, state: AdaptiveModeState, frame: Frame) -> tuple[AdaptiveModeState, Estimate]:
-        """The estimate at integer time t; between its periods the last one is held."""
-        return step_mode_filter(self, t, state, frame, mixture_flight)
-
     def advance(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
+        samples = read_flight_samples(self.listens, s, frame)
+        chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         b, d, rigid = forcing(self.craft, chi, u)
         between = (forcing(self.craft, s.chi, u)[0] + b) / 2
         x, P = jax.lax.map(lambda one: self.predict(one[0], one[1], s.Qd, between), (s.x, s.P))
         x, P = jnp.where(s.started, x, s.x), jnp.where(s.started, P, s.P)
         modal = felt.value.pitch_acceleration - rigid - d
         finite = jnp.isfinite(modal)
-        used = started & known & finite & felt.valid & is_new(felt, s.seen) & self.corrects
+        used = started & samples.flight_usable & finite & felt.valid & is_new(felt, s.seen) & self.corrects
         felt_modal = jnp.where(finite, modal, 0.0)
         done = jax.lax.map(lambda one: self.update(one[0], one[1], felt_modal, b), (x, P))
         new_x, new_P, r, S, likely, learns, bounded = done
@@ -330,21 +295,16 @@ class AdaptiveFlexibleModeFilter:
         learned = used & (s.p @ jnp.where(jnp.any(learns, axis=1), 1.0, 0.0) > 0.5)
         p = jnp.where(learned, update_probabilities(s.p, likely), s.p)
         mean, spread = mixture_mean(x, P, p)
-        return AdaptiveModeState(
+        return replace(
+            s,
             x=x,
             P=P,
             p=p,
-            Qd=s.Qd,
             mean=mean,
             spread=spread,
             w=self._frequencies(mean),
-            bare=s.bare,
-            chi=chi,
-            u=u,
-            t=jnp.where(started, t, s.t),
+            **next_instant(t, s, samples),
             seen=jnp.where(used, felt.t, s.seen),
-            flight_t=flight_t,
-            started=started,
             innovation=innovation,
             S=variance,
             nis=innovation * innovation / variance,
@@ -352,6 +312,19 @@ class AdaptiveFlexibleModeFilter:
             learned=learned,
             bounded=used & (s.p @ jnp.where(bounded, 1.0, 0.0) > 0.5),
         )
+
+    def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
+        """The flight as the state has it: the mean of the hypotheses, with what they differ by in the sigmas."""
+        sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
+        frequencies = ModalFrequencies(
+            w1=state.w[0],
+            w2=state.w[1],
+            w1_sigma=state.w[0] * sigma[4],
+            w2_sigma=state.w[1] * sigma[5],
+            learned=state.learned,
+            bounded=state.bounded,
+        )
+        return replace(flexible_flight(state, state.mean[:4], sigma[:4] ** 2), frequencies=frequencies)
 
     def _frequencies(self, mean: Any) -> Any:
         return jnp.stack([self.craft.modes.w1, self.craft.modes.w2]) * jnp.exp(mean[4:])

@@ -2,16 +2,15 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.linalg import symmetric
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame
+from trimtab.core.signals import Frame
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, PRINTED_Q
 from trimtab.estimators.flexible.model import (
@@ -19,9 +18,12 @@ from trimtab.estimators.flexible.model import (
     RigidFlight,
     check_variances,
     estimated_flight,
+    first_instant,
     forcing,
     initial_model_prediction,
+    listened_sensors,
     modal_dynamics,
+    next_instant,
     read_flight_samples,
     step_mode_filter,
 )
@@ -78,10 +80,9 @@ class ContinuousModeFilter:
     actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
     period: int = period("Time between samples.", default=ms(5))
 
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """Rigid flight, pitch acceleration, acting input."""
-        return (self.flight, self.accelerometer, self.actuators)
+    listens = property(listened_sensors)
+    step = step_mode_filter
+    estimated_flight = estimated_flight
 
     def check(self) -> None:
         """Variances that are variances, and a step that is stable for the gain with which the filter begins."""
@@ -105,15 +106,7 @@ class ContinuousModeFilter:
             modal=zero,
             used=no,
             bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
-            chi=jax.tree.map(jnp.asarray, RigidFlight()),
-            u=HypersonicInput(zero, zero),
-            t=np.int64(0),
-            flight_t=np.int64(0),
-            started=no,
-            innovation=zero,
-            S=zero,
-            nis=zero,
-            updated=no,
+            **first_instant(),
         )
 
     def integrate(self, eta: Any, P: Any, b: Any, modal: Any, used: Any) -> tuple[Any, Any]:
@@ -131,33 +124,26 @@ class ContinuousModeFilter:
             eta, P = rk4(rate, 0.0, (eta, P), h)
         return eta, symmetric(P)
 
-    def step(self, t: Any, state: ContinuousModeState, frame: Frame) -> tuple[ContinuousModeState, Estimate]:
-        """The estimate at integer time t; between its periods the last one is held."""
-        return step_mode_filter(self, t, state, frame, estimated_flight)
-
     def advance(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
+        samples = read_flight_samples(self.listens, s, frame)
+        chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         eta, P = self.integrate(s.eta, s.P, forcing(self.craft, s.chi, u)[0], s.modal, s.used)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         _, d, rigid = forcing(self.craft, chi, u)
         _, C = modal_dynamics(self.craft)
         modal = felt.value.pitch_acceleration - rigid - d
-        used = started & known & felt.valid & jnp.isfinite(modal)
+        used = started & samples.flight_usable & felt.valid & jnp.isfinite(modal)
         modal = jnp.where(used, modal, 0.0)
         r = jnp.where(used, modal - C @ eta, 0.0)
         S = C @ P @ C + self.R / to_seconds(self.period)
-        return ContinuousModeState(
+        return replace(
+            s,
             eta=eta,
             P=P,
             modal=modal,
             used=used,
-            bare=s.bare,
-            chi=chi,
-            u=u,
-            t=jnp.where(started, t, s.t),
-            flight_t=flight_t,
-            started=started,
+            **next_instant(t, s, samples),
             innovation=r,
             S=S,
             nis=r * r / S,

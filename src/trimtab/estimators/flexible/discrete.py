@@ -3,14 +3,13 @@
 import math
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame, is_new
+from trimtab.core.signals import Frame, is_new
 from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.flexible.model import (
@@ -18,9 +17,12 @@ from trimtab.estimators.flexible.model import (
     RigidFlight,
     check_variances,
     estimated_flight,
+    first_instant,
     forcing,
     initial_model_prediction,
+    listened_sensors,
     modal_dynamics,
+    next_instant,
     read_flight_samples,
     step_mode_filter,
 )
@@ -106,10 +108,9 @@ class FlexibleModeFilter:
         """Q = 1e-5 I, R = 1e-4: the best of an exact model; it loses a vehicle whose modes are 10 % off."""
         return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4} | changes)
 
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """Rigid flight, pitch acceleration, acting input."""
-        return (self.flight, self.accelerometer, self.actuators)
+    listens = property(listened_sensors)
+    step = step_mode_filter
+    estimated_flight = estimated_flight
 
     def check(self) -> None:
         """Variances that are variances, and a period for which the discrete model is exact."""
@@ -134,22 +135,14 @@ class FlexibleModeFilter:
 
     def init(self, key: Key) -> FlexibleModeState:
         """The first estimate, nothing measured."""
-        no, zero, model = jnp.asarray(False), jnp.asarray(0.0), self.model()
+        model = self.model()
         return FlexibleModeState(
             model=model,
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
             bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
-            chi=jax.tree.map(jnp.asarray, RigidFlight()),
-            u=HypersonicInput(zero, zero),
-            t=np.int64(0),
+            **first_instant(),
             seen=np.int64(NEVER),
-            flight_t=np.int64(0),
-            started=no,
-            innovation=zero,
-            S=zero,
-            nis=zero,
-            updated=no,
         )
 
     def predict(self, model: ModalModel, eta: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
@@ -165,29 +158,21 @@ class FlexibleModeFilter:
         r = pitch_acceleration - rigid - model.C @ eta - d
         return kalman.update(eta, P, r[None], model.C[None], jnp.asarray(self.R)[None, None])
 
-    def step(self, t: Any, state: FlexibleModeState, frame: Frame) -> tuple[FlexibleModeState, Estimate]:
-        """The estimate at integer time t; between its periods the last one is held."""
-        return step_mode_filter(self, t, state, frame, estimated_flight)
-
     def advance(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
         """What the filter remembers after an instant of its own."""
-        chi, u, known, started, flight_t, felt = read_flight_samples(self.listens, s, frame)
+        samples = read_flight_samples(self.listens, s, frame)
+        chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
         done = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
-        used = started & known & done.accepted & felt.valid & is_new(felt, s.seen)
+        used = started & samples.flight_usable & done.accepted & felt.valid & is_new(felt, s.seen)
         used = used & self.corrects
-        return FlexibleModeState(
-            model=s.model,
+        return replace(
+            s,
             eta=jnp.where(used, done.x, eta),
             P=jnp.where(used, done.P, P),
-            bare=s.bare,
-            chi=chi,
-            u=u,
-            t=jnp.where(started, t, s.t),
+            **next_instant(t, s, samples),
             seen=jnp.where(used, felt.t, s.seen),
-            flight_t=flight_t,
-            started=started,
             innovation=done.innovation[0],
             S=done.S[0, 0],
             nis=done.nis,

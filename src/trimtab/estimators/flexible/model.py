@@ -97,8 +97,8 @@ class FlexibleFlight:
 class FlightSamples(NamedTuple):
     """What came in at an instant, for any filter of the modes.
 
-    chi, u: flight and input, as before where the samples are of no use.  known: whether the flight is of use.
-    started: whether both have been known once.  flight_t: when chi was measured.  felt: the sample of the acceleration.
+    chi, u: flight and input, as before where the samples are of no use.  flight_usable: whether the flight is of use.
+    has_started: whether both have been known once.  flight_t: when chi was measured.
     """
 
     chi: RigidFlight
@@ -143,22 +143,57 @@ def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInp
 
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
     """The samples of flight, acceleration and acting input, named in that order, and what a filter's state held."""
-    flight, felt, acted = (frame.samples[name] for name in listens)
-    chi, known = rigid_flight(flight, state.chi)
-    u, given = acting_input(acted, state.u)
-    started = state.started | (known & given)
-    return FlightSamples(chi, u, known, started, jnp.where(known, flight.t, state.flight_t), felt)
+    flight, acceleration, acting = (frame.samples[name] for name in listens)
+    chi, usable = rigid_flight(flight, state.chi)
+    u, input_usable = acting_input(acting, state.u)
+    started = state.started | (usable & input_usable)
+    return FlightSamples(chi, u, usable, started, jnp.where(usable, flight.t, state.flight_t), acceleration)
 
 
-def step_mode_filter(one: Any, t: Any, state: Any, frame: Frame, estimated: Any) -> tuple[Any, Estimate]:
-    """A filter's state and estimate at integer time t: `one.instant` once a period, held in between."""
-    due = ~state.started | (t - state.t >= one.period)
-    new = one.advance(t, state, frame)
-    new = replace(new, bare=_advance_model_prediction(one.craft, state, new.u))
+def listened_sensors(form: Any) -> tuple[str, ...]:
+    """Rigid flight, pitch acceleration, acting input: `listens` of every filter."""
+    return (form.flight, form.accelerometer, form.actuators)
+
+
+def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
+    """A filter's state and its estimate at integer time t: `step` of every filter.
+
+    Once a period the filter advances, and beside it the model alone; in between the last estimate is held.
+    """
+    due = ~state.started | (t - state.t >= form.period)
+    new = form.advance(t, state, frame)
+    new = replace(new, bare=_advance_model_prediction(form.craft, state, new.u))
     state = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, state)
     state = replace(state, updated=due & state.updated)
     age = to_seconds(t - state.flight_t)
-    return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=estimated(state))
+    return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=form.estimated_flight(state))
+
+
+def first_instant() -> dict[str, Any]:
+    """What the state of every filter begins with, by field: nothing measured."""
+    no, zero = jnp.asarray(False), jnp.asarray(0.0)
+    return {
+        "chi": jax.tree.map(jnp.asarray, RigidFlight()),
+        "u": HypersonicInput(zero, zero),
+        "t": np.int64(0),
+        "flight_t": np.int64(0),
+        "started": no,
+        "innovation": zero,
+        "S": zero,
+        "nis": zero,
+        "updated": no,
+    }
+
+
+def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
+    """What the state of every filter holds of its instant t, by field, once these samples have come."""
+    return {
+        "chi": samples.chi,
+        "u": samples.u,
+        "t": jnp.where(samples.has_started, t, state.t),
+        "flight_t": samples.flight_t,
+        "started": samples.has_started,
+    }
 
 
 def initial_model_prediction(eta0: Any, Ad: Any, Bd: Any) -> ModelPrediction:
@@ -173,13 +208,13 @@ def _advance_model_prediction(craft: Hypersonic, state: Any, u: HypersonicInput)
     return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
 
 
-def estimated_flight(state: Any) -> FlexibleFlight:
-    """The flight as a filter's state tells it: what is measured as measured, the modes as estimated."""
+def estimated_flight(form: Any, state: Any) -> FlexibleFlight:
+    """The flight as a filter's state has it: what is measured as measured, the modes as estimated."""
     return flexible_flight(state, state.eta, jnp.stack([state.P[i, i] for i in range(4)]))
 
 
 def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
-    """The same of modal states (4,) with these variances (4,)."""
+    """The same with modal states (4,) with these variances (4,)."""
     chi = state.chi
     return FlexibleFlight(
         h=chi.h,
@@ -204,9 +239,9 @@ def _is_finite(r: Any) -> Any:
     return jnp.all(jnp.isfinite(jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(r)])))
 
 
-def check_variances(part: str, **given: Any) -> None:
-    """Refuse what is not four variances; given: by the name of the field."""
-    for name, value in given.items():
+def check_variances(part: str, **fields: Any) -> None:
+    """Refuse what is not four variances; fields: by name."""
+    for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):
             problem = f"{values.tolist()} are not four variances"

@@ -1,18 +1,16 @@
-"""What the four forms of aided inertial navigation share: samples in, events in order of measurement, estimate out.
+"""Aided inertial navigation, the one step of every form: read samples, order them, replay the filter, tell the state.
 
-A form gives first(), propagate(), correct_heading(), correct_position() and belief(), and has the parts intake, noise,
-start and arms; `navigate` is its step. Nothing here knows how a form keeps its state.
+A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), how it is propagated and
+corrected, and what it believes. It has the parts intake, noise, start and arms, and takes its `step` from here.
+
+    navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
+                  propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
-and section 5.4: propagation runs on the IMU's samples, never on the wall clock.
-
-How the sensor that aids an inertial form with its place is read: positions, or whatever else tells of it.
-
-Source: docs page, Measurement history.
+and section 5.4: propagation runs on the IMU's samples, never on the wall clock. Docs page, Measurement history.
 """
 
-from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +18,23 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.inertial import measurement_history as ring
-from trimtab.estimators.inertial.measurement_history import POSITION, RANGES, Correct, Event, History
+from trimtab.estimators.inertial.measurement_history import (
+    AIDING_KINDS,
+    HEADING,
+    IMU,
+    Event,
+    History,
+    empty_history,
+    enter_event,
+    newest_imu_index,
+    newest_node,
+    replay_events,
+)
 from trimtab.estimators.inertial.mechanisation import Belief
 from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
 from trimtab.estimators.inertial.sensor_watch import (
@@ -36,42 +46,6 @@ from trimtab.estimators.inertial.sensor_watch import (
     initial_watch,
     validate_sample,
 )
-
-
-class Aid(NamedTuple):
-    """How the sensor that intake.position names is read.
-
-    kind: of its events.  width: of its values.  numbers: of a sample's value.  correct: what they do to a node.
-    """
-
-    kind: int
-    width: int
-    numbers: Callable[[Any], tuple[Any, ...]]
-    correct: Correct
-
-
-def position_aid(form: Any) -> Aid:
-    """Positions, north and east, with their variance where they have one."""
-
-    def correct(node: Any, value: Any) -> Any:
-        return form.correct_position(node, value[:2], value[2])
-
-    def numbers(value: Any) -> tuple[Any, ...]:
-        return value.north, value.east, getattr(value, "variance", 0.0)
-
-    return Aid(POSITION, WIDTH, numbers, correct)
-
-
-def range_aid(form: Any) -> Aid:
-    """Ranges of a ping and its unit; what is not a positive number becomes -1, what did not arrive 0."""
-    width = np.shape(form.beacons)[0] + 1
-
-    def numbers(value: Any) -> tuple[Any, ...]:
-        sound = jnp.isfinite(value.range) & (value.range > 0)
-        ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
-        return (*ranges, value.unit)
-
-    return Aid(RANGES, width, numbers, getattr(form, "correct_ranges", lambda node, value: node))
 
 
 @record
@@ -119,8 +93,11 @@ class Intake:
         """Refuse a ring without room, and one name for two things."""
         if self.slots < 4:
             raise InputError("intake.slots", f"{self.slots} events are too few to order", fix="keep 4 or more, e.g. 64")
-        for name in ("heading", "position"):
-            patience, frozen = (int(getattr(self, f"{kind}_{name}")) for kind in ("patience", "frozen"))
+        limits = {
+            "heading": (int(self.patience_heading), int(self.frozen_heading)),
+            "position": (int(self.patience_position), int(self.frozen_position)),
+        }
+        for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
                 problem = (
                     f"the filter gives in after {patience} samples, and sees only after {frozen} that they are frozen"
@@ -145,14 +122,24 @@ class InertialState:
     clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
 
 
-def initial_inertial_state(form: Any, width: int = WIDTH) -> InertialState:
-    """First state of a form; width: of what the sensor at intake.position gives."""
+def listened_sensors(form: InertialForm) -> tuple[str, ...]:
+    """The IMU and what aids it: `listens` of every form."""
+    return form.intake.listens()
+
+
+def check_intake(form: InertialForm) -> None:
+    """Refuse an intake that can't work: `check` of a form."""
+    form.intake.check()
+
+
+def initial_inertial_state(form: InertialForm, key: Key, width: int = WIDTH) -> InertialState:
+    """Nothing measured yet: `init` of a form; width: numbers of its longest event."""
     intake, first = form.intake, form.first()
     told = jax.tree.map(
         lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _kinematics(form, first, 0, False))
     )
     return InertialState(
-        history=ring.empty_history(first, intake.slots, max(width, WIDTH)),
+        history=empty_history(first, intake.slots, max(width, WIDTH)),
         imu=initial_watch(),
         heading=initial_watch() if intake.heading else None,
         position=initial_watch(max(width, WIDTH)) if intake.position else None,
@@ -164,25 +151,22 @@ def initial_inertial_state(form: Any, width: int = WIDTH) -> InertialState:
 
 
 @jax.jit
-def navigate(form: Any, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """One step of a form: whatever is fresh in the frame is fused at the time it was measured."""
-    return navigate_with(form, position_aid(form), t, state, frame)
+def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
+    """The estimate, a NavigationState, at integer time t: `step` of every form.
 
-
-def navigate_with(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """The same with another kind of aiding at intake.position."""
-    arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in _listed_samples(form.intake, frame)]).any()
-    watches = {name: getattr(state, name) for name in ("imu", "heading", "position")}
+    Whatever is fresh in the frame is fused at the time it was measured.
+    """
+    samples = [frame.samples[name] for name in form.intake.listens()]
+    arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()
+    watches = {"imu": state.imu, "heading": state.heading, "position": state.position}
     same = state.history, watches, state.heard, jnp.asarray(False)
-    history, watches, heard, fresh = lax.cond(
-        arrived, lambda: _receive_samples(form, aid, t, state, frame), lambda: same
-    )
-    node = ring.newest_node(history)
+    history, watches, heard, fresh = lax.cond(arrived, lambda: _receive_samples(form, t, state, frame), lambda: same)
+    node = newest_node(history)
     begun = node.t > NEVER
     silent = begun & (t - heard > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
     anew = fresh | silent | state.told["coasting"]
-    told = lax.cond(anew, lambda: _kinematics(form, ring.newest_node(history), age, silent), lambda: state.told)
+    told = lax.cond(anew, lambda: _kinematics(form, newest_node(history), age, silent), lambda: state.told)
     new = InertialState(
         history=history,
         **watches,
@@ -191,84 +175,106 @@ def navigate_with(form: Any, aid: Aid, t: Any, state: InertialState, frame: Fram
         clock=jnp.maximum(state.clock, t),
         clock_backwards=increment(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
-    return new, Estimate(t=t, age=age, fresh=fresh, valid=_is_valid(form, node), state=_navigation_state(node, new))
+    valid = begun  # whether every sensor has been used
+    if form.intake.heading:
+        valid = valid & (node.heading_fix.used > 0)
+    if form.intake.position:
+        valid = valid & (node.position_fix.used > 0)
+    navigation = NavigationState(
+        **told,
+        heading_fix=node.heading_fix,
+        position_fix=node.position_fix,
+        imu=new.imu,
+        heading_sensor=new.heading,
+        position_sensor=new.position,
+        clock_backwards=new.clock_backwards,
+    )
+    return new, Estimate(t=t, age=age, fresh=fresh, valid=valid, state=navigation)
 
 
-def _listed_samples(intake: Intake, frame: Frame) -> list[Any]:
-    """Those that are read."""
-    return [frame.samples[name] for name in intake.listens()]
-
-
-def _receive_samples(form: Any, aid: Aid, t: Any, state: InertialState, frame: Frame) -> Any:
+def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> Any:
     """The history with what has arrived, each sensor's watch, when the IMU came last, whether anything was usable."""
-    found = read_samples(form.intake, aid, t, state, frame)
-    aids = {kind: correct for kind, correct in ring.default_aids(form).items() if kind != ring.POSITION}
-    aids |= {aid.kind: aid.correct} if form.intake.position else {}
-    fresh = jnp.stack([judgement.usable for _, judgement in found.values()]).any()
-    before = state.history, {name: judgement.watch for name, (_, judgement) in found.items()}
-    history, watches = lax.cond(fresh, lambda: _fuse_events(form, aids, state.history, found), lambda: before)
-    heard = jnp.where(found["imu"][1].usable, t, state.heard)
+    readings = read_samples(form.intake, form.AIDED_BY, t, state, frame)
+    fresh = jnp.stack([validation.usable for _, validation in readings.values()]).any()
+    before = state.history, {name: validation.watch for name, (_, validation) in readings.items()}
+    history, watches = lax.cond(fresh, lambda: _fuse_events(form, state.history, readings), lambda: before)
+    heard = jnp.where(readings["imu"][1].usable, t, state.heard)
     return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, heard, fresh
 
 
 def read_samples(
-    intake: Intake, aid: Aid, t: Any, state: Any, frame: Frame
+    intake: Intake, aided_by: str, t: Any, state: Any, frame: Frame
 ) -> dict[str, tuple[Event, SampleValidation]]:
-    """Each sensor's event, the IMU's first, with what was found about it; state: has watches imu, heading, position."""
+    """Each sensor's event, the IMU's first, with what was found about it.
+
+    Args:
+        intake: what is read.
+        aided_by: "positions" or "ranges", what the sensor at intake.position gives.
+        t: integer time.
+        state: has the watches imu, heading and position.
+        frame: the samples.
+    """
     sample = frame.samples[intake.imu]
     reading = sample.value
     felt = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
-    one = validate_sample(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
-    gyro = (jnp.abs(one.value[0]) >= intake.rate_range * (1 - 1e-9)) | reading.gyro_saturated
-    force = (jnp.max(jnp.abs(one.value[1:])) >= intake.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
-    lost = one.watch.frozen | ((one.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
+    inertial = validate_sample(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
+    gyro = (jnp.abs(inertial.value[0]) >= intake.rate_range * (1 - 1e-9)) | reading.gyro_saturated
+    force = (jnp.max(jnp.abs(inertial.value[1:])) >= intake.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
+    lost = inertial.watch.frozen | ((inertial.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
     doubt = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
-    watch = replace(one.watch, saturated=jnp.where(one.usable, gyro | force, state.imu.saturated))
-    found = {"imu": (Event(one.t, ring.IMU, one.value, doubt), one._replace(watch=watch))}
+    watch = replace(inertial.watch, saturated=jnp.where(inertial.usable, gyro | force, state.imu.saturated))
+    readings = {"imu": (Event(inertial.t, IMU, inertial.value, doubt), inertial._replace(watch=watch))}
     if intake.heading:
         sample = frame.samples[intake.heading]
-        value = sample.value.heading, getattr(sample.value, "variance", 0.0)
-        two = validate_sample(state.heading, t, sample, value, frozen_after=intake.frozen_heading, ordered=False)
-        found["heading"] = Event(two.t, ring.HEADING, two.value, np.zeros(2)), _reject_frozen(two)
+        numbers = sample.value.heading, _stated_variance(sample.value)
+        heading = validate_sample(state.heading, t, sample, numbers, frozen_after=intake.frozen_heading, ordered=False)
+        readings["heading"] = Event(heading.t, HEADING, heading.value, np.zeros(2)), _reject_frozen(heading)
     if intake.position:
         sample = frame.samples[intake.position]
-        value = aid.numbers(sample.value)
-        three = validate_sample(state.position, t, sample, value, frozen_after=intake.frozen_position, ordered=False)
-        found["position"] = Event(three.t, aid.kind, three.value, np.zeros(2)), _reject_frozen(three)
-    return found
+        numbers = range_numbers(sample.value) if aided_by == "ranges" else position_numbers(sample.value)
+        place = validate_sample(state.position, t, sample, numbers, frozen_after=intake.frozen_position, ordered=False)
+        readings["position"] = Event(place.t, AIDING_KINDS[aided_by], place.value, np.zeros(2)), _reject_frozen(place)
+    return readings
 
 
-def _reject_frozen(judgement: SampleValidation) -> SampleValidation:
+def position_numbers(value: Any) -> tuple[Any, ...]:
+    """North and east (m) of a position and its variance (m^2), 0 where it states none."""
+    return value.north, value.east, _stated_variance(value)
+
+
+def range_numbers(value: Any) -> tuple[Any, ...]:
+    """Ranges (m) of a ping and its unit; what is not a positive number becomes -1, what did not arrive 0."""
+    sound = jnp.isfinite(value.range) & (value.range > 0)
+    ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
+    return (*ranges, value.unit)
+
+
+def _stated_variance(value: Any) -> Any:
+    """The field that a reading of heading or position may have."""
+    return getattr(value, "variance", 0.0)
+
+
+def _reject_frozen(validation: SampleValidation) -> SampleValidation:
     """Samples of a frozen sensor that only aids are not used at all; an IMU's are, with doubt."""
-    return judgement._replace(usable=judgement.usable & ~judgement.watch.frozen)
+    return validation._replace(usable=validation.usable & ~validation.watch.frozen)
 
 
-def _fuse_events(
-    form: Any, aids: dict[int, ring.Correct], history: History, found: dict[str, tuple[Event, SampleValidation]]
-) -> Any:
+def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple[Event, SampleValidation]]) -> Any:
     """The history with all that is usable in it, and the watches with what was too late or here before."""
-    reached = ring.newest_imu_index(history)
+    reached = newest_imu_index(history)
     watches: dict[str, SensorWatch] = {}
-    for name, (event, judgement) in found.items():
+    for name, (event, validation) in readings.items():
         history, reached, late, known = lax.cond(
-            judgement.usable,
-            lambda h=history, d=reached, e=event: _enter_event(h, d, e),
+            validation.usable,
+            lambda h=history, d=reached, e=event: enter_event(h, d, e),
             lambda h=history, d=reached: (h, d, jnp.asarray(False), jnp.asarray(False)),
         )
-        watch = judgement.watch
+        watch = validation.watch
         watches[name] = replace(watch, late=increment(watch.late, late), duplicates=increment(watch.duplicates, known))
-    return ring.replay_events(form, history, reached, aids)[0], watches
+    return replay_events(form, history, reached)[0], watches
 
 
-def _enter_event(history: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
-    """The history with an event, how far its states hold, and why it is not in it: too late, or here before."""
-    room, known = ring.check_room(history, reached, event)
-    enters = room & ~known
-    new, now = lax.cond(enters, lambda: ring.insert_event(history, reached, event), lambda: (history, reached))
-    return new, now, ~room & ~known, known
-
-
-def _kinematics(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
+def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[str, Any]:
     """Kinematic fields of NavigationState at the time of the newest IMU sample; where it is silent, what holds now."""
     sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
     node, rate, variance = lax.cond(silent, lambda: _coast(form, node, age), lambda: sampled)
@@ -278,31 +284,8 @@ def _kinematics(form: Any, node: Any, age: Any, silent: Any) -> dict[str, Any]:
     return reference_kinematics(belief, rate, variance, form.arms) | {"coasting": jnp.asarray(silent)}
 
 
-def _coast(form: Any, node: Any, age: Any) -> tuple[Any, Any, Any]:
+def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
     """A node, its gyro reading and that one's variance at an age (s): constant velocity and heading, with all doubt."""
     still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
-    moved = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
-    return moved, still[0], form.noise.gyro + form.noise.doubtful_rate**2
-
-
-def _is_valid(form: Any, node: Any) -> Any:
-    """Whether every sensor has been used."""
-    valid = node.t > NEVER
-    if form.intake.heading:
-        valid = valid & (node.heading_fix.used > 0)
-    if form.intake.position:
-        valid = valid & (node.position_fix.used > 0)
-    return valid
-
-
-def _navigation_state(node: Any, state: InertialState) -> NavigationState:
-    """All that is told."""
-    return NavigationState(
-        **state.told,
-        heading_fix=node.heading_fix,
-        position_fix=node.position_fix,
-        imu=state.imu,
-        heading_sensor=state.heading,
-        position_sensor=state.position,
-        clock_backwards=state.clock_backwards,
-    )
+    coasted = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
+    return coasted, still[0], form.noise.gyro + form.noise.doubtful_rate**2

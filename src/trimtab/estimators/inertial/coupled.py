@@ -4,32 +4,41 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 [5] Schmidt 1966 for states that are considered but not corrected.
 """
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
-from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
-from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
+from trimtab.estimators.inertial.aided import (
+    Intake,
+    check_intake,
+    initial_inertial_state,
+    listened_sensors,
+    navigate,
+)
 from trimtab.estimators.inertial.dual_filter import (
     InertialNoise,
     belief_covariance,
     heading_process_noise,
     motion_process_noise,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.mechanisation import (
+    Belief,
+    InertialStart,
+    LeverArms,
+    mechanise_corrected,
+    rotate_lever,
+)
 from trimtab.estimators.inertial.navigation_state import (
     HeadingFix,
     PositionFix,
-    fuse_measurement,
-    no_heading_fix,
-    no_position_fix,
+    first_of_node,
+    fuse_heading,
+    fuse_position,
 )
-from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import Update, predict_covariance
 
 SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
@@ -80,67 +89,36 @@ class AidedInertialCoupled:
         choices=("consider", "correct"),
     )
 
+    AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
-
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and what aids it."""
-        return self.intake.listens()
-
-    def check(self) -> None:
-        """Refuse an intake that can't work."""
-        self.intake.check()
-
-    def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
-        return initial_inertial_state(self)
-
-    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState."""
-        return navigate(self, t, state, frame)
+    listens = property(listened_sensors)
+    check = check_intake
+    init = initial_inertial_state
+    step = navigate
 
     def first(self) -> CoupledNode:
         """Before the first sample."""
         s = self.start
-        heading, bias = s.heading_variances()
-        motion = s.motion_variances()
-        mean = jnp.concatenate([jnp.reshape(jnp.asarray(s.heading, np.float64), 1), s.velocity(), s.position()])
         return CoupledNode(
-            t=np.int64(NEVER),
-            felt=np.zeros(3),
-            doubt=np.zeros(2),
-            x=jnp.concatenate([mean, jnp.zeros(3)]),
-            P=jnp.diag(jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])),
+            **first_of_node(),
+            x=jnp.concatenate([s.pose(), jnp.zeros(3)]),
+            P=jnp.diag(s.variances()),
             force=np.zeros(2),
             steady=np.zeros(2),
-            heading_fix=no_heading_fix(),
-            position_fix=no_position_fix(),
         )
 
     def propagate(self, node: CoupledNode, dt: Any, felt: Any, doubt: Any) -> CoupledNode:
         """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi."""
-        x = node.x
-        B = planar(x[0])
-        heading = x[0] + dt / 2 * (felt[0] + node.felt[0]) - dt * x[5]
-        bias = B @ x[6:]
-        f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
-        velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
-        mean = (node.felt[1:] + felt[1:]) / 2 - x[6:]
-        force = node.force + low_pass_gain(dt, self.smoothing) * (mean - node.force)
-        steady = node.steady + low_pass_gain(dt, self.rest_smoothing) * (mean - node.steady)
-        growth = self.noise.growth(dt, doubt)
-        F = coupled_transition(dt, x[0], force)
-        P = predict_covariance(node.P, F, coupled_process_noise(growth, x[0], self.noise.integration_time(dt)))
-        moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
-        return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady)
+        m = propagate_coupled(self, node, dt, felt, doubt)
+        P = predict_covariance(node.P, m.F, m.Q)
+        return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
-        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse_measurement(node.heading_fix, jnp.zeros(8), node.P, y, H, R, sign=-1.0, **believed)
+        done, fix = fuse_heading(self, node, jnp.zeros(8), node.P, y, H, R, sign=-1.0)
         return replace(_reset_errors(node, done), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
@@ -155,10 +133,7 @@ class AidedInertialCoupled:
             learns = jnp.where(self.is_force_observable(node), 1.0, 0.0)
             one = jnp.ones(4)
             consider = jnp.concatenate([learns[None], one, learns[None], one[:2]])
-        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse_measurement(
-            node.position_fix, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0, **believed
-        )
+        done, fix = fuse_position(self, node, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0)
         return replace(_reset_errors(node, done), position_fix=fix)
 
     def is_force_observable(self, node: CoupledNode) -> Any:
@@ -178,6 +153,33 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
     tick = to_seconds(noise.tick)
     white = (noise.forward + noise.starboard) * tick / (tick + 2 * smoothing)
     return steady @ steady >= sigmas**2 * (white + P[6, 6] + P[7, 7])
+
+
+class CoupledMotion(NamedTuple):
+    """A step of the coupled form: the state after it, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+
+    x: Any
+    force: Any
+    steady: Any
+    F: Any
+    Q: Any
+
+
+def propagate_coupled(form: Any, node: Any, dt: Any, felt: Any, doubt: Any) -> CoupledMotion:
+    """The motion of a node whose x begins as Belief.x, a time dt (s) on, to where the IMU reads felt (3,).
+
+    form: has noise, smoothing and rest_smoothing.  doubt: as `InertialForm.propagate`.
+    """
+    x = node.x
+    parts = x[0], x[1:3], x[3:5], x[5], x[6:8]
+    heading, velocity, position = mechanise_corrected(dt, node.felt, felt, parts)
+    mean = (node.felt[1:] + felt[1:]) / 2 - x[6:8]
+    force = node.force + low_pass_gain(dt, form.smoothing) * (mean - node.force)
+    steady = node.steady + low_pass_gain(dt, form.rest_smoothing) * (mean - node.steady)
+    growth = form.noise.growth(dt, doubt)
+    F = coupled_transition(dt, x[0], force)
+    Q = coupled_process_noise(growth, x[0], form.noise.integration_time(dt))
+    return CoupledMotion(jnp.concatenate([heading[None], velocity, position, x[5:]]), force, steady, F, Q)
 
 
 def low_pass_gain(dt: Any, constant: Any) -> Any:

@@ -9,30 +9,31 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
-from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
+from trimtab.estimators.inertial.aided import (
+    Intake,
+    check_intake,
+    initial_inertial_state,
+    listened_sensors,
+    navigate,
+)
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
+    aided_point,
     belief_covariance,
-    heading_process_noise,
+    dual_model,
     heading_transition,
-    lever_arm_noise,
-    motion_process_noise,
-    motion_transition,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise
 from trimtab.estimators.inertial.navigation_state import (
     HeadingFix,
     PositionFix,
-    fuse_measurement,
-    no_heading_fix,
-    no_position_fix,
+    first_of_node,
+    fuse_heading,
+    fuse_position,
 )
-from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict
 
 
@@ -68,68 +69,46 @@ class AidedInertialDirect:
     start: InertialStart = part("What is believed at first.", default=InertialStart())
     arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
 
+    AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
-
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and what aids it."""
-        return self.intake.listens()
-
-    def check(self) -> None:
-        """Refuse an intake that can't work."""
-        self.intake.check()
-
-    def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
-        return initial_inertial_state(self)
-
-    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState."""
-        return navigate(self, t, state, frame)
+    listens = property(listened_sensors)
+    check = check_intake
+    init = initial_inertial_state
+    step = navigate
 
     def first(self) -> DirectNode:
         """Before the first sample."""
         s = self.start
         return DirectNode(
-            t=np.int64(NEVER),
-            felt=np.zeros(3),
-            doubt=np.zeros(2),
+            **first_of_node(),
             x1=jnp.stack([jnp.asarray(s.heading, np.float64), jnp.zeros(())]),
             P1=jnp.diag(s.heading_variances()),
             x2=jnp.concatenate([s.velocity(), s.position(), jnp.zeros(2)]),
             P2=jnp.diag(s.motion_variances()),
-            heading_fix=no_heading_fix(),
-            position_fix=no_position_fix(),
         )
 
     def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
-        F1, F2 = heading_transition(-dt), _total_transition(motion_transition(dt, node.x1[0]))
+        m = dual_model(self.noise, dt, doubt, node.x1[0])
         turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
-        x1, P1 = predict(node.x1, node.P1, F1, heading_process_noise(growth, reach))
+        x1, P1 = predict(node.x1, node.P1, heading_transition(-dt), m.Q1)
         x1 = x1 + turned
         f0, f1 = planar(node.x1[0]) @ node.felt[1:], planar(x1[0]) @ felt[1:]
         gained = jnp.concatenate([*mechanise(dt, f0, f1, jnp.zeros(2), jnp.zeros(2)), jnp.zeros(2)])
-        x2, P2 = predict(node.x2, node.P2, F2, motion_process_noise(growth, node.x1[0], reach))
+        x2, P2 = predict(node.x2, node.P2, _total_transition(m.F2), m.Q2)
         return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         R = self.noise.heading_noise(variance)
-        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse_measurement(
-            node.heading_fix, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R, **believed
-        )
+        done, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = rotate_lever(node.x1[0], self.arms.imu_to_aided_point())
-        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
-        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse_measurement(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, **believed)
+        done, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
         return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:

@@ -7,14 +7,16 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 and section 6.2.1. The unit error of its process noise is described in docs Errata.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rotation import planar
 from trimtab.core.time import ms, to_seconds
+from trimtab.estimators.inertial.mechanisation import rotate_lever
 
 TABLE = "[1] section 6.2.1"
 
@@ -146,6 +148,32 @@ HEADING_ROW = np.array([[1.0, 0.0]])
 """H of a heading measurement for x1."""
 POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
 """H of a position fix for x2."""
+
+
+class DualModel(NamedTuple):
+    """Both filters over a step: Phi1, Q1 (2, 2) of the heading's, Phi2, Q2 (6, 6) of the motion's."""
+
+    F1: Any
+    Q1: Any
+    F2: Any
+    Q2: Any
+
+
+def dual_model(noise: InertialNoise, dt: Any, doubt: Any, heading: Any) -> DualModel:
+    """The filters over dt (s) from a heading; doubt (2,): 1 where gyro, or accelerometers, can't be trusted."""
+    growth, reach = noise.growth(dt, doubt), noise.integration_time(dt)
+    return DualModel(
+        heading_transition(dt),
+        heading_process_noise(growth, reach),
+        motion_transition(dt, heading),
+        motion_process_noise(growth, heading, reach),
+    )
+
+
+def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
+    """Where the point whose position is measured lies from the IMU, in W (2,), and R of that measurement (2, 2)."""
+    arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
+    return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 
 
 def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:

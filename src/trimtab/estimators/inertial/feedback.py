@@ -9,30 +9,35 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.rng import Key
-from trimtab.core.rotation import planar, wrap
-from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
+from trimtab.core.rotation import wrap
+from trimtab.estimators.inertial.aided import (
+    Intake,
+    check_intake,
+    initial_inertial_state,
+    listened_sensors,
+    navigate,
+)
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
+    aided_point,
     belief_covariance,
-    heading_process_noise,
-    heading_transition,
-    lever_arm_noise,
-    motion_process_noise,
-    motion_transition,
+    dual_model,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.mechanisation import (
+    Belief,
+    InertialStart,
+    LeverArms,
+    mechanise_corrected,
+)
 from trimtab.estimators.inertial.navigation_state import (
     HeadingFix,
     PositionFix,
-    fuse_measurement,
-    no_heading_fix,
-    no_position_fix,
+    first_of_node,
+    fuse_heading,
+    fuse_position,
 )
-from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict_covariance
 
 
@@ -71,32 +76,18 @@ class AidedInertialFeedback:
     start: InertialStart = part("What is believed at first.", default=InertialStart())
     arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
 
+    AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
-
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and what aids it."""
-        return self.intake.listens()
-
-    def check(self) -> None:
-        """Refuse an intake that can't work."""
-        self.intake.check()
-
-    def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
-        return initial_inertial_state(self)
-
-    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState."""
-        return navigate(self, t, state, frame)
+    listens = property(listened_sensors)
+    check = check_intake
+    init = initial_inertial_state
+    step = navigate
 
     def first(self) -> FeedbackNode:
         """Before the first sample."""
         s = self.start
         return FeedbackNode(
-            t=np.int64(NEVER),
-            felt=np.zeros(3),
-            doubt=np.zeros(2),
+            **first_of_node(),
             heading=jnp.asarray(s.heading, np.float64),
             gyro_bias=np.float64(0),
             velocity=s.velocity(),
@@ -104,30 +95,21 @@ class AidedInertialFeedback:
             force_bias=np.zeros(2),
             P1=jnp.diag(s.heading_variances()),
             P2=jnp.diag(s.motion_variances()),
-            heading_fix=no_heading_fix(),
-            position_fix=no_position_fix(),
         )
 
     def propagate(self, node: FeedbackNode, dt: Any, felt: Any, doubt: Any) -> FeedbackNode:
         """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi2."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
-        B = planar(node.heading)
-        heading = node.heading + dt / 2 * (felt[0] + node.felt[0]) - dt * node.gyro_bias
-        bias = B @ node.force_bias
-        f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
-        velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        P1 = predict_covariance(node.P1, heading_transition(dt), heading_process_noise(growth, reach))
-        P2 = predict_covariance(
-            node.P2, motion_transition(dt, node.heading), motion_process_noise(growth, node.heading, reach)
-        )
+        m = dual_model(self.noise, dt, doubt, node.heading)
+        x = node.heading, node.velocity, node.position, node.gyro_bias, node.force_bias
+        heading, velocity, position = mechanise_corrected(dt, node.felt, felt, x)
+        P1, P2 = predict_covariance(node.P1, m.F1, m.Q1), predict_covariance(node.P2, m.F2, m.Q2)
         return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
-        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse_measurement(node.heading_fix, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        done, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(
             node,
             heading=node.heading - done.x[0],
@@ -138,13 +120,9 @@ class AidedInertialFeedback:
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = rotate_lever(node.heading, self.arms.imu_to_aided_point())
-        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
+        arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
-        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse_measurement(
-            node.position_fix, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed
-        )
+        done, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(
             node,
             velocity=node.velocity - done.x[:2],

@@ -9,30 +9,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
-from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate
+from trimtab.estimators.inertial.aided import (
+    Intake,
+    check_intake,
+    initial_inertial_state,
+    listened_sensors,
+    navigate,
+)
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
     InertialNoise,
+    aided_point,
     belief_covariance,
-    heading_process_noise,
-    heading_transition,
-    lever_arm_noise,
-    motion_process_noise,
-    motion_transition,
+    dual_model,
 )
-from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise, rotate_lever
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise
 from trimtab.estimators.inertial.navigation_state import (
     HeadingFix,
     PositionFix,
-    fuse_measurement,
-    no_heading_fix,
-    no_position_fix,
+    first_of_node,
+    fuse_heading,
+    fuse_position,
 )
-from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.kalman import predict
 
 
@@ -71,32 +71,18 @@ class AidedInertialFeedforward:
     start: InertialStart = part("What is believed at first.", default=InertialStart())
     arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
 
+    AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
-
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and what aids it."""
-        return self.intake.listens()
-
-    def check(self) -> None:
-        """Refuse an intake that can't work."""
-        self.intake.check()
-
-    def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
-        return initial_inertial_state(self)
-
-    def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState."""
-        return navigate(self, t, state, frame)
+    listens = property(listened_sensors)
+    check = check_intake
+    init = initial_inertial_state
+    step = navigate
 
     def first(self) -> FeedforwardNode:
         """Before the first sample."""
         s = self.start
         return FeedforwardNode(
-            t=np.int64(NEVER),
-            felt=np.zeros(3),
-            doubt=np.zeros(2),
+            **first_of_node(),
             heading=jnp.asarray(s.heading, np.float64),
             velocity=s.velocity(),
             position=s.position(),
@@ -104,19 +90,17 @@ class AidedInertialFeedforward:
             P1=jnp.diag(s.heading_variances()),
             x2=np.zeros(6),
             P2=jnp.diag(s.motion_variances()),
-            heading_fix=no_heading_fix(),
-            position_fix=no_position_fix(),
         )
 
     def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        growth, reach = self.noise.growth(dt, doubt), self.noise.integration_time(dt)
         before = node.heading - node.x1[0]
+        m = dual_model(self.noise, dt, doubt, before)
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
-        x1, P1 = predict(node.x1, node.P1, heading_transition(dt), heading_process_noise(growth, reach))
+        x1, P1 = predict(node.x1, node.P1, m.F1, m.Q1)
         f0, f1 = planar(before) @ node.felt[1:], planar(heading - x1[0]) @ felt[1:]
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
-        x2, P2 = predict(node.x2, node.P2, motion_transition(dt, before), motion_process_noise(growth, before, reach))
+        x2, P2 = predict(node.x2, node.P2, m.F2, m.Q2)
         return replace(
             node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
         )
@@ -125,17 +109,14 @@ class AidedInertialFeedforward:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
-        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
-        done, fix = fuse_measurement(node.heading_fix, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0, **believed)
+        done, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
-        arm, slope = rotate_lever(node.heading - node.x1[0], self.arms.imu_to_aided_point())
+        arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
-        R = lever_arm_noise(self.noise.position_noise(variance), slope, node.P1[0, 0])
-        believed = {"gate": self.intake.gate_position, "patience": self.intake.patience_position}
-        done, fix = fuse_measurement(node.position_fix, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0, **believed)
+        done, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(node, x2=done.x, P2=done.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:

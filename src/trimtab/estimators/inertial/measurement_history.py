@@ -11,7 +11,6 @@ the ring's length.
 Source: docs page, Measurement history.
 """
 
-from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH
@@ -26,10 +26,10 @@ from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH
 EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of event."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
+AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
+"""Kind of the events of the sensor that aids with a place, by what a form says of itself (AIDED_BY)."""
 IMU_NUMBERS = 3
 """Numbers of an IMU's event."""
-Correct = Callable[[Any, Any], Any]
-"""What an aiding measurement does: node and value of the event in, node out."""
 
 
 @record
@@ -114,36 +114,26 @@ def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
     return replace(h, **rings), jnp.minimum(reached - 1, place - 1)
 
 
-def replay_events(
-    form: Any, h: History, reached: Any, aids: Mapping[int, Correct] | None = None
-) -> tuple[History, Any]:
-    """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state.
+def enter_event(h: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
+    """The ring with an event, how far its states hold, and why it is not in it: too late, or here before."""
+    room, known = check_room(h, reached, event)
+    enters = room & ~known
+    new, now = lax.cond(enters, lambda: insert_event(h, reached, event), lambda: (h, reached))
+    return new, now, ~room & ~known, known
 
-    form: gives propagate(node, dt, felt, doubt), and where aids is None correct_heading(node, z, variance) and
-    correct_position, for what its intake has.
-    aids: what the events of each kind do.
-    """
+
+def replay_events(form: InertialForm, h: History, reached: Any) -> tuple[History, Any]:
+    """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state."""
     last = newest_imu_index(h)
-    aids = default_aids(form) if aids is None else aids
 
     def body(carry: Any) -> Any:
         i, nodes, node = carry
-        node = _process_event(form, h, node, i, last, aids)
+        node = _process_event(form, h, node, i, last)
         return i + 1, _write_slot(nodes, _slot_index(h, i), node), node
 
     start = reached + 1, h.nodes, _read_slot(h.nodes, _slot_index(h, reached))
     _, nodes, node = lax.while_loop(lambda carry: carry[0] <= last, body, start)
     return replace(h, nodes=nodes), node
-
-
-def default_aids(form: Any) -> dict[int, Correct]:
-    """Of a form that corrects with headings, positions or both."""
-    aids: dict[int, Correct] = {}
-    if form.intake.heading:
-        aids[HEADING] = lambda node, value: form.correct_heading(node, value[0], value[1])
-    if form.intake.position:
-        aids[POSITION] = lambda node, value: form.correct_position(node, value[:2], value[2])
-    return aids
 
 
 def newest_node(h: History) -> Any:
@@ -156,7 +146,7 @@ def node_before(h: History, t: Any) -> Any:
     return _read_slot(h.nodes, _slot_index(h, jnp.maximum(jnp.minimum(_last_index(h, t), newest_imu_index(h)), 0)))
 
 
-def _process_event(form: Any, h: History, node: Any, i: Any, last: Any, aids: Mapping[int, Correct]) -> Any:
+def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     """The state after event i, from that after the event before it; last: the newest of the IMU."""
     t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
     # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
@@ -170,11 +160,15 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any, aids: Ma
     now = jnp.where(is_imu, felt, node.felt + share * (felt - node.felt))
     doubts = jnp.maximum(node.doubt, doubt)
     # no time passes between events of one instant: most headings and fixes come with a sample
-    moved = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
-    moved = replace(moved, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
-    for aiding, correct in aids.items():
-        moved = lax.cond(kind == aiding, lambda m=moved, c=correct: c(m, value), lambda m=moved: m)
-    return moved
+    propagated = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
+    new = replace(propagated, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
+    if form.intake.heading:
+        new = lax.cond(kind == HEADING, lambda: form.correct_heading(new, value[0], value[1]), lambda: new)
+    if form.intake.position and form.AIDED_BY == "ranges":
+        return lax.cond(kind == RANGES, lambda: form.correct_ranges(new, value), lambda: new)
+    if form.intake.position:
+        return lax.cond(kind == POSITION, lambda: form.correct_position(new, value[:2], value[2]), lambda: new)
+    return new
 
 
 def _last_index(h: History, t: Any) -> Any:

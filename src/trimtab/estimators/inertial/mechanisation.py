@@ -68,6 +68,17 @@ class InertialStart:
         sigmas = (self.sigma_velocity, self.sigma_position, self.sigma_force_bias)
         return jnp.stack([jnp.asarray(s, np.float64) for s in sigmas for _ in range(2)]) ** 2
 
+    def pose(self) -> Any:
+        """Heading, velocity and position (5,), in the order of Belief.x."""
+        return jnp.concatenate(
+            [jnp.reshape(jnp.asarray(self.heading, np.float64), 1), self.velocity(), self.position()]
+        )
+
+    def variances(self) -> Any:
+        """Of all (8,), in the order of Belief.x."""
+        (heading, bias), motion = self.heading_variances(), self.motion_variances()
+        return jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])
+
 
 @record
 class LeverArms:
@@ -94,6 +105,25 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
         r: position at the start.
     """
     return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
+
+
+def mechanise_corrected(dt: Any, before: Any, felt: Any, x: Any) -> tuple[Any, Any, Any]:
+    """Heading, velocity and position a time dt (s) on, of an INS whose biases are taken off what its IMU reads.
+
+    Args:
+        dt: step in s.
+        before: what the IMU read at its start (3,).
+        felt: and reads at its end.
+        x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
+            heading, as in Phi.
+    """
+    phi, v, r, gyro_bias, force_bias = x
+    B = planar(phi)
+    heading = phi + dt / 2 * (felt[0] + before[0]) - dt * gyro_bias
+    bias = B @ force_bias
+    f0, f1 = B @ before[1:] - bias, planar(heading) @ felt[1:] - bias
+    velocity, position = mechanise(dt, f0, f1, v, r)
+    return heading, velocity, position
 
 
 def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:

@@ -1,5 +1,5 @@
 """What an aided inertial navigation system tells: the state at the vehicle's reference point, how sure it is, and how
-its measurements fared.
+its measurements fared as they were fused.
 
 Source: docs page, Aided inertial navigation.
 """
@@ -9,10 +9,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import planar
 from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, LeverArms, rotate_lever
-from trimtab.estimators.inertial.sensor_watch import SensorWatch, increment
+from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, increment
 from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covariance_health, inflate_covariance, update
 
 
@@ -89,20 +90,32 @@ def no_position_fix() -> PositionFix:
     return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 
 
-def count_measurement(fix: Any, done: Update, sign: float = 1.0) -> Any:
-    """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
-    S = done.S
-    sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
-    refused = done.finite & ~done.accepted
-    in_a_row = jnp.where(done.accepted, 0, increment(fix.rejected_in_a_row, refused)).astype(np.int32)
-    return replace(
-        fix,
-        innovation=sign * done.innovation,
-        normalised=sign * done.innovation / sigma,
-        nis=done.nis,
-        used=increment(fix.used, done.accepted),
-        rejected=increment(fix.rejected, refused),
-        rejected_in_a_row=in_a_row,
+def first_of_node(position_fix: Any = None) -> dict[str, Any]:
+    """What the node of every form begins with, by field: nothing measured; position_fix: a PositionFix unless given."""
+    return {
+        "t": np.int64(NEVER),
+        "felt": np.zeros(3),
+        "doubt": np.zeros(2),
+        "heading_fix": no_heading_fix(),
+        "position_fix": no_position_fix() if position_fix is None else position_fix,
+    }
+
+
+def fuse_heading(
+    form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
+) -> tuple[Update, HeadingFix]:
+    """A node's states x, P after one heading, gated as the form's intake says; the rest as `fuse_measurement`."""
+    gate, patience = form.intake.gate_heading, form.intake.patience_heading
+    return fuse_measurement(node.heading_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign)
+
+
+def fuse_position(
+    form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
+) -> tuple[Update, PositionFix]:
+    """The same of a position."""
+    gate, patience = form.intake.gate_position, form.intake.patience_position
+    return fuse_measurement(
+        node.position_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign
     )
 
 
@@ -132,6 +145,23 @@ def fuse_measurement(
     done = done._replace(P=jnp.where(done.accepted, done.P, P))
     fix = count_measurement(fix, done, sign)
     return done, replace(fix, given_in=increment(fix.given_in, gives & done.accepted))
+
+
+def count_measurement(fix: Any, done: Update, sign: float = 1.0) -> Any:
+    """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
+    S = done.S
+    sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
+    refused = done.finite & ~done.accepted
+    in_a_row = jnp.where(done.accepted, 0, increment(fix.rejected_in_a_row, refused)).astype(np.int32)
+    return replace(
+        fix,
+        innovation=sign * done.innovation,
+        normalised=sign * done.innovation / sigma,
+        nis=done.nis,
+        used=increment(fix.used, done.accepted),
+        rejected=increment(fix.rejected, refused),
+        rejected_in_a_row=in_a_row,
+    )
 
 
 def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:

@@ -1,14 +1,10 @@
-"""A position on the floor from ranges to beacons at known heights.
+"""A position on the floor from ranges to beacons at known heights, and a heading from the positions of two units.
 
 Every function takes all n beacons and a mask of those that count, so that shapes never depend on how many replied.
 Heights are those of the beacons above the unit. A position that cannot be found comes as NaN or with a large residual.
 
-[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-Heading from the positions of two units of one vehicle.
-
-The units can't be located at the same time: one is polled, and a slot later the other. What the vehicle moved in
-between counts as heading error, unless inertial navigation says how much it was.
+The units of one vehicle can't be located at the same time: one is polled, and a slot later the other. What the vehicle
+moved in between counts as heading error, unless inertial navigation says how much it was.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -22,6 +18,8 @@ from jax import lax
 from trimtab.core.linalg import solve_spd
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import wrap
+
+ITERATIONS = 5
 
 
 def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> Any:
@@ -50,15 +48,6 @@ def assisted_heading(place_a: Any, place_b: Any, moved: Any, lever_a: Any, lever
     Source: [1] section 5.4.
     """
     return two_unit_heading(place_a + moved, place_b, lever_a, lever_b)
-
-
-def heading_sigma(position_error: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Standard deviation of the heading (rad) from that of each unit's position, per axis (m): sqrt(2) sigma / base."""
-    B = lever_a - lever_b
-    return jnp.sqrt(2.0) * position_error / jnp.sqrt(B[0] ** 2 + B[1] ** 2)
-
-
-ITERATIONS = 5
 
 
 @record
@@ -120,8 +109,8 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
         ],
         axis=1,
     )
-    found = solve_spd(normal, right)
-    p, q = found[:, 0], found[:, 1]
+    solution = solve_spd(normal, right)
+    p, q = solution[:, 0], solution[:, 1]
 
     def inner(a: Any, b: Any) -> Any:
         return a[0] * b[0] + a[1] * b[1] - a[2] * b[2]
@@ -178,16 +167,18 @@ def solve_leaving_one_out(
     """
     n = used.shape[0]
 
-    def solved(carry: Any) -> Any:
-        i, end, found = carry
+    def solve_next(carry: Any) -> Any:
+        i, end, solutions = carry
         one = solve(plan, height, ranges, used & (jnp.arange(n) != i - 1))
         end = jnp.where((i == 0) & suffices(one), 1, end)
-        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(found, _as_tuple(one), strict=True)]
+        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(solutions, _as_tuple(one), strict=True)]
         return i + 1, end, tuple(put)
 
     none = jnp.zeros((n + 1, 2)), jnp.zeros(n + 1), jnp.zeros(n + 1)
-    _, _, found = lax.while_loop(lambda carry: carry[0] < carry[1], solved, (jnp.int32(0), jnp.int32(n + 1), none))
-    return Solution(*found)
+    _, _, solutions = lax.while_loop(
+        lambda carry: carry[0] < carry[1], solve_next, (jnp.int32(0), jnp.int32(n + 1), none)
+    )
+    return Solution(*solutions)
 
 
 def _as_tuple(one: Solution) -> tuple[Any, Any, Any]:

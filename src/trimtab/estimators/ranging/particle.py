@@ -1,9 +1,6 @@
 """A particle filter on raw ultrasonic ranges and an IMU: no first guess, two beacons' ambiguity, wrong ranges.
+
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-The first particles: where two ranges meet, with any heading.
-
-Source: docs page, Particle filter.
 """
 
 from typing import Any
@@ -16,12 +13,11 @@ from jax import lax
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key, normals, uniform2
-from trimtab.core.rotation import wrap
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import Intake, range_aid, read_samples
+from trimtab.estimators.inertial.aided import Intake, read_samples
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, rotate_lever
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms
 from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
 from trimtab.estimators.inertial.preintegration import (
     ImuHistory,
@@ -31,60 +27,21 @@ from trimtab.estimators.inertial.preintegration import (
     preintegrate,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, increment, initial_watch
-from trimtab.estimators.ranging.multilateration import intersect_circles
 from trimtab.estimators.ranging.particle_cloud import (
     Cloud,
     cloud_moments,
     effective_sample_size,
+    initialise_cloud,
     motion_covariance,
     predict_cloud,
     predict_particle,
     resample,
     update_cloud,
 )
-from trimtab.estimators.ranging.position import SQUARE
+from trimtab.estimators.ranging.position import PAIR, SQUARE, check_positions
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import Geometry, compensate_range, place_information
+from trimtab.estimators.ranging.range_model import unit_geometry
 from trimtab.estimators.ranging.start import tree_where
-from trimtab.estimators.ranging.tightly_coupled import PAIR, check_positions
-
-START = 1
-"""First stream of the draws."""
-
-
-def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
-    """Particles from the first ranges (n,), of which two or more are above 0; number: tells throws apart."""
-    N, n = form.N, np.shape(form.beacons)[0]
-    g = form.geometry(unit)
-    index = number * N + jnp.arange(N)
-    spin, side = uniform2(key, index, START)
-    lots = jnp.stack([uniform2(key, index * n + i, START + 8)[0] for i in range(n)], axis=1)
-    heading = wrap(2 * np.pi * (jnp.arange(N) + spin) / N)
-    plan, height = g.beacons[:, :2], g.down - g.beacons[:, 2]
-    exact = compensate_range(jnp.where(ranges > 0, ranges, 1.0), height)[0] if form.cone else ranges
-    s = form.start
-    motion, width = s.motion_variances(), jnp.full(1, (2 * np.pi / N) ** 2)
-    bias = jnp.reshape(s.sigma_gyro_bias**2, 1)
-    variances = jnp.concatenate([width, motion[:4], bias, motion[4:], form.errors.variances(n)])
-
-    def one(heading: Any, side: Any, lots: Any) -> tuple[Any, Any]:
-        lots = jnp.where(ranges > 0, lots, 2.0)
-        rank = jnp.sum(lots[None, :] < lots[:, None], axis=1)
-        pair = (rank < 2) & (ranges > 0)
-        i, j = jnp.argmax(pair), n - 1 - jnp.argmax(pair[::-1])
-        line = plan[j] - plan[i]
-        far = jnp.where(side < 0.5, -1.0, 1.0) * jnp.stack([-line[1], line[0]])
-        place = intersect_circles(plan, height, exact, pair, plan[i] + line / 2 + far).place
-        arm, _ = rotate_lever(heading, g.lever)
-        W = place_information(place, pair, g, form.start_sigma) + jnp.eye(2) / s.sigma_position**2
-        det = W[0, 0] * W[1, 1] - W[0, 1] * W[1, 0]
-        own = jnp.stack([jnp.stack([W[1, 1], -W[0, 1]]), jnp.stack([-W[1, 0], W[0, 0]])]) / det
-        x = jnp.concatenate([heading[None], s.velocity(), place - arm, jnp.zeros(4 + n)])
-        return x, jnp.diag(variances).at[3:5, 3:5].set(own)
-
-    x, P = jax.vmap(one)(heading, side, lots)
-    return Cloud(x, P, jnp.full(N, 1.0 / N))
-
 
 COMB = 3
 """Stream of the draws."""
@@ -190,12 +147,6 @@ class Particle:
         """The estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
         return _step_filter(self, t, state, frame)
 
-    def geometry(self, unit: Any) -> Geometry:
-        """Of the ranges of a unit."""
-        lever = jnp.asarray(self.units, np.float64)[unit]
-        beacons = jnp.asarray(self.beacons, np.float64)
-        return Geometry(beacons, lever[:2] - self.arms.imu, self.down + lever[2], self.cone)
-
 
 def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: PreintegratedMotion) -> ParticleState:
     """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
@@ -212,7 +163,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
         lambda: initialise_cloud(form, s.key, s.fix.starts, ranges, unit),
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
-    done = update_cloud(cloud, ranges, form.geometry(unit), form.errors, form.wrong, form.width, learns)
+    done = update_cloud(cloud, ranges, unit_geometry(form, unit), form.errors, form.wrong, form.width, learns)
     few = effective_sample_size(done.cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(done.cloud, comb, z, form.share), lambda: done.cloud)
@@ -250,20 +201,20 @@ def _advance_without_ping(form: Particle, s: ParticleState) -> ParticleState:
 
 @jax.jit
 def _step_filter(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
-    found = read_samples(form.intake, range_aid(form), t, state, frame)
-    (felt, seen), (ping, replied) = found["imu"], found["position"]
+    readings = read_samples(form.intake, "ranges", t, state, frame)
+    (felt, inertial), (ping, ranging) = readings["imu"], readings["position"]
     h = state.history
-    history = lax.cond(seen.usable, lambda: append_sample(h, felt.t, felt.value, felt.doubt), lambda: h)
-    s = replace(state, history=history, imu=seen.watch, position=replied.watch)
+    history = lax.cond(inertial.usable, lambda: append_sample(h, felt.t, felt.value, felt.doubt), lambda: h)
+    s = replace(state, history=history, imu=inertial.watch, position=ranging.watch)
     s = _advance_without_ping(form, s)
     begun = history.t[-1] > NEVER
     in_time = begun & (ping.t > s.at) & (ping.t <= history.t[-1])
-    s = replace(s, position=replace(s.position, late=increment(s.position.late, replied.usable & ~in_time)))
+    s = replace(s, position=replace(s.position, late=increment(s.position.late, ranging.usable & ~in_time)))
     m = preintegrate(history, s.at, jnp.minimum(ping.t, history.t[-1]))
-    s = lax.cond(replied.usable & in_time, lambda: process_ping(form, s, ping.t, ping.value, m), lambda: s)
+    s = lax.cond(ranging.usable & in_time, lambda: process_ping(form, s, ping.t, ping.value, m), lambda: s)
     backwards = increment(state.clock_backwards, jnp.asarray(t < state.clock))
     s = replace(s, clock=jnp.maximum(state.clock, t), clock_backwards=backwards)
-    return s, _cloud_estimate(form, t, s, seen.usable | replied.usable)
+    return s, _cloud_estimate(form, t, s, inertial.usable | ranging.usable)
 
 
 def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
@@ -282,10 +233,10 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
     rate = jnp.where(silent, mean[5], s.history.felt[-1, 0])
     variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
-    told = reference_kinematics(belief, rate, variance, form.arms)
+    kinematics = reference_kinematics(belief, rate, variance, form.arms)
     sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sure) & (jnp.sqrt(P[0, 0]) <= form.sure_heading)
     state = NavigationState(
-        **told,
+        **kinematics,
         heading_fix=None,
         position_fix=s.fix,
         imu=s.imu,

@@ -1,6 +1,6 @@
-"""Particles that each carry a Gaussian: their weights, and how they are redrawn.
+"""Particles that each carry a Gaussian: where they begin, how they are predicted, weighed and resampled.
 
-A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Redrawing can turn
+A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Resampling can turn
 any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
 
 Source: Kotecha, Djuric, "Gaussian sum particle filtering", IEEE Trans. Signal Processing 51 (2003); Arulampalam,
@@ -10,20 +10,32 @@ Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Pro
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from trimtab.core.linalg import symmetric
 from trimtab.core.record import quantity, record, replace
+from trimtab.core.rng import Key, uniform2
 from trimtab.core.rotation import planar, wrap
 from trimtab.estimators.inertial.coupled import SIGNS, coupled_process_noise
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION
+from trimtab.estimators.inertial.mechanisation import DIMENSION, rotate_lever
 from trimtab.estimators.inertial.preintegration import PreintegratedMotion
 from trimtab.estimators.kalman import update
+from trimtab.estimators.ranging.multilateration import intersect_circles
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
-from trimtab.estimators.ranging.range_model import Geometry, linearise_range
+from trimtab.estimators.ranging.range_model import (
+    Geometry,
+    compensate_range,
+    linearise_range,
+    place_information,
+    unit_geometry,
+)
+
+START = 1
+"""First stream of the draws."""
 
 
 @record
@@ -40,6 +52,40 @@ class CloudUpdate(NamedTuple):
 
     cloud: Cloud
     inlier_share: Any
+
+
+def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
+    """Particles from the first ranges (n,), of which two or more are above 0; number: of this start."""
+    N, n = form.N, np.shape(form.beacons)[0]
+    g = unit_geometry(form, unit)
+    index = number * N + jnp.arange(N)
+    spin, side = uniform2(key, index, START)
+    lots = jnp.stack([uniform2(key, index * n + i, START + 8)[0] for i in range(n)], axis=1)
+    heading = wrap(2 * np.pi * (jnp.arange(N) + spin) / N)
+    plan, height = g.beacons[:, :2], g.down - g.beacons[:, 2]
+    exact = compensate_range(jnp.where(ranges > 0, ranges, 1.0), height)[0] if form.cone else ranges
+    s = form.start
+    motion, width = s.motion_variances(), jnp.full(1, (2 * np.pi / N) ** 2)
+    bias = jnp.reshape(s.sigma_gyro_bias**2, 1)
+    variances = jnp.concatenate([width, motion[:4], bias, motion[4:], form.errors.variances(n)])
+
+    def one(heading: Any, side: Any, lots: Any) -> tuple[Any, Any]:
+        lots = jnp.where(ranges > 0, lots, 2.0)
+        rank = jnp.sum(lots[None, :] < lots[:, None], axis=1)
+        pair = (rank < 2) & (ranges > 0)
+        i, j = jnp.argmax(pair), n - 1 - jnp.argmax(pair[::-1])
+        line = plan[j] - plan[i]
+        far = jnp.where(side < 0.5, -1.0, 1.0) * jnp.stack([-line[1], line[0]])
+        place = intersect_circles(plan, height, exact, pair, plan[i] + line / 2 + far).place
+        arm, _ = rotate_lever(heading, g.lever)
+        W = place_information(place, pair, g, form.start_sigma) + jnp.eye(2) / s.sigma_position**2
+        det = W[0, 0] * W[1, 1] - W[0, 1] * W[1, 0]
+        own = jnp.stack([jnp.stack([W[1, 1], -W[0, 1]]), jnp.stack([-W[1, 0], W[0, 0]])]) / det
+        x = jnp.concatenate([heading[None], s.velocity(), place - arm, jnp.zeros(4 + n)])
+        return x, jnp.diag(variances).at[3:5, 3:5].set(own)
+
+    x, P = jax.vmap(one)(heading, side, lots)
+    return Cloud(x, P, jnp.full(N, 1.0 / N))
 
 
 def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[Any, Any]:

@@ -28,6 +28,17 @@ from trimtab.estimators.ranging.range_model import compensate_range
 NONE, TWO, ALL, ONE_REJECTED, INCONSISTENT = range(5)
 MODES = ("no fix", "two ranges", "all ranges", "one rejected", "inconsistent")
 SQUARE = np.array([[1.5, 1.5, -2.7048], [1.5, -1.5, -2.7048], [-1.5, -1.5, -2.7048], [-1.5, 1.5, -2.7048]])
+"""Four beacons below a ceiling (m)."""
+PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
+"""Two units on the body's axis, fore and aft (m)."""
+
+
+def check_positions(name: str, form: Any) -> None:
+    """Refuse beacons or units of a filter of this name that are not lists of positions."""
+    for field, positions in (("beacons", form.beacons), ("units", form.units)):
+        shape = np.shape(positions)
+        if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
+            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three for each")
 
 
 @record
@@ -123,10 +134,7 @@ class RangingPosition:
 
     def check(self) -> None:
         """Refuse beacons and units without positions, and units that lie above each other."""
-        for name in ("beacons", "units"):
-            shape = np.shape(getattr(self, name))
-            if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-                raise InputError(f"RangingPosition.{name}", f"has shape {shape}", fix="give one row of three for each")
+        check_positions("RangingPosition", self)
         plan = np.asarray(self.units)[:2, :2]
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
             raise InputError("RangingPosition.units", "the first two lie above each other", fix="move one of them")

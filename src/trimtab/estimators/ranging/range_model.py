@@ -1,16 +1,10 @@
-"""A single ultrasonic range as a function of place: value, slope and curvature, cone error included.
+"""A single ultrasonic range as a function of place: value, slope and curvature, cone error included; how it is undone,
+and how the ranges of a ping correct a state of vehicle, scale and beacons' errors, one after the other.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
-5.5.4; Jazwinski, "Stochastic processes and filtering theory", 1970, section 9.3, for the use of the curvature.
-
-The true range out of an ultrasonic range that is too long off the beacon's axis.
-
-[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-The ranges of one ping, one after the other, into a state of vehicle, scale and beacons' errors.
-
-Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, sections
-5.2 and 10.3 (second order); Schmidt 1966 for considered states.
+5.5.4; [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, sections
+5.2 and 10.3 (second order), as Jazwinski, "Stochastic processes and filtering theory", 1970, section 9.3; Schmidt 1966
+for considered states.
 """
 
 from typing import Any, NamedTuple
@@ -118,6 +112,13 @@ class Geometry(NamedTuple):
     cone: bool
 
 
+def unit_geometry(form: Any, unit: Any) -> Geometry:
+    """Of the ranges of a unit; form: a filter with beacons, units, down, arms and cone."""
+    lever = jnp.asarray(form.units, np.float64)[unit]
+    beacons = jnp.asarray(form.beacons, np.float64)
+    return Geometry(beacons, lever[:2] - form.arms.imu, form.down + lever[2], form.cone)
+
+
 class LinearisedRange(NamedTuple):
     """A range at a state: value, derivative (k,), and what curvature adds to mean and variance."""
 
@@ -173,8 +174,8 @@ def update_with_ranges(
         gate = jnp.where(use, errors.gate, -1.0)
         R = jnp.reshape(errors.noise**2 + extra, (1, 1))
         done = update(x, P, y[None], at.H[None], R, gate=gate, consider=learns)
-        told = jnp.where(use, done.innovation[0], 0.0), done.S[0, 0], jnp.where(use, done.nis, 0.0), done.accepted
-        return (done.x, done.P), told
+        outcome = jnp.where(use, done.innovation[0], 0.0), done.S[0, 0], jnp.where(use, done.nis, 0.0), done.accepted
+        return (done.x, done.P), outcome
 
     rows = jnp.arange(ranges.shape[0]), ranges, usable
     (x, P), (y, S, nis, accepted) = lax.scan(one, (x, P), rows)

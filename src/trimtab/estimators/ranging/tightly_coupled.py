@@ -3,9 +3,8 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -16,33 +15,36 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, navigate_with, range_aid
-from trimtab.estimators.inertial.coupled import (
-    SIGNS,
-    coupled_process_noise,
-    coupled_transition,
-    low_pass_gain,
+from trimtab.estimators.inertial.aided import (
+    InertialState,
+    Intake,
+    initial_inertial_state,
+    listened_sensors,
+    navigate,
 )
+from trimtab.estimators.inertial.coupled import SIGNS, is_force_significant, propagate_coupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms, mechanise
-from trimtab.estimators.inertial.navigation_state import HeadingFix, fuse_measurement, no_heading_fix
-from trimtab.estimators.inertial.sensor_watch import NEVER, increment
-from trimtab.estimators.ranging.position import SQUARE
-from trimtab.estimators.ranging.range_errors import RangeErrorModel, RangeFix, no_range_fix
-from trimtab.estimators.ranging.range_model import Geometry
+from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms
+from trimtab.estimators.inertial.navigation_state import HeadingFix, first_of_node, fuse_heading
+from trimtab.estimators.inertial.sensor_watch import increment
+from trimtab.estimators.ranging.position import ALL, ONE_REJECTED, PAIR, SQUARE, RangingPosition, check_positions
+from trimtab.estimators.ranging.range_errors import (
+    RangeErrorModel,
+    RangeFix,
+    count_ranges,
+    diagnose_beacons,
+    no_range_fix,
+)
+from trimtab.estimators.ranging.range_model import place_information, unit_geometry, update_with_ranges
 from trimtab.estimators.ranging.start import (
     RangingStart,
     add_heading,
-    correction_mask,
+    add_unit_position,
     empty_start,
-    find_agreeing_ranges,
     propagate_start,
+    solve_start,
     tree_where,
-    update_running,
-    update_starting,
 )
-
-PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
 
 
 @record
@@ -96,10 +98,8 @@ class TightlyCoupled:
     cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
     begins: str = option('From "ranges", or as `start` says ("given").', default="ranges", choices=("ranges", "given"))
 
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and what aids it."""
-        return self.intake.listens()
+    AIDED_BY: ClassVar[str] = "ranges"
+    listens = property(listened_sensors)
 
     def check(self) -> None:
         """Refuse an intake that can't work, and beacons or units that are not lists of positions."""
@@ -110,64 +110,50 @@ class TightlyCoupled:
 
     def init(self, key: Key) -> InertialState:
         """Nothing measured yet."""
-        return initial_inertial_state(self, np.shape(self.beacons)[0] + 1)
+        return initial_inertial_state(self, key, np.shape(self.beacons)[0] + 1)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
         """The estimate at integer time t; its state is a NavigationState whose position_fix is a RangeFix."""
-        return _step_filter(self, t, state, frame)
+        state, estimate = navigate(self, t, state, frame)
+        return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
     def first(self) -> TightNode:
         """Before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
-        mean = jnp.concatenate([jnp.reshape(jnp.asarray(s.heading, np.float64), 1), s.velocity(), s.position()])
-        variances = jnp.concatenate([self.start_variances(), self.errors.variances(n)])
+        variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
         given = self.begins == "given"
+        range_fix = replace(no_range_fix(n), tracking=np.bool_(given), starts=np.int32(given))
         return TightNode(
-            t=np.int64(NEVER),
-            felt=np.zeros(3),
-            doubt=np.zeros(2),
-            x=jnp.concatenate([mean, jnp.zeros(4 + n)]),
+            **first_of_node(range_fix),
+            x=jnp.concatenate([s.pose(), jnp.zeros(4 + n)]),
             P=jnp.diag(variances),
             force=np.zeros(2),
             steady=np.zeros(2),
             start=empty_start(),
-            heading_fix=no_heading_fix(),
-            position_fix=replace(no_range_fix(n), tracking=np.bool_(given), starts=np.int32(given)),
         )
 
     def propagate(self, node: TightNode, dt: Any, felt: Any, doubt: Any) -> TightNode:
         """A time dt (s) on, to where the IMU reads felt (3,)."""
-        x = node.x
-        B = planar(x[0])
-        heading = x[0] + dt / 2 * (felt[0] + node.felt[0]) - dt * x[5]
-        bias = B @ x[6:8]
-        f0, f1 = B @ node.felt[1:] - bias, planar(heading) @ felt[1:] - bias
-        velocity, position = mechanise(dt, f0, f1, x[1:3], x[3:5])
-        mean = (node.felt[1:] + felt[1:]) / 2 - x[6:8]
-        force = node.force + low_pass_gain(dt, self.smoothing) * (mean - node.force)
-        steady = node.steady + low_pass_gain(dt, self.rest_smoothing) * (mean - node.steady)
+        m = propagate_coupled(self, node, dt, felt, doubt)
         signs = SIGNS[:, None] * SIGNS[None, :]
-        F = coupled_transition(dt, x[0], force) * signs
-        Q = coupled_process_noise(self.noise.growth(dt, doubt), x[0], self.noise.integration_time(dt)) * signs
+        F, Q = m.F * signs, m.Q * signs
         own, cross = node.P[:DIMENSION, :DIMENSION], F @ node.P[:DIMENSION, DIMENSION:]
         rest = node.P[DIMENSION:, DIMENSION:]
         wanders = jnp.where(np.arange(rest.shape[0]) == 0, dt * self.errors.scale_walk**2, 0.0)
         rest = rest + jnp.where(np.eye(rest.shape[0], dtype=bool), wanders[:, None], 0.0)
         top = jnp.concatenate([symmetric(F @ own @ F.T + Q), cross], axis=1)
         P = jnp.concatenate([top, jnp.concatenate([cross.T, rest], axis=1)])
-        moved = jnp.concatenate([heading[None], velocity, position, x[5:]])
-        start = propagate_start(node.start, dt, node.felt, felt, x[5:8])
+        start = propagate_start(node.start, dt, node.felt, felt, node.x[5:8])
         start = tree_where(jnp.max(doubt) > 0, empty_start(), start)
-        return replace(node, felt=felt, x=moved, P=P, force=force, steady=steady, start=start)
+        return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
         """With a heading z (rad), any equal of it, and its variance (0: that of noise); while starting, for that."""
         H = (jnp.arange(node.x.shape[0]) == 0).astype(np.float64)[None]
         R = self.noise.heading_noise(variance)
-        believed = {"gate": self.intake.gate_heading, "patience": self.intake.patience_heading}
         y = wrap(z - node.x[0])[None]
         corrected = correction_mask(self, node).at[0].set(1.0).at[5].set(1.0)
-        done, fix = fuse_measurement(node.heading_fix, node.x, node.P, y, H, R, consider=corrected, **believed)
+        done, fix = fuse_heading(self, node, node.x, node.P, y, H, R, consider=corrected)
         fused = replace(node, x=done.x, P=done.P, heading_fix=fix)
         waiting = replace(
             node,
@@ -200,27 +186,103 @@ class TightlyCoupled:
         """Of the IMU's point."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
-    def geometry(self, unit: Any) -> Geometry:
-        """Of the ranges of a unit."""
-        lever = jnp.asarray(self.units, np.float64)[unit]
-        beacons = jnp.asarray(self.beacons, np.float64)
-        return Geometry(beacons, lever[:2] - self.arms.imu, self.down + lever[2], self.cone)
 
-    def start_variances(self) -> Any:
-        """In the order of Belief.x."""
-        (heading, bias), motion = self.start.heading_variances(), self.start.motion_variances()
-        return jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])
-
-
-@jax.jit
-def _step_filter(form: TightlyCoupled, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    state, estimate = navigate_with(form, range_aid(form), t, state, frame)
-    return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
+def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
+    """Which states (9 + n,) a range corrects, 1.0, and which are considered, 0.0."""
+    n = np.shape(form.beacons)[0]
+    vehicle = jnp.ones(DIMENSION)
+    if np.shape(form.units)[0] == 1:
+        moves = is_force_significant(node.steady, node.P, form.noise, form.rest_smoothing, form.rest_sigmas)
+        vehicle = jnp.where((np.arange(DIMENSION) % 5 == 0) & ~moves, 0.0, vehicle)
+    own = jnp.where(node.position_fix.moved | (form.errors.survey_errors != "estimate"), 0.0, jnp.ones(n))
+    return jnp.concatenate([vehicle, jnp.ones(1), own])
 
 
-def check_positions(name: str, form: Any) -> None:
-    """Refuse beacons or units that are not lists of positions."""
-    for field in ("beacons", "units"):
-        shape = np.shape(getattr(form, field))
-        if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three for each")
+def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
+    """Which ranges (n,) agree with each other, the unit's place (2,), and whether three or more say so."""
+    finder = RangingPosition(
+        beacons=form.beacons,
+        units=form.units,
+        down=form.down,
+        residual_limit=form.errors.residual,
+        cone=form.cone,
+    )
+    fix, own = node.position_fix, node.x[DIMENSION + 1 :]
+    usable = (ranges > 0) & ~(fix.moved & (fix.sigma_error > form.errors.residual))
+    near = node.x[3:5] + planar(node.x[0]) @ unit_geometry(form, unit).lever
+    r = finder.locate((ranges - own) / (1 + node.x[DIMENSION]), usable, unit, near, fix.tracking)
+    good = ((r.mode == ALL) | (r.mode == ONE_REJECTED)) & jnp.all(jnp.isfinite(r.place))
+    few = jnp.sum(usable) <= 2
+    agree = usable & (jnp.arange(ranges.shape[0]) != r.rejected) & (good | few)
+    return agree, jnp.where(good, r.place, near), good
+
+
+def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any, agree: Any) -> TightNode:
+    """After a ping of a running filter."""
+    heard = ranges > 0
+    done = update_with_ranges(
+        node.x, node.P, ranges, heard & agree, unit_geometry(form, unit), form.errors, correction_mask(form, node)
+    )
+    fix = count_ranges(node.position_fix, heard, done, form.errors)
+    moved, forgiven, lost = diagnose_beacons(fix, form.errors)
+    P = _inflate_beacon_errors(done.P, moved, forgiven, form.errors)
+    fix = replace(
+        fix,
+        moved=(fix.moved | moved) & ~forgiven,
+        agreed_in_a_row=jnp.where(moved | forgiven, 0, fix.agreed_in_a_row).astype(np.int32),
+        refused_in_a_row=jnp.where(moved | lost, 0, fix.refused_in_a_row).astype(np.int32),
+        mostly_refused=jnp.where(lost, 0, fix.mostly_refused).astype(np.int32),
+        tracking=~lost,
+    )
+    P = jnp.where(lost, _replace_pose_covariance(jnp.diag(form.start.variances()[:5]), P), P)
+    start = tree_where(lost, empty_start(), node.start)
+    return _record_range_errors(replace(node, x=done.x, P=P, start=start, position_fix=fix))
+
+
+def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any, place: Any, good: Any) -> TightNode:
+    """After a ping of a filter that waits for a start."""
+    g = unit_geometry(form, unit)
+    with_it = add_unit_position(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
+    start = tree_where(good, with_it, node.start)
+    biases = jnp.sqrt(jnp.stack([node.P[5, 5], jnp.maximum(node.P[6, 6], node.P[7, 7])]))
+    limits = {"longest": form.start_time, "heading_limit": form.start_heading}
+    new = solve_start(start, biases, enough=4, **limits)
+    heading = node.x[0] + wrap(new.x[0] - node.x[0])
+    x = jnp.concatenate([heading[None], new.x[1:], node.x[5:]])
+    fix = node.position_fix
+    used = (fix.used + jnp.sum(agree & good)).astype(np.int32)
+    fix = replace(fix, used=used, tracking=new.usable, starts=increment(fix.starts, new.usable))
+    return _record_range_errors(
+        replace(
+            node,
+            x=jnp.where(new.usable, x, node.x),
+            P=jnp.where(new.usable, _replace_pose_covariance(new.P, node.P), node.P),
+            start=tree_where(new.usable | new.inconsistent, empty_start(), start),
+            position_fix=fix,
+        )
+    )
+
+
+def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
+    """P with the errors of moved beacons (n,) grown, and those of forgiven ones as at first, known to nothing else."""
+    none = jnp.zeros(DIMENSION + 1)
+    wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
+    cut = jnp.concatenate([none, jnp.where(forgiven, 1.0, 0.0)]) > 0
+    own = jnp.where(cut, errors.variances(moved.shape[0])[-1], wider)
+    P = jnp.where(cut[:, None] | cut[None, :], 0.0, P)
+    return P + jnp.where(np.eye(P.shape[0], dtype=bool), own[:, None], 0.0)
+
+
+def _replace_pose_covariance(own: Any, P: Any) -> Any:
+    """P with a new covariance (5, 5) of heading, velocity and position that nothing else knows of."""
+    across = jnp.zeros((5, P.shape[0] - 5))
+    return jnp.concatenate([jnp.concatenate([own, across], axis=1), jnp.concatenate([across.T, P[5:, 5:]], axis=1)])
+
+
+def _record_range_errors(node: TightNode) -> TightNode:
+    """With what the fix tells of scale and beacons."""
+    n = node.x.shape[0] - DIMENSION
+    sigma = jnp.sqrt(jnp.maximum(jnp.stack([node.P[DIMENSION + i, DIMENSION + i] for i in range(n)]), 0.0))
+    x = node.x[DIMENSION:]
+    fix = replace(node.position_fix, scale=x[0], error=x[1:], sigma_scale=sigma[0], sigma_error=sigma[1:])
+    return replace(node, position_fix=fix)

@@ -21,10 +21,8 @@ from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.estimators.inertial.measurement_history import node_before
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.ranging.multilateration import two_unit_heading
-from trimtab.estimators.ranging.position import RangingPosition, RangingPositionState
+from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPositionState
 
-PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
-"""Two units on the body's axis, fore and aft (m)."""
 KNOWN = 0.3
 """A heading (rad) with a smaller sigma than this is used to bring fixes to the reference point."""
 
@@ -130,24 +128,24 @@ class UltrasonicInertial:
         )
         intake = self.inertial.intake
 
-        def located(value: Any, fresh: Any) -> Sample:
+        def fix_sample(value: Any, fresh: Any) -> Sample:
             return Sample(value=value, t=ranging.measured, age=fix.age, fresh=fresh, valid=fix.valid)
 
-        samples = {intake.imu: frame.samples[intake.imu], intake.position: located(position, fix.fresh)}
+        samples = {intake.imu: frame.samples[intake.imu], intake.position: fix_sample(position, fix.fresh)}
         if intake.heading and self.magnetometer:
             samples[intake.heading] = self._compass_sample(frame.samples[self.magnetometer])
         elif intake.heading:
-            samples[intake.heading] = located(heading, fix.fresh & fix.state.heading_valid)
+            samples[intake.heading] = fix_sample(heading, fix.fresh & fix.state.heading_valid)
         inertial, estimate = self.inertial.step(t, state.inertial, Frame(t, samples))
-        watch, found = estimate.state.position_sensor, fix.state
+        watch, pings = estimate.state.position_sensor, fix.state
         watch = replace(
             watch,
-            frozen=watch.frozen | found.frozen,
-            invalid=watch.invalid + found.invalid,
-            disordered=watch.disordered + found.out_of_time,
+            frozen=watch.frozen | pings.frozen,
+            invalid=watch.invalid + pings.invalid,
+            disordered=watch.disordered + pings.out_of_time,
         )
-        told = replace(estimate, state=replace(estimate.state, position_sensor=watch))
-        return UltrasonicInertialState(ranging, inertial), told
+        navigation = replace(estimate.state, position_sensor=watch)
+        return UltrasonicInertialState(ranging, inertial), replace(estimate, state=navigation)
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
         """Where the INS believes to have been at integer time t: from the event before, with constant velocity."""
@@ -187,10 +185,10 @@ class UltrasonicInertial:
         places_variance = 2 * (variance + self.survey_change**2)
         return position, HeadingMeasurement(heading, (places_variance + wandered) / jnp.sum(base * base))
 
-    def _compass_sample(self, seen: Sample) -> Sample:
+    def _compass_sample(self, sample: Sample) -> Sample:
         """The magnetometer's sample as a heading."""
-        heading = magnetic_heading(seen.value.field, jnp.asarray(self.field))
-        return replace(seen, value=HeadingMeasurement(heading, jnp.zeros(())))
+        heading = magnetic_heading(sample.value.field, jnp.asarray(self.field))
+        return replace(sample, value=HeadingMeasurement(heading, jnp.zeros(())))
 
 
 def _empty_measurements() -> tuple[PositionMeasurement, HeadingMeasurement]:

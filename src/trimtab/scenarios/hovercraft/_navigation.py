@@ -19,8 +19,8 @@ from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.passthrough import Passthrough
-from trimtab.estimators.ranging.position import RangingPosition
-from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.estimators.ranging.position import PAIR, RangingPosition
+from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.loop.relayed_sensor import RelayedSensor
 from trimtab.sensors.imu import Imu

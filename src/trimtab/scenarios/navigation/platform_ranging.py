@@ -11,9 +11,9 @@ from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.estimators.inertial.mechanisation import InertialStart
-from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.estimators.ranging.position import PAIR, RangingPosition
 from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
-from trimtab.estimators.ranging.ultrasonic_inertial import PAIR, UltrasonicInertial
+from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, rig_scenario

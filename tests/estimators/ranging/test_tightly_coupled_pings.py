@@ -7,9 +7,15 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.record import replace, to_arrays
-from trimtab.estimators.ranging.range_model import predict_range
-from trimtab.estimators.ranging.start import correction_mask, find_agreeing_ranges, tree_where, update_running
-from trimtab.estimators.ranging.tightly_coupled import PAIR, TightlyCoupled
+from trimtab.estimators.ranging.position import PAIR
+from trimtab.estimators.ranging.range_model import predict_range, unit_geometry
+from trimtab.estimators.ranging.start import tree_where
+from trimtab.estimators.ranging.tightly_coupled import (
+    TightlyCoupled,
+    correction_mask,
+    find_agreeing_ranges,
+    update_running,
+)
 
 FORM = to_arrays(TightlyCoupled(begins="given"))
 YES = np.ones(4, bool)
@@ -29,7 +35,7 @@ def node(sure=True):
 
 def ranges(off=(0.0, 0.0, 0.0, 0.0)):
     place = np.array([0.3 + 0.2 * np.cos(0.4), -0.2 + 0.2 * np.sin(0.4)])
-    g = FORM.geometry(0)
+    g = unit_geometry(FORM, 0)
     return np.array([float(predict_range(b, place, g.down, cone=True).range) for b in np.asarray(g.beacons)]) + off
 
 
@@ -57,7 +63,7 @@ def test_contradiction_by_most_ends_the_run():
         assert n.position_fix.tracking
         n = _tracked(n, ranges((0.7, -0.5, 0.6, 0.0)))
     assert not n.position_fix.tracking
-    np.testing.assert_allclose(np.diag(n.P)[:5], np.asarray(FORM.start_variances())[:5])
+    np.testing.assert_allclose(np.diag(n.P)[:5], np.asarray(FORM.start.variances())[:5])
     np.testing.assert_array_equal(np.asarray(n.P)[:5, 5:], 0.0)
     assert least(n.P) > 0
 
@@ -82,6 +88,20 @@ def test_who_learns():
     assert list(np.asarray(correction_mask(one, node()))) == [0, 1, 1, 1, 1, 0, 1, 1, 1] + [0] * 4
     pushed = replace(node(), steady=np.array([30.0, 0.0]))
     assert list(np.asarray(correction_mask(one, pushed))) == [1] * 9 + [0] * 4
+
+
+def test_the_scale_walks_with_the_square_root_of_time():
+    """Its variance grows by scale_walk^2 for each second, in steps of any length."""
+    wandering = replace(FORM, errors=replace(FORM.errors, scale_walk=1e-2))
+    propagate = jax.jit(lambda n, dt: wandering.propagate(n, dt, jnp.zeros(3), jnp.zeros(2)))
+    start = node()
+    once, often = propagate(start, 0.5), start
+    for _ in range(5):
+        often = propagate(often, 0.1)
+    grown = float(once.P[8, 8] - start.P[8, 8])
+    assert grown == pytest.approx(0.5e-4, rel=1e-9)
+    assert float(often.P[8, 8] - start.P[8, 8]) == pytest.approx(grown, rel=1e-9)
+    np.testing.assert_array_equal(np.diag(once.P)[9:], np.diag(start.P)[9:])
 
 
 def test_either_chooses_whole_trees():
