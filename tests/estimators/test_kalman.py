@@ -61,11 +61,11 @@ def test_inflated_an_innovation_is_a_usual_one(m):
     """Without noise of the measurement NIS falls to its mean m; an innovation within it inflates nothing."""
     _, P, y, H, _ = case(3, m)
     none = 1e-12 * np.eye(m)
-    y = 10 * y
+    y = 100 * y
     assert update(np.zeros(N), P, y, H, none).nis > m
     wider = kalman.inflate_covariance(P, y, H, none)
     assert float(update(np.zeros(N), wider, y, H, none).nis) == pytest.approx(m, rel=1e-6)
-    for small in (1e-3 * y, np.full(m, np.nan)):
+    for small in (1e-4 * y, np.full(m, np.nan)):
         np.testing.assert_array_equal(kalman.inflate_covariance(P, small, H, none), P)
 
 

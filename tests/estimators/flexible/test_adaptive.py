@@ -1,7 +1,7 @@
 """The filter that learns the modal frequencies: its coordinates, what it learns from and what not, and its price.
 
 Defaults were chosen on seeds 100-111 and 200-205; here seeds start at 300. The tables of the docs page:
-pytest -n0 -s -m slow tests/estimators/test_flexible_modes_adaptive.py
+pytest -n0 -s -m slow tests/estimators/flexible/test_adaptive.py
 """
 
 import functools
@@ -27,7 +27,6 @@ from trimtab.estimators.flexible.adaptive import (
     SHARE,
     AdaptiveFlexibleModeFilter,
     disturbance_direction,
-    mixture_flight,
     mixture_mean,
     modal_accelerations,
     propagate_modes,
@@ -148,8 +147,8 @@ def test_it_tells_all_that_the_fixed_filter_tells():
     one = AdaptiveFlexibleModeFilter()
     assert isinstance(one, Estimator)
     state = one.init(key(0))
-    assert type(mixture_flight(state)) is FlexibleFlight
-    assert type(mixture_flight(state).frequencies) is ModalFrequencies
+    assert type(one.estimated_flight(state)) is FlexibleFlight
+    assert type(one.estimated_flight(state).frequencies) is ModalFrequencies
     np.testing.assert_allclose(state.mean[4:], 0, atol=1e-15)
     np.testing.assert_allclose(np.sqrt(np.diag(state.spread)[4:]), 0.1, rtol=1e-12)
 

@@ -266,13 +266,13 @@ class AdaptiveFlexibleModeFilter:
         learns = noise & (moves > self.excitation**2 * doubt)
         consider = jnp.concatenate([jnp.ones(4), jnp.where(learns, 1.0, 0.0)])
         moment = jnp.where(noise, 0.0, r * r)
-        done = kalman.update(x, P, r[None], H[None], (self.R + moment)[None, None], consider=consider)
+        correction = kalman.update(x, P, r[None], H[None], (self.R + moment)[None, None], consider=consider)
         shaken = to_seconds(self.period) * disturbance_direction(self.craft, x)
         most = jnp.log(self.bound)
-        lam = jnp.clip(done.x[4:], -most, most)
+        lam = jnp.clip(correction.x[4:], -most, most)
         likely = -(jnp.log(S) + jnp.minimum(r * r / S, self.gate)) / 2
-        new_P = done.P + moment * shaken[:, None] * shaken
-        return jnp.concatenate([done.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != done.x[4:])
+        new_P = correction.P + moment * shaken[:, None] * shaken
+        return jnp.concatenate([correction.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != correction.x[4:])
 
     def advance(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
         """What the filter remembers after an instant of its own."""
@@ -286,8 +286,8 @@ class AdaptiveFlexibleModeFilter:
         finite = jnp.isfinite(modal)
         used = started & samples.flight_usable & finite & felt.valid & is_new(felt, s.seen) & self.corrects
         felt_modal = jnp.where(finite, modal, 0.0)
-        done = jax.lax.map(lambda one: self.update(one[0], one[1], felt_modal, b), (x, P))
-        new_x, new_P, r, S, likely, learns, bounded = done
+        correction = jax.lax.map(lambda one: self.update(one[0], one[1], felt_modal, b), (x, P))
+        new_x, new_P, r, S, likely, learns, bounded = correction
         x, P = jnp.where(used, new_x, x), jnp.where(used, new_P, P)
         innovation = s.p @ r
         variance = s.p @ (S + (r - innovation) ** 2)

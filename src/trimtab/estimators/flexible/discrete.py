@@ -164,17 +164,17 @@ class FlexibleModeFilter:
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
         eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
-        done = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
-        used = started & samples.flight_usable & done.accepted & felt.valid & is_new(felt, s.seen)
+        correction = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
+        used = started & samples.flight_usable & correction.accepted & felt.valid & is_new(felt, s.seen)
         used = used & self.corrects
         return replace(
             s,
-            eta=jnp.where(used, done.x, eta),
-            P=jnp.where(used, done.P, P),
+            eta=jnp.where(used, correction.x, eta),
+            P=jnp.where(used, correction.P, P),
             **next_instant(t, s, samples),
             seen=jnp.where(used, felt.t, s.seen),
-            innovation=done.innovation[0],
-            S=done.S[0, 0],
-            nis=done.nis,
+            innovation=correction.innovation[0],
+            S=correction.S[0, 0],
+            nis=correction.nis,
             updated=used,
         )

@@ -135,7 +135,7 @@ def check_intake(form: InertialForm) -> None:
 def initial_inertial_state(form: InertialForm, key: Key, width: int = WIDTH) -> InertialState:
     """Nothing measured yet: `init` of a form; width: numbers of its longest event."""
     intake, first = form.intake, form.first()
-    told = jax.tree.map(
+    kinematics = jax.tree.map(
         lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _kinematics(form, first, 0, False))
     )
     return InertialState(
@@ -144,7 +144,7 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = WIDTH) -> 
         heading=initial_watch() if intake.heading else None,
         position=initial_watch(max(width, WIDTH)) if intake.position else None,
         heard=np.int64(NEVER),
-        told=told | {"coasting": np.bool_(True)},  # so the first step tells it anew
+        told=kinematics | {"coasting": np.bool_(True)},  # so the first step tells it anew
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -160,18 +160,20 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()
     watches = {"imu": state.imu, "heading": state.heading, "position": state.position}
     same = state.history, watches, state.heard, jnp.asarray(False)
-    history, watches, heard, fresh = lax.cond(arrived, lambda: _receive_samples(form, t, state, frame), lambda: same)
+    history, watches, imu_arrival, fresh = lax.cond(
+        arrived, lambda: _receive_samples(form, t, state, frame), lambda: same
+    )
     node = newest_node(history)
     begun = node.t > NEVER
-    silent = begun & (t - heard > form.intake.gap)
+    silent = begun & (t - imu_arrival > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
-    anew = fresh | silent | state.told["coasting"]
-    told = lax.cond(anew, lambda: _kinematics(form, newest_node(history), age, silent), lambda: state.told)
+    renew = fresh | silent | state.told["coasting"]
+    kinematics = lax.cond(renew, lambda: _kinematics(form, newest_node(history), age, silent), lambda: state.told)
     new = InertialState(
         history=history,
         **watches,
-        heard=heard,
-        told=told,
+        heard=imu_arrival,
+        told=kinematics,
         clock=jnp.maximum(state.clock, t),
         clock_backwards=increment(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
@@ -181,7 +183,7 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
     if form.intake.position:
         valid = valid & (node.position_fix.used > 0)
     navigation = NavigationState(
-        **told,
+        **kinematics,
         heading_fix=node.heading_fix,
         position_fix=node.position_fix,
         imu=new.imu,
@@ -198,8 +200,8 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
     fresh = jnp.stack([validation.usable for _, validation in readings.values()]).any()
     before = state.history, {name: validation.watch for name, (_, validation) in readings.items()}
     history, watches = lax.cond(fresh, lambda: _fuse_events(form, state.history, readings), lambda: before)
-    heard = jnp.where(readings["imu"][1].usable, t, state.heard)
-    return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, heard, fresh
+    imu_arrival = jnp.where(readings["imu"][1].usable, t, state.heard)
+    return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, imu_arrival, fresh
 
 
 def read_samples(

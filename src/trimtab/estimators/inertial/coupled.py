@@ -118,8 +118,8 @@ class AidedInertialCoupled:
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
-        done, fix = fuse_heading(self, node, jnp.zeros(8), node.P, y, H, R, sign=-1.0)
-        return replace(_reset_errors(node, done), heading_fix=fix)
+        correction, fix = fuse_heading(self, node, jnp.zeros(8), node.P, y, H, R, sign=-1.0)
+        return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
@@ -133,8 +133,8 @@ class AidedInertialCoupled:
             learns = jnp.where(self.is_force_observable(node), 1.0, 0.0)
             one = jnp.ones(4)
             consider = jnp.concatenate([learns[None], one, learns[None], one[:2]])
-        done, fix = fuse_position(self, node, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0)
-        return replace(_reset_errors(node, done), position_fix=fix)
+        correction, fix = fuse_position(self, node, jnp.zeros(8), node.P, y, H, R, consider=consider, sign=-1.0)
+        return replace(_reset_errors(node, correction), position_fix=fix)
 
     def is_force_observable(self, node: CoupledNode) -> Any:
         """Whether the low-passed force is told from zero."""
@@ -218,5 +218,5 @@ def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
     return belief_covariance(Q1, Q2)
 
 
-def _reset_errors(node: CoupledNode, done: Update) -> CoupledNode:
-    return replace(node, x=node.x - SIGNS * done.x, P=done.P)
+def _reset_errors(node: CoupledNode, correction: Update) -> CoupledNode:
+    return replace(node, x=node.x - SIGNS * correction.x, P=correction.P)

@@ -101,15 +101,15 @@ class AidedInertialDirect:
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         R = self.noise.heading_noise(variance)
-        done, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
-        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
+        correction, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
+        return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
         arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
-        done, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
-        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
+        correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
+        return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
         """Of the IMU's point."""

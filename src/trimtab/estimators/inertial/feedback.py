@@ -109,12 +109,12 @@ class AidedInertialFeedback:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
-        done, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
+        correction, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(
             node,
-            heading=node.heading - done.x[0],
-            gyro_bias=node.gyro_bias + done.x[1],
-            P1=done.P,
+            heading=node.heading - correction.x[0],
+            gyro_bias=node.gyro_bias + correction.x[1],
+            P1=correction.P,
             heading_fix=fix,
         )
 
@@ -122,13 +122,13 @@ class AidedInertialFeedback:
         """With a position z (2,) of the aided point; its variance as for headings."""
         arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
-        done, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
+        correction, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(
             node,
-            velocity=node.velocity - done.x[:2],
-            position=node.position - done.x[2:4],
-            force_bias=node.force_bias + done.x[4:],
-            P2=done.P,
+            velocity=node.velocity - correction.x[:2],
+            position=node.position - correction.x[2:4],
+            force_bias=node.force_bias + correction.x[4:],
+            P2=correction.P,
             position_fix=fix,
         )
 

@@ -109,15 +109,15 @@ class AidedInertialFeedforward:
         """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
-        done, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
-        return replace(node, x1=done.x, P1=done.P, heading_fix=fix)
+        correction, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
+        return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
         """With a position z (2,) of the aided point; its variance as for headings."""
         arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
-        done, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
-        return replace(node, x2=done.x, P2=done.P, position_fix=fix)
+        correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
+        return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:
         """Of the IMU's point."""

@@ -114,20 +114,20 @@ class CompensatedInertial:
         follows = sample.t - state.last <= self.gap
         y1, y2 = (jnp.where(follows, past, y) for past in (state.compensator.y1, state.compensator.y2))
         memory, rate = self.compensator.compensate(CompensatorState(y1=y1, y2=y2), y)
-        told = jnp.where(new, jnp.where(sound, rate, y), y)
+        passed_rate = jnp.where(new, jnp.where(sound, rate, y), y)
         frame = replace(
             frame,
-            samples={**frame.samples, name: replace(sample, value=replace(sample.value, angular_rate=told))},
+            samples={**frame.samples, name: replace(sample, value=replace(sample.value, angular_rate=passed_rate))},
         )
         inner, estimate = self.navigation.step(t, state.navigation, frame)
-        taken = new & sound
-        kept = CompensatedState(
+        use = new & sound
+        new_state = CompensatedState(
             compensator=CompensatorState(
-                y1=jnp.where(taken, memory.y1, state.compensator.y1),
-                y2=jnp.where(taken, memory.y2, state.compensator.y2),
+                y1=jnp.where(use, memory.y1, state.compensator.y1),
+                y2=jnp.where(use, memory.y2, state.compensator.y2),
             ),
-            rate=jnp.where(taken, rate, state.rate),
-            last=jnp.where(taken, sample.t, state.last),
+            rate=jnp.where(use, rate, state.rate),
+            last=jnp.where(use, sample.t, state.last),
             navigation=inner,
         )
-        return kept, estimate
+        return new_state, estimate

@@ -141,24 +141,24 @@ def fuse_measurement(
     patience = jnp.asarray(patience)
     gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
     wider = jnp.where(gives, inflate_covariance(P, y, H, R), P)
-    done = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
-    done = done._replace(P=jnp.where(done.accepted, done.P, P))
-    fix = count_measurement(fix, done, sign)
-    return done, replace(fix, given_in=increment(fix.given_in, gives & done.accepted))
+    correction = update(x, wider, y, H, R, gate=jnp.where(gives, NO_GATE, gate), consider=consider)
+    correction = correction._replace(P=jnp.where(correction.accepted, correction.P, P))
+    fix = count_measurement(fix, correction, sign)
+    return correction, replace(fix, given_in=increment(fix.given_in, gives & correction.accepted))
 
 
-def count_measurement(fix: Any, done: Update, sign: float = 1.0) -> Any:
+def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
     """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
-    S = done.S
+    S = correction.S
     sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
-    refused = done.finite & ~done.accepted
-    in_a_row = jnp.where(done.accepted, 0, increment(fix.rejected_in_a_row, refused)).astype(np.int32)
+    refused = correction.finite & ~correction.accepted
+    in_a_row = jnp.where(correction.accepted, 0, increment(fix.rejected_in_a_row, refused)).astype(np.int32)
     return replace(
         fix,
-        innovation=sign * done.innovation,
-        normalised=sign * done.innovation / sigma,
-        nis=done.nis,
-        used=increment(fix.used, done.accepted),
+        innovation=sign * correction.innovation,
+        normalised=sign * correction.innovation / sigma,
+        nis=correction.nis,
+        used=increment(fix.used, correction.accepted),
         rejected=increment(fix.rejected, refused),
         rejected_in_a_row=in_a_row,
     )

@@ -84,7 +84,7 @@ def validate_sample(
     new = arrived & sound & ~duplicate
     same = jnp.all(value == watch.value) & (watch.samples > watch.invalid)
     repeats = jnp.where(new, jnp.where(same, watch.repeats + 1, 0), watch.repeats).astype(np.int32)
-    seen = SensorWatch(
+    new_watch = SensorWatch(
         last=jnp.where(new & ~older, sample.t, watch.last),
         value=jnp.where(new, value, watch.value),
         repeats=repeats,
@@ -98,7 +98,7 @@ def validate_sample(
         late=watch.late,
     )
     usable = new & ~older if ordered else new
-    return SampleValidation(seen, usable, jnp.where(jnp.isfinite(value), value, 0.0), sample.t)
+    return SampleValidation(new_watch, usable, jnp.where(jnp.isfinite(value), value, 0.0), sample.t)
 
 
 def increment(count: Any, one: Any) -> Any:

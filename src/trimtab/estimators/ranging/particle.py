@@ -152,10 +152,10 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
     n = np.shape(form.beacons)[0]
     unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
-    ranges, heard = jnp.maximum(value[:n], 0.0), value[:n] > 0
+    ranges, replies = jnp.maximum(value[:n], 0.0), value[:n] > 0
     number = s.fix.used + s.position.samples
     z = normals(s.key.at("redrawn"), number * form.N + jnp.arange(form.N), 1)[0]
-    starts = ~s.fix.tracking & (jnp.sum(heard) >= 2)
+    starts = ~s.fix.tracking & (jnp.sum(replies) >= 2)
     alive = s.fix.tracking | starts
     cloud = lax.cond(
         s.fix.tracking,
@@ -163,18 +163,18 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
         lambda: initialise_cloud(form, s.key, s.fix.starts, ranges, unit),
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
-    done = update_cloud(cloud, ranges, unit_geometry(form, unit), form.errors, form.wrong, form.width, learns)
-    few = effective_sample_size(done.cloud.weight) < form.N / 2
+    correction = update_cloud(cloud, ranges, unit_geometry(form, unit), form.errors, form.wrong, form.width, learns)
+    few = effective_sample_size(correction.cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
-    cloud = lax.cond(few, lambda: resample(done.cloud, comb, z, form.share), lambda: done.cloud)
+    cloud = lax.cond(few, lambda: resample(correction.cloud, comb, z, form.share), lambda: correction.cloud)
     mostly = (
-        jnp.sum(jnp.where(heard, done.inlier_share, 0.0)) > jnp.sum(heard) / 2 - 0.01
+        jnp.sum(jnp.where(replies, correction.inlier_share, 0.0)) > jnp.sum(replies) / 2 - 0.01
     )  # half of them, to rounding, is no reason yet
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
-        effective=effective_sample_size(done.cloud.weight),
-        believed=done.inlier_share,
+        effective=effective_sample_size(correction.cloud.weight),
+        believed=correction.inlier_share,
         used=increment(s.fix.used, alive),
         unit=unit,
         redrawn=increment(s.fix.redrawn, few & alive),
@@ -183,7 +183,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
         starts=increment(s.fix.starts, starts),
         scale=cloud.weight @ cloud.x[:, DIMENSION],
     )
-    used = jnp.any(heard) & alive
+    used = jnp.any(replies) & alive
     return tree_where(used, replace(s, cloud=cloud, at=t, fix=fix), s)
 
 

@@ -1,7 +1,7 @@
 """Particles that each carry a Gaussian: where they begin, how they are predicted, weighed and resampled.
 
-A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Resampling can turn
-any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
+A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Resampling can
+turn any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
 
 Source: Kotecha, Djuric, "Gaussian sum particle filtering", IEEE Trans. Signal Processing 51 (2003); Arulampalam,
 Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Processing 50 (2002), algorithm 2
@@ -150,12 +150,12 @@ def update_cloud(
             at = linearise_range(x, P, i, g)
             extra, mean = (at.variance, at.mean) if errors.second_order else (0.0, 0.0)
             R = jnp.reshape(errors.noise**2 + extra, (1, 1))
-            done = update(x, P, (z - at.range - mean)[None], at.H[None], R, gate=errors.gate, consider=learns)
-            use = (z > 0) & done.accepted
-            S = done.S[0, 0]
-            right = (1 - wrong) * jnp.exp(-jnp.minimum(done.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
+            correction = update(x, P, (z - at.range - mean)[None], at.H[None], R, gate=errors.gate, consider=learns)
+            use = (z > 0) & correction.accepted
+            S = correction.S[0, 0]
+            right = (1 - wrong) * jnp.exp(-jnp.minimum(correction.nis, 700.0) / 2) / jnp.sqrt(2 * np.pi * S)
             log = log + jnp.where(z > 0, jnp.log(right + wrong / width), 0.0)
-            return (jnp.where(use, done.x, x), jnp.where(use, done.P, P), log), use
+            return (jnp.where(use, correction.x, x), jnp.where(use, correction.P, P), log), use
 
         (x, P, log), used = lax.scan(each, (x, P, jnp.zeros(())), (jnp.arange(ranges.shape[0]), ranges))
         return x, P, log, used

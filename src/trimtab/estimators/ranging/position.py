@@ -253,8 +253,8 @@ class RangingPosition:
         residual, bias = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (r.residual, r.bias))
         fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
         fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
-        moved = self._vehicle_fix(fix, place, unit, places, times)
-        fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), moved, fix)
+        vehicle = self._vehicle_fix(fix, place, unit, places, times)
+        fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), vehicle, fix)
         measured = jnp.where(good, t, s.measured)
         return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
 

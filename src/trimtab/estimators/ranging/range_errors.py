@@ -94,26 +94,26 @@ def no_range_fix(n: int) -> RangeFix:
     )
 
 
-def count_ranges(fix: RangeFix, heard: Any, done: Any, errors: RangeErrorModel) -> RangeFix:
-    """After one more ping: heard (n,), and what `range_update.swept` did. Doubt is for `diagnose_beacons`."""
-    refused = heard & ~done.accepted
-    sigma = jnp.sqrt(jnp.maximum(done.variance, 1e-300))
-    in_a_row = jnp.where(done.accepted, 0, jnp.minimum(fix.refused_in_a_row + refused, 2**30))
-    surveyed = jnp.maximum(done.variance - errors.moved**2, errors.noise**2)
-    fits = done.innovation**2 <= errors.gate * surveyed
-    agreed = jnp.where(heard & fix.moved, jnp.where(fits, fix.agreed_in_a_row + 1, 0), fix.agreed_in_a_row)
-    counts = heard & ~fix.moved
+def count_ranges(fix: RangeFix, replies: Any, correction: Any, errors: RangeErrorModel) -> RangeFix:
+    """After one more ping: replies (n,), which ranges came, and the RangeUpdate. Doubt is for `diagnose_beacons`."""
+    refused = replies & ~correction.accepted
+    sigma = jnp.sqrt(jnp.maximum(correction.variance, 1e-300))
+    in_a_row = jnp.where(correction.accepted, 0, jnp.minimum(fix.refused_in_a_row + refused, 2**30))
+    surveyed = jnp.maximum(correction.variance - errors.moved**2, errors.noise**2)
+    fits = correction.innovation**2 <= errors.gate * surveyed
+    agreed = jnp.where(replies & fix.moved, jnp.where(fits, fix.agreed_in_a_row + 1, 0), fix.agreed_in_a_row)
+    counts = replies & ~fix.moved
     mostly = 2 * jnp.sum(refused & counts) > jnp.sum(counts)
     some = jnp.any(counts)
     return replace(
         fix,
-        innovation=done.innovation,
-        normalised=done.innovation / sigma,
-        nis=done.nis,
-        accepted=done.accepted,
+        innovation=correction.innovation,
+        normalised=correction.innovation / sigma,
+        nis=correction.nis,
+        accepted=correction.accepted,
         refused_in_a_row=in_a_row.astype(np.int32),
         agreed_in_a_row=agreed.astype(np.int32),
-        used=(fix.used + jnp.sum(done.accepted)).astype(np.int32),
+        used=(fix.used + jnp.sum(correction.accepted)).astype(np.int32),
         rejected=(fix.rejected + jnp.sum(refused)).astype(np.int32),
         mostly_refused=jnp.where(some, jnp.where(mostly, fix.mostly_refused + 1, 0), fix.mostly_refused).astype(
             np.int32

@@ -173,9 +173,9 @@ def update_with_ranges(
         y = z - at.range - (at.mean if errors.second_order else 0.0)
         gate = jnp.where(use, errors.gate, -1.0)
         R = jnp.reshape(errors.noise**2 + extra, (1, 1))
-        done = update(x, P, y[None], at.H[None], R, gate=gate, consider=learns)
-        outcome = jnp.where(use, done.innovation[0], 0.0), done.S[0, 0], jnp.where(use, done.nis, 0.0), done.accepted
-        return (done.x, done.P), outcome
+        correction = update(x, P, y[None], at.H[None], R, gate=gate, consider=learns)
+        y_used, nis = (jnp.where(use, v, 0.0) for v in (correction.innovation[0], correction.nis))
+        return (correction.x, correction.P), (y_used, correction.S[0, 0], nis, correction.accepted)
 
     rows = jnp.arange(ranges.shape[0]), ranges, usable
     (x, P), (y, S, nis, accepted) = lax.scan(one, (x, P), rows)

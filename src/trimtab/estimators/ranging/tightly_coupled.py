@@ -70,7 +70,7 @@ class TightlyCoupled:
     State: heading, velocity, position, gyro and accelerometer biases, a scale of all ranges, an error of each beacon.
     With two units, or a lever and motion, ranges alone show the heading.
 
-    Starts:  by itself from the first four pings of three ranges or more, in closed form (`ranging_start`): no first
+    Starts:  by itself from the first four pings of three ranges or more, in closed form (`RangingStart`): no first
              guess. `start` then gives biases only; with begins="given" it gives all.
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: survey errors that change with the place; the vehicle's motion during the sound's flight.
@@ -121,8 +121,8 @@ class TightlyCoupled:
         """Before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
         variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
-        given = self.begins == "given"
-        range_fix = replace(no_range_fix(n), tracking=np.bool_(given), starts=np.int32(given))
+        running = self.begins == "given"
+        range_fix = replace(no_range_fix(n), tracking=np.bool_(running), starts=np.int32(running))
         return TightNode(
             **first_of_node(range_fix),
             x=jnp.concatenate([s.pose(), jnp.zeros(4 + n)]),
@@ -153,8 +153,8 @@ class TightlyCoupled:
         R = self.noise.heading_noise(variance)
         y = wrap(z - node.x[0])[None]
         corrected = correction_mask(self, node).at[0].set(1.0).at[5].set(1.0)
-        done, fix = fuse_heading(self, node, node.x, node.P, y, H, R, consider=corrected)
-        fused = replace(node, x=done.x, P=done.P, heading_fix=fix)
+        correction, fix = fuse_heading(self, node, node.x, node.P, y, H, R, consider=corrected)
+        fused = replace(node, x=correction.x, P=correction.P, heading_fix=fix)
         waiting = replace(
             node,
             start=add_heading(node.start, z, R[0, 0]),
@@ -219,13 +219,13 @@ def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, uni
 
 def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any, agree: Any) -> TightNode:
     """After a ping of a running filter."""
-    heard = ranges > 0
-    done = update_with_ranges(
-        node.x, node.P, ranges, heard & agree, unit_geometry(form, unit), form.errors, correction_mask(form, node)
+    replies = ranges > 0
+    correction = update_with_ranges(
+        node.x, node.P, ranges, replies & agree, unit_geometry(form, unit), form.errors, correction_mask(form, node)
     )
-    fix = count_ranges(node.position_fix, heard, done, form.errors)
+    fix = count_ranges(node.position_fix, replies, correction, form.errors)
     moved, forgiven, lost = diagnose_beacons(fix, form.errors)
-    P = _inflate_beacon_errors(done.P, moved, forgiven, form.errors)
+    P = _inflate_beacon_errors(correction.P, moved, forgiven, form.errors)
     fix = replace(
         fix,
         moved=(fix.moved | moved) & ~forgiven,
@@ -236,7 +236,7 @@ def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any
     )
     P = jnp.where(lost, _replace_pose_covariance(jnp.diag(form.start.variances()[:5]), P), P)
     start = tree_where(lost, empty_start(), node.start)
-    return _record_range_errors(replace(node, x=done.x, P=P, start=start, position_fix=fix))
+    return _record_range_errors(replace(node, x=correction.x, P=P, start=start, position_fix=fix))
 
 
 def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any, place: Any, good: Any) -> TightNode:
