@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from trimtab.compiler.function import lower_function
 from trimtab.estimators import kalman
-from trimtab.estimators.kalman import discretise, matrix_exponential, nees, predict
+from trimtab.estimators.kalman import discretise, matrix_exponential, nees, predict, update_sequentially
 
 N, M = 5, 3
 update, health = jax.jit(kalman.update), jax.jit(kalman.covariance_health)
@@ -67,6 +67,28 @@ def test_inflated_an_innovation_is_a_usual_one(m):
     assert float(update(np.zeros(N), wider, y, H, none).nis) == pytest.approx(m, rel=1e-6)
     for small in (1e-4 * y, np.full(m, np.nan)):
         np.testing.assert_array_equal(kalman.inflate_covariance(P, small, H, none), P)
+
+
+def test_one_scalar_after_another_is_the_same():
+    x, P, y, H, _ = case(4)
+    variances = np.array([0.5, 1.0, 2.0])
+    joint, turn = update(x, P, y, H, np.diag(variances)), update_sequentially(x, P, y, H, variances)
+    np.testing.assert_allclose(turn.x, joint.x, rtol=1e-11)
+    np.testing.assert_allclose(turn.P, joint.P, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(turn.nis, joint.nis, rtol=1e-11)
+
+
+def test_in_turn_an_outlier_costs_only_itself():
+    x, P, y, H, _ = case(5)
+    variances, bad = np.ones(M), y + np.array([0.0, 1e3, 0.0])
+    kept = update(x, P, y[[0, 2]], H[[0, 2]], np.eye(2))
+    turn = update_sequentially(x, P, bad, H, variances, gate=50.0)
+    np.testing.assert_array_equal(turn.accepted, [True, False, True])
+    np.testing.assert_allclose(turn.x, kept.x, rtol=1e-11)
+    missing = update_sequentially(x, P, np.array([y[0], np.nan, y[2]]), H, variances)
+    np.testing.assert_allclose(missing.x, kept.x, rtol=1e-11)
+    np.testing.assert_array_equal(missing.finite, [True, False, True])
+    np.testing.assert_allclose(missing.nis, kept.nis, rtol=1e-11)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -167,6 +189,7 @@ def test_the_steps_export():
     x, P, y, H, R = case(14)
     assert lower_function(predict, (x, P, P, P)).text("f")
     assert lower_function(lambda *a: update(*a, gate=9.0, consider=jnp.ones(N)), (x, P, y, H, R)).text("f")
+    assert lower_function(update_sequentially, (x, P, y, H, np.ones(M))).text("f")
     assert lower_function(lambda P: (health(P), nees(x, P)), (P,)).text("f")
 
 

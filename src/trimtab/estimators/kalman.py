@@ -106,6 +106,27 @@ def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
     return P * jnp.maximum(jnp.where(jnp.isfinite(nis), nis, 1.0) / y.shape[0], 1.0)
 
 
+def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
+    """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
+
+    The gate holds for each scalar by itself, so one outlier of several measurements does not cost the others. nis is
+    the sum over those that were finite; without a refusal it equals that of `update`, and S then is diagonal: the
+    variance of each innovation given those before. accepted and finite have shape (m,).
+
+    Source: [4] section 5.2, applied to one component after another.
+    """
+    start, corrections = x, []
+    for i in range(y.shape[0]):
+        one = update(x, P, (y[i] - H[i] @ (x - start))[None], H[i][None], variances[i][None, None], gate=gate)
+        x, P = one.x, one.P
+        corrections.append(one)
+    nis = sum(jnp.where(one.finite, one.nis, 0.0) for one in corrections)
+    S = jnp.diag(jnp.stack([one.S[0, 0] for one in corrections]))
+    accepted = jnp.stack([one.accepted for one in corrections])
+    finite = jnp.stack([one.finite for one in corrections])
+    return Update(x, P, jnp.concatenate([one.innovation for one in corrections]), S, nis, accepted, finite)
+
+
 def nees(error: Any, P: Any) -> Any:
     """e' P^-1 e: chi-square with n degrees of freedom when P is the covariance of e. NaN where P is not one."""
     half = solve_lower(cholesky(P), error)
