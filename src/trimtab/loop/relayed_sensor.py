@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
@@ -45,7 +46,7 @@ class RelayedSensor:
 
     def check(self) -> None:
         """Refuse a sensor that feels no motion, and a bus that looks at other times than the sensor."""
-        if getattr(self.inner, "FEELS", "motion") != "motion":
+        if optional_member(self.inner, "FEELS") != "motion":
             problem = f"{type(self.inner).__name__} feels {self.inner.FEELS!r}: there is nothing of it on a bus"
             raise InputError("RelayedSensor.inner", problem, fix="leave it as it is, without a bus")
         if self.bus.period != self.inner.period:
