@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.lookup import BilinearTable, check_thrust_table, thrust_table
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
@@ -77,6 +78,19 @@ class DriveCommand:
 
     rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
+
+
+NEUTRAL_COMMAND = DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0)
+"""Rudder in the middle, fan at rest."""
+
+
+def drive_failsafe() -> Failsafe:
+    """The failsafe of a vectored fan: pulses that its servo takes, speeds up to that of the motor without propeller."""
+    return Failsafe(
+        safe=NEUTRAL_COMMAND,
+        low=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0),
+        high=DriveCommand(rudder_pulse=2.2e-3, speed_rpm=19200.0),
+    )
 
 
 @record

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, leaves, part, period, quantity, record, replace
 from trimtab.core.signals import Sample
@@ -88,9 +87,9 @@ class Failsafe:
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
     """
 
-    safe: Any = part("What stands still.", default=DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0))
-    low: Any = part("Least value that is believed.", default=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0))
-    high: Any = part("Greatest value that is believed.", default=DriveCommand(rudder_pulse=2.2e-3, speed_rpm=19200.0))
+    safe: Any = part("What stands still.")
+    low: Any = part("Least value that is believed.")
+    high: Any = part("Greatest value that is believed.")
     timeout: int = period("Longest silence of the computer.", default=ms(250))
     lift_delay: int = period("From then until the lift fan stops.", default=seconds(1), low=0)
     patience: int = period("How long it stays armed before a first command comes.", default=seconds(10))

@@ -3,14 +3,13 @@
 from typing import Any, ClassVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Motion, Sample
+from trimtab.core.signals import Sample, no_motion
 from trimtab.core.time import format_time
 from trimtab.loop.structure import cast_like, strengthen_types
 
@@ -56,9 +55,7 @@ class RelayedSensor:
     def init(self, key: Key) -> RelayedSensorState:
         """Nothing measured, nothing on the bus."""
         inner = self.inner.init(key)
-        three = jnp.zeros(3)
-        motion = Motion(np.int64(0), three, three, three, three, three, three)
-        sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, motion)[1], inner)
+        sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, no_motion())[1], inner)
         return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))
 
     def measure(self, motion: Any) -> Any:

@@ -13,7 +13,7 @@ from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
-from trimtab.loop.faults import inject_faults
+from trimtab.loop.fault_text import inject_faults
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
