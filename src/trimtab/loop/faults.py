@@ -13,12 +13,12 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace, tree_where
 from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.signals import Sample, hold_sample, no_motion
 from trimtab.core.time import FOREVER, ms, to_seconds
 from trimtab.links.fifo import NEVER, empty_slots, read_slot, write_slot
-from trimtab.loop.structure import cast_like, tree_where
+from trimtab.loop.structure import cast_like
 
 WORDS = ("none", "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 NONE, OFF, STUCK, GARBAGE, WRONG, SLOW, DELAYED, INTERMITTENT = range(len(WORDS))

@@ -11,13 +11,12 @@ stands behind the low-pass: its density is that of the output.
 import math
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import Scalar, part, period, quantity, record
+from trimtab.core.record import Scalar, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
@@ -174,16 +173,12 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
     """Memory and output of the low-pass or the response; its first sample finds it settled."""
     if errors.response is not None:
         rest = errors.response.start(true)
-        memory = _tree_where(state.started, state.memory, rest)
+        memory = tree_where(state.started, state.memory, rest)
         return errors.response.respond(memory, true)
     narrow = errors.bandwidth > 0
     section = low_pass(jnp.where(narrow, errors.bandwidth, 0.1 / dt), np.sqrt(0.5), dt)
-    memory, passed = filter_sample(section, _tree_where(state.started, state.memory, steady_state(section, true)), true)
+    memory, passed = filter_sample(section, tree_where(state.started, state.memory, steady_state(section, true)), true)
     return memory, jnp.where(narrow, passed, true)
-
-
-def _tree_where(condition: Any, a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 DEG = math.pi / 180
