@@ -18,7 +18,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
-from trimtab.laws.internal_quasi_static import InternalTable, QuasiStaticInternal, solve_quasi_static
+from trimtab.laws.internal_states import InternalTable, QuasiStaticInternal, solve_quasi_static
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
