@@ -36,9 +36,9 @@ def _chain(allocation, drive, FX, FY):
     return jax.vmap(one)(FX, FY)
 
 
-def _through(FX, FY, *without):
+def _through(FX, FY, *names):
     allocation, drive = ALLOCATION, DRIVE
-    for name in without:
+    for name in names:
         allocation = without(allocation, name) if name in imperfections(allocation) else allocation
         drive = without(drive, name) if name in imperfections(drive) else drive
     return _chain(to_arrays(allocation), to_arrays(drive), np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0)
@@ -145,8 +145,8 @@ def test_dead_zone_on_the_size_of_the_force():
     assert np.array_equal(np.asarray(command.speed_rpm) > 0, [False, False, False, False, True])
     assert np.array_equal(np.asarray(out.thrust) > 0, [False, False, False, False, True])
     assert np.allclose(np.degrees(out.rudder)[1:], 0.566 - 1.40 * np.degrees(0.2))
-    without, _ = _through(size, 0 * size, "dead-zone")
-    assert np.array_equal(np.asarray(without.speed_rpm) > 0, [False, True, True, True, True])
+    dead, _ = _through(size, 0 * size, "dead-zone")
+    assert np.array_equal(np.asarray(dead.speed_rpm) > 0, [False, True, True, True, True])
 
 
 def test_no_demand_gives_no_thrust_and_finite_slopes():

@@ -218,7 +218,7 @@ def test_all_that_goes_over_a_link_is_hit_together():
 
     def run(name):
         state = f.init(key(3).at(name), sent(np.int64(0)))
-        return [bool(f.fault.is_off(state.samples.key, k * STEP)) for k in range(0, 300, 10)]
+        return [bool(f.fault.is_off(state.memory.key, k * STEP)) for k in range(0, 300, 10)]
 
     assert run("downlink.imu") == run("downlink.ranging")
 
