@@ -25,7 +25,7 @@ from trimtab.laws.path_inversion import invert_path
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic._design import H, V
 from trimtab.scenarios.hypersonic._flight import TICK
-from trimtab.scenarios.hypersonic._level import LevelTrim, level_trim
+from trimtab.scenarios.hypersonic._internal import LevelTrim, level_trim
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 NOISE = 0.01

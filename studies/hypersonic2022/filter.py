@@ -20,7 +20,7 @@ from trimtab.design.lqr import kalman_bucy
 from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
 from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynamics
-from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.scenarios.hypersonic._internal import level_trim
 from trimtab.study import Row, at_most, direction, overlaps, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import QUOTED_H, QUOTED_V

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.record import replace
-from trimtab.scenarios.hypersonic._level import LevelTrim, level_trim
+from trimtab.scenarios.hypersonic._internal import LevelTrim, level_trim
 from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 from trimtab.vehicles.hypersonic_modes import KMODES

@@ -15,6 +15,7 @@ from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Allocation
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import PlanarForce, new_sample
@@ -35,11 +36,11 @@ def _chain(allocation, drive, FX, FY):
     return jax.vmap(one)(FX, FY)
 
 
-def _through(FX, FY, *without):
+def _through(FX, FY, *names):
     allocation, drive = ALLOCATION, DRIVE
-    for name in without:
-        allocation = allocation.without(name) if name in allocation.IMPERFECTIONS else allocation
-        drive = drive.without(name) if name in drive.IMPERFECTIONS else drive
+    for name in names:
+        allocation = without(allocation, name) if name in imperfections(allocation) else allocation
+        drive = without(drive, name) if name in imperfections(drive) else drive
     return _chain(to_arrays(allocation), to_arrays(drive), np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0)
 
 
@@ -144,8 +145,8 @@ def test_dead_zone_on_the_size_of_the_force():
     assert np.array_equal(np.asarray(command.speed_rpm) > 0, [False, False, False, False, True])
     assert np.array_equal(np.asarray(out.thrust) > 0, [False, False, False, False, True])
     assert np.allclose(np.degrees(out.rudder)[1:], 0.566 - 1.40 * np.degrees(0.2))
-    without, _ = _through(size, 0 * size, "dead-zone")
-    assert np.array_equal(np.asarray(without.speed_rpm) > 0, [False, True, True, True, True])
+    dead, _ = _through(size, 0 * size, "dead-zone")
+    assert np.array_equal(np.asarray(dead.speed_rpm) > 0, [False, True, True, True, True])
 
 
 def test_no_demand_gives_no_thrust_and_finite_slopes():
@@ -155,7 +156,7 @@ def test_no_demand_gives_no_thrust_and_finite_slopes():
     for faults in ((), ("lookup-table",), ("saturation",)):
         allocation = ALLOCATION
         for name in faults:
-            allocation = allocation.without(name)
+            allocation = without(allocation, name)
 
         def commanded(x, allocation=allocation):
             _, c = allocation.step(0, (), PlanarForce(x[0], x[1]))
@@ -172,4 +173,4 @@ def test_fits_the_interface_and_refuses():
         replace(ALLOCATION, thruster=Thruster(coefficient=0.012)).check()
     replace(ALLOCATION, thruster=Thruster(coefficient=0.012), table=None).check()
     with pytest.raises(InputError, match="no imperfection 'braking'"):
-        ALLOCATION.without("braking")
+        without(ALLOCATION, "braking")

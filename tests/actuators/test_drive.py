@@ -14,6 +14,7 @@ from trimtab.actuators.lookup import thrust_table
 from trimtab.actuators.rudder import DEG
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Actuators
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import Sample, new_sample
@@ -110,14 +111,14 @@ def test_brake_and_its_absence():
     out = _simulate(to_arrays(DRIVE), pulse, speed, valid)
     assert np.array_equal(np.asarray(out.mode), [REVERSE] * 100 + [BRAKING] * 150 + [FORWARD] * 150)
     assert np.array_equal(np.asarray(out.u.FX) == 0, np.asarray(out.mode) == BRAKING)
-    free = _simulate(to_arrays(DRIVE.without("braking")), pulse, speed, valid)
+    free = _simulate(to_arrays(without(DRIVE, "braking")), pulse, speed, valid)
     assert np.array_equal(free.speed_rpm, speed)
     assert int(free.brakings[-1]) == 0
 
 
 def test_without_saturation_limits_are_gone():
     pulse = np.full(20, 3.5e-3)
-    out = _simulate(to_arrays(DRIVE.without("saturation")), pulse, np.full(20, 20e3), np.ones(20, bool))
+    out = _simulate(to_arrays(without(DRIVE, "saturation")), pulse, np.full(20, 20e3), np.ones(20, bool))
     assert float(out.speed_rpm[0]) == 20e3
     assert float(out.rudder[0]) > 80 * DEG
     assert not np.asarray(out.speed_saturated | out.rudder_saturated).any()
@@ -129,7 +130,7 @@ def test_without_saturation_limits_are_gone():
 def test_without_tables_the_formula_gives_the_force():
     rng = np.random.default_rng(4)
     pulse, speed, valid = rng.uniform(1e-3, 2e-3, 100), rng.uniform(0, 12e3, 100), np.ones(100, bool)
-    drive = replace(DRIVE.without("lookup-table"), frame=ms(1))
+    drive = replace(without(DRIVE, "lookup-table"), frame=ms(1))
     out = _simulate(to_arrays(drive), pulse, speed, valid)
     assert np.allclose(out.thrust, 1.6 / 144e6 * speed**2 * np.cos(np.asarray(out.rudder) - 0.566 * DEG), atol=1e-12)
     tabulated = _simulate(to_arrays(replace(DRIVE, frame=ms(1))), pulse, speed, valid)
@@ -164,4 +165,4 @@ def test_fits_the_interface_and_refuses():
     with pytest.raises(InputError, match="another thruster"):
         replace(DRIVE, thruster=Thruster(coefficient=0.012)).check()
     with pytest.raises(InputError, match="no imperfection 'dead-zone'"):
-        DRIVE.without("dead-zone")
+        without(DRIVE, "dead-zone")

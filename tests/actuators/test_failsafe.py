@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trimtab.actuators.drive import DriveCommand
+from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe, FailsafeInput
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
@@ -20,7 +20,7 @@ from trimtab.native.compiler import find_compiler
 
 SAFE = (1.5e-3, 0.0)
 GOOD, STICKS = (1.7e-3, 6000.0), (1.4e-3, 2500.0)
-failsafe = to_arrays(Failsafe())
+failsafe = to_arrays(drive_failsafe())
 step = jax.jit(Failsafe.step)
 
 
@@ -278,7 +278,7 @@ def test_it_serves_another_command():
 
 def test_refuses_limits_that_do_not_fit():
     with pytest.raises(InputError, match=r"safe\.speed_rpm.*does not lie"):
-        replace(Failsafe(), low=DriveCommand(0.8e-3, 100.0)).check()
+        replace(drive_failsafe(), low=DriveCommand(0.8e-3, 100.0)).check()
     with pytest.raises(InputError, match="has the numbers"):
-        replace(Failsafe(), high=PlanarForce(1.0, 1.0)).check()
-    Failsafe().check()
+        replace(drive_failsafe(), high=PlanarForce(1.0, 1.0)).check()
+    drive_failsafe().check()

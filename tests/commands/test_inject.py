@@ -11,7 +11,7 @@ from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
 from trimtab.live.autopilot_end import scenario_dialect
 from trimtab.live.injector import add_idle_faults
-from trimtab.loop.fault import WORDS
+from trimtab.loop.faults import WORDS
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters

@@ -10,6 +10,7 @@ import pytest
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.compiler.function import compile_function
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.record import declarations, part, period, record, replace, to_arrays
 from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms, to_seconds
@@ -191,12 +192,12 @@ def test_actuators_stay_neutral_until_a_command_is_valid(folder, cls):
         np.testing.assert_array_equal(u, 0.0)
 
 
-@pytest.mark.parametrize(("folder", "cls"), [p for p in BLOCKS if hasattr(p.values[1], "IMPERFECTIONS")])
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_each_imperfection_can_be_switched_off(folder, cls):
     one = made(cls)
-    for name in cls.IMPERFECTIONS:
-        assert type(one.without(name)) is cls
-        assert jax.tree.structure(one.without(name).without(name)) == jax.tree.structure(one.without(name))
+    for name in imperfections(one):
+        assert type(without(one, name)) is cls
+        assert jax.tree.structure(without(without(one, name), name)) == jax.tree.structure(without(one, name))
 
 
 @pytest.mark.parametrize("cls", [pytest.param(c, id=c.__name__) for c in parts.vehicles()])

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
-from trimtab.laws.internal_preview import FadingModes
+from trimtab.laws.internal_states import FadingModes
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import level_trim, preview_internal

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
-from trimtab.laws.internal_quasi_static import InternalTable
+from trimtab.laws.internal_states import InternalTable
 from trimtab.native.compiler import find_compiler
 
 

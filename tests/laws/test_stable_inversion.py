@@ -9,7 +9,7 @@ from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import ms
-from trimtab.laws.internal_quasi_static import QuasiStaticInternal
+from trimtab.laws.internal_states import QuasiStaticInternal
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.laws.stable_inversion import StableInversion

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
 from trimtab.core.signals import PlanarForce, Sample, new_sample
@@ -60,10 +61,10 @@ def test_check_24_loop_delay_is_76_ms():
 
 
 def test_without_delay_leaves_the_sample_and_hold():
-    channel = DelayChain(ms(20), 2).without("delay")
+    channel = without(DelayChain(ms(20), 2), "delay")
     assert (channel.period, channel.steps, channel.delay()) == (ms(20), 0, 0.0)
     with pytest.raises(InputError, match=r"no imperfection 'loss'.*\n.*delay"):
-        channel.without("loss")
+        without(channel, "loss")
 
 
 def test_a_number_of_delays_below_zero_is_refused():

@@ -5,6 +5,7 @@ import pytest
 from scipy import integrate, stats
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Channel
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
@@ -73,8 +74,8 @@ def test_loss_is_drawn_apart_from_latency():
     latency, lost = draws(LINK, 1)
     assert abs(lost.mean() - 0.1) < 4 * np.sqrt(0.1 * 0.9 / len(lost))
     assert abs(np.corrcoef(latency, lost)[0, 1]) < 4 / np.sqrt(len(lost))
-    np.testing.assert_array_equal(draws(LINK.without("loss"), 1)[0], latency)
-    np.testing.assert_array_equal(draws(LINK.without("jitter"), 1)[1], lost)
+    np.testing.assert_array_equal(draws(without(LINK, "loss"), 1)[0], latency)
+    np.testing.assert_array_equal(draws(without(LINK, "jitter"), 1)[1], lost)
 
 
 def test_a_packet_takes_exactly_the_latency_drawn_for_it(drive):
@@ -105,14 +106,14 @@ def test_packets_never_overtake_and_never_arrive_early(drive):
 
 
 def test_without_jitter_every_packet_takes_the_mean(drive):
-    t, out, _ = drive(SPARSE.without("jitter").without("loss"), key(5), 2_000)
+    t, out, _ = drive(without(without(SPARSE, "jitter"), "loss"), key(5), 2_000)
     delays = (t - out.t)[out.fresh]
     assert len(delays) == 10
     np.testing.assert_array_equal(delays, np.ceil(mean_latency(SPARSE.latency) * 1e3) * ms(1))
 
 
 def test_without_delay_a_packet_arrives_when_it_leaves(drive):
-    t, out, _ = drive(LINK.without("delay").without("loss"), key(5), 600, sensor_period=ms(6))
+    t, out, _ = drive(without(without(LINK, "delay"), "loss"), key(5), 600, sensor_period=ms(6))
     np.testing.assert_array_equal(out.t, t // ms(6) * ms(6))
     np.testing.assert_array_equal(out.fresh, t % ms(6) == 0)
 
@@ -142,4 +143,4 @@ def test_bad_settings_are_refused():
     with pytest.raises(InputError, match=r"capacity.*\nFix: set capacity to 1\d or more"):
         replace(LINK, capacity=5).check()
     with pytest.raises(InputError, match=r"no imperfection 'delays'.*\nChoices: delay, jitter, loss"):
-        LINK.without("delays")
+        without(LINK, "delays")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import Sample
@@ -97,7 +98,7 @@ def test_a_message_follows_from_its_sample():
 
 
 def test_without_delay_it_is_a_wire():
-    _, out = flown(SlaveBus().without("delay"), CASES["bursts"], 420)
+    _, out = flown(without(SlaveBus(), "delay"), CASES["bursts"], 420)
     assert np.nonzero(out.fresh)[0].tolist() == CASES["bursts"]
 
 
@@ -109,5 +110,5 @@ def test_refusals():
     with pytest.raises(InputError, match="bytes a piece"):
         replace(SlaveBus(), piece=0).check()
     with pytest.raises(InputError, match="no imperfection"):
-        SlaveBus().without("loss")
+        without(SlaveBus(), "loss")
     SlaveBus().check()

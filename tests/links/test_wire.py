@@ -1,5 +1,6 @@
 import numpy as np
 
+from trimtab.core.imperfections import imperfections
 from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
 from trimtab.core.signals import hold_sample, new_sample
@@ -38,4 +39,4 @@ def test_what_is_measured_between_two_looks_is_fresh_once():
 
 def test_it_is_a_channel_without_faults():
     assert isinstance(Wire(), Channel)
-    assert Wire.IMPERFECTIONS == ()
+    assert imperfections(Wire()) == {}

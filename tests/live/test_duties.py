@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from trimtab.actuators.drive import DriveCommand
+from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.signals import Command
 from trimtab.live.duties import COMPUTER_MODE, MANUAL_MODE, Duties
@@ -30,7 +30,7 @@ class Craft:
 
     def __init__(self):
         self.world = SimpleNamespace(reads=READS, inputs=np.full(4, -1.0))
-        self.duties, self.t, self.modes = Duties(Failsafe(), COMMAND, self.world), 0, []
+        self.duties, self.t, self.modes = Duties(drive_failsafe(), COMMAND, self.world), 0, []
 
     def run(self, ms, *, command=None, asks=(), every=lambda: ()):
         """Go on for so many ms; command: (pulse, rpm), sent at each step."""
@@ -134,7 +134,7 @@ def test_the_receivers_switch_takes_over_and_gives_back(craft):
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
     valid, pulse, rpm = craft.acting
     assert (valid, craft.duties.mode) == (1.0, ("manual", "takeover"))
-    low, high = Failsafe().low, Failsafe().high
+    low, high = drive_failsafe().low, drive_failsafe().high
     assert pulse == pytest.approx((low.rudder_pulse + high.rudder_pulse) / 2)
     assert rpm == pytest.approx(low.speed_rpm + 0.75 * (high.speed_rpm - low.speed_rpm))
     assert craft.duties.status.mode == MANUAL_MODE
@@ -166,7 +166,7 @@ def test_a_ground_station_takes_over_by_mode_and_joystick(craft):
     held = JoystickAxes(surge=0.5, sway=0.0, heave=0.0, yaw=-1.0, buttons=0, requester=WHO)
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [held])
     assert craft.duties.mode.mode == "manual"
-    assert craft.acting == pytest.approx((1.0, Failsafe().low.rudder_pulse, 9600.0))
+    assert craft.acting == pytest.approx((1.0, drive_failsafe().low.rudder_pulse, 9600.0))
     craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(COMPUTER_MODE, WHO)], every=lambda: [held])
     assert craft.duties.mode.mode == "computer"
 

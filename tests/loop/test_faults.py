@@ -15,11 +15,8 @@ from trimtab.core.rng import key
 from trimtab.core.signals import Motion, PlanarForce, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.links.wire import Wire
-from trimtab.loop.fault import WORDS, Fault
-from trimtab.loop.faults import add_dormant_faults, fault_locations, inject_faults, parse_fault, watchable_paths
-from trimtab.loop.faulty_actuators import FaultyActuators
-from trimtab.loop.faulty_channel import FaultyChannel
-from trimtab.loop.faulty_sensor import FaultySensor
+from trimtab.loop.fault_text import add_dormant_faults, fault_locations, inject_faults, parse_fault, watchable_paths
+from trimtab.loop.faults import WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor
 from trimtab.loop.structure import strengthen_types
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
@@ -221,7 +218,7 @@ def test_all_that_goes_over_a_link_is_hit_together():
 
     def run(name):
         state = f.init(key(3).at(name), sent(np.int64(0)))
-        return [bool(f.fault.is_off(state.samples.key, k * STEP)) for k in range(0, 300, 10)]
+        return [bool(f.fault.is_off(state.memory.key, k * STEP)) for k in range(0, 300, 10)]
 
     assert run("downlink.imu") == run("downlink.ranging")
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion, new_sample
@@ -77,7 +78,7 @@ def test_samples_come_off_the_bus_when_its_slots_let_them_with_their_own_time():
 
 
 def test_without_the_bus_s_delay_it_is_the_sensor():
-    alone, behind = (flown(s, 200) for s in (Odometer(), RelayedSensor(inner=Odometer(), bus=BUS.without("delay"))))
+    alone, behind = (flown(s, 200) for s in (Odometer(), RelayedSensor(inner=Odometer(), bus=without(BUS, "delay"))))
     valid = behind.valid
     assert valid.all()
     for path in ("t", "age", "fresh"):

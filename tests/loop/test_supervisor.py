@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.actuators.drive import NEUTRAL_COMMAND
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
@@ -37,6 +38,7 @@ LIMITS = (
     Limit(fields=("surge_velocity",), low=-1.0, high=2.0, kind="envelope"),
 )
 SUPERVISOR = Supervisor(
+    neutral=NEUTRAL_COMMAND,
     limits=LIMITS,
     healthy=("frozen",),
     link_timeout=ms(200),
@@ -271,7 +273,7 @@ def _with(scenario, supervisor, sensors=None):
 
 
 def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
-    plain, watched = simulate(flight), simulate(_with(flight, Supervisor(automatic=True)))
+    plain, watched = simulate(flight), simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True)))
     added = [p for p in watched.paths if p not in plain.paths]
     assert added
     assert all(p.startswith("supervisor.") for p in added)
@@ -286,7 +288,7 @@ def test_a_flight_by_request(flight):
     asked = pilot_script(
         (ms(300), "arm"), (ms(1000), "hold"), (ms(1400), "end"), (ms(1600), "clear"), (ms(1700), "arm")
     )
-    log = simulate(_with(flight, Supervisor(), {"pilot": asked}))
+    log = simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND), {"pilot": asked}))
     mode = [MODES[int(m)] for m in log["supervisor.mode"]]
     at = {t: mode[t] for t in (250, 900, 1300, 1550, 1680, 1900)}
     wanted = ("standby", "flying", "hold", "ended", "standby", "flying")
@@ -304,7 +306,7 @@ def test_a_flight_by_request(flight):
 
 def test_an_envelope_stops_the_craft(flight):
     slow = Limit(fields=("surge_velocity",), high=0.3, kind="envelope")
-    log = simulate(_with(flight, Supervisor(automatic=True, limits=(slow,))))
+    log = simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=(slow,))))
     first = int(np.argmax(log["estimate.state.surge_velocity"] > 0.3))
     assert first > 0
     assert MODES[int(log["supervisor.mode"][first])] == "fault"
@@ -315,15 +317,17 @@ def test_an_envelope_stops_the_craft(flight):
 
 def test_it_refuses_an_autopilot_that_it_does_not_fit(flight):
     with pytest.raises(InputError, match="nobody can ask it to arm"):
-        simulate(_with(flight, Supervisor()))
+        simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND)))
     with pytest.raises(InputError, match="no 'altitude'"):
-        simulate(_with(flight, Supervisor(automatic=True, limits=(Limit(fields=("altitude",)),))))
+        simulate(
+            _with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=(Limit(fields=("altitude",)),)))
+        )
     with pytest.raises(InputError, match="neutral is a PlanarForce"):
         simulate(_with(flight, Supervisor(automatic=True, neutral=PlanarForce(0.0, 0.0))))
 
 
 def test_the_ideal_twin_needs_none(flight):
-    assert _with(flight, Supervisor()).ideal().autopilot.supervisor is None
+    assert _with(flight, Supervisor(neutral=NEUTRAL_COMMAND)).ideal().autopilot.supervisor is None
 
 
 def test_a_script_without_requests_says_nothing():
@@ -336,7 +340,9 @@ def test_a_script_without_requests_says_nothing():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_the_compiled_step_has_it(flight):
     """Requests go in, modes come out, sample by sample as in the simulation."""
-    flight = _with(flight, Supervisor(), {"pilot": pilot_script((ms(100), "arm"), (ms(300), "end"))})
+    flight = _with(
+        flight, Supervisor(neutral=NEUTRAL_COMMAND), {"pilot": pilot_script((ms(100), "arm"), (ms(300), "end"))}
+    )
     flight = replace(flight, duration=ms(500))
     log = simulate(flight, backend="jax")
     step = compile_autopilot(flight)

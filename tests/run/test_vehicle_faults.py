@@ -13,9 +13,8 @@ from trimtab.live.injector import fault_parameter_names, plan_fault
 from trimtab.live.uplink_step import uplink_step
 from trimtab.live.vehicle import replace_links
 from trimtab.live.world_step import compile_world
-from trimtab.loop.fault import WORDS
-from trimtab.loop.faults import inject_faults
-from trimtab.loop.faulty_channel import FaultyChannel
+from trimtab.loop.fault_text import inject_faults
+from trimtab.loop.faults import WORDS, FaultyChannel
 from trimtab.run.fast_step import FastStep
 from trimtab.scenarios import catalogue
 from trimtab.wire.parameters import Parameters

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
@@ -57,8 +58,8 @@ def test_density_is_independent_of_the_period():
 def test_faults_and_their_switches():
     sensor = AngularAccelerometer(noise=0.0, scale_factor=0.02, offset=-0.03)
     np.testing.assert_allclose(_samples(sensor, _motion(0.5), 3), 0.5 * 1.02 - 0.03, rtol=1e-14)
-    for name in AngularAccelerometer.IMPERFECTIONS:
-        sensor = sensor.without(name)
+    for name in imperfections(AngularAccelerometer()):
+        sensor = without(sensor, name)
     np.testing.assert_array_equal(_samples(sensor, _motion(0.5), 3), 0.5)
     with pytest.raises(InputError, match="no imperfection"):
-        sensor.without("bias")
+        without(sensor, "bias")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
@@ -42,9 +43,11 @@ def test_the_angle_is_within_half_a_count_and_without_mean_error():
 
 def test_a_disc_off_its_centre_errs_once_a_turn():
     psi = np.linspace(0, 2 * np.pi, 100)
-    value, _ = readings(Encoder(eccentricity=0.01).without("encoder-quantisation"), psi)
+    value, _ = readings(without(Encoder(eccentricity=0.01), "encoder-quantisation"), psi)
     np.testing.assert_allclose(value.angle, psi + 0.01 * np.sin(psi), atol=1e-14)
-    clean, _ = readings(Encoder(eccentricity=0.01).without("encoder-quantisation").without("encoder-eccentricity"), psi)
+    clean, _ = readings(
+        without(without(Encoder(eccentricity=0.01), "encoder-quantisation"), "encoder-eccentricity"), psi
+    )
     np.testing.assert_allclose(clean.angle, psi, atol=1e-15)
     with pytest.raises(InputError, match="no imperfection"):
-        Encoder().without("play")
+        without(Encoder(), "play")

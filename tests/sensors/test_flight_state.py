@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.rotation import from_euler
@@ -45,8 +46,8 @@ def test_noises_are_independent_and_as_said():
 
 def test_faults_can_be_switched_off():
     sensor = FlightStateSensor(1.0, 1.0, 1.0, 1.0, 1.0)
-    for name in FlightStateSensor.IMPERFECTIONS:
-        sensor = sensor.without(name)
+    for name in imperfections(FlightStateSensor()):
+        sensor = without(sensor, name)
     assert [getattr(sensor, f"{n}_noise") for n in NAMES] == [0.0] * 5
     with pytest.raises(InputError, match="no imperfection"):
-        sensor.without("wind")
+        without(sensor, "wind")

@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.core.imperfections import without
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms
@@ -30,7 +31,7 @@ def test_late_heading_is_behind_by_rate_times_latency():
     now, out = flown(sensor, 1000)
     lag = 2.0 * now[out.fresh] * 1e-7 - out.value.heading[out.fresh]
     np.testing.assert_allclose(lag, 2.0 * 0.087, atol=1e-12)
-    prompt = flown(sensor.without("heading-latency"), 1000)
+    prompt = flown(without(sensor, "heading-latency"), 1000)
     np.testing.assert_allclose(prompt[1].value.heading[prompt[1].fresh], 2.0 * prompt[0][prompt[1].fresh] * 1e-7)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
@@ -124,7 +125,7 @@ def test_the_unit_of_the_source():
     assert isinstance(imu, Sensor)
     imu.check()
     assert imu.period == 65536
-    values = logged(imu.without("imu-bias-walk"), np.zeros((200, 3)), range(60))
+    values = logged(without(imu, "imu-bias-walk"), np.zeros((200, 3)), range(60))
     rate, force = np.asarray(values.angular_rate), np.asarray(values.specific_force)
     assert np.std(rate - rate.mean(1, keepdims=True)) / DEG == pytest.approx(0.72, rel=0.02)
     assert np.std(force - force.mean(1, keepdims=True)) == pytest.approx(0.082, rel=0.02)
@@ -155,8 +156,8 @@ def test_scale_factor_and_misalignment_are_one_matrix_a_run():
 
 
 def test_saturation_is_flagged_and_only_that_triad():
-    imu = Imu.microstrain_3dm_gx1().without("imu-noise").without("imu-turn-on-bias").without("imu-scale-factor")
-    imu = imu.without("imu-misalignment").without("imu-bias-walk").without("imu-quantisation")
+    imu = without(without(without(Imu.microstrain_3dm_gx1(), "imu-noise"), "imu-turn-on-bias"), "imu-scale-factor")
+    imu = without(without(without(imu, "imu-misalignment"), "imu-bias-walk"), "imu-quantisation")
     rates = YAW * 6.4 * COUNT[:, None] / 59
     values = logged(imu, rates)
     rate, full = np.asarray(values.angular_rate)[0, :, 2], np.asarray(values.gyro_saturated)[0]
@@ -165,7 +166,7 @@ def test_saturation_is_flagged_and_only_that_triad():
     assert full[-1]
     assert not full[:20].any()
     assert not np.asarray(values.accelerometer_saturated).any()
-    free = logged(imu.without("imu-saturation"), rates)
+    free = logged(without(imu, "imu-saturation"), rates)
     assert np.asarray(free.angular_rate).max() > 6
     assert not np.asarray(free.gyro_saturated).any()
 
@@ -196,18 +197,18 @@ def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
 
 
 def test_switching_one_error_off_leaves_the_others_as_they_were():
-    imu, turning = Imu.microstrain_3dm_gx1().without("imu-quantisation"), np.tile(0.5 * YAW, (N, 1))
-    whole, less = (logged(i, turning).angular_rate[0] for i in (imu, imu.without("imu-turn-on-bias")))
+    imu, turning = without(Imu.microstrain_3dm_gx1(), "imu-quantisation"), np.tile(0.5 * YAW, (N, 1))
+    whole, less = (logged(i, turning).angular_rate[0] for i in (imu, without(imu, "imu-turn-on-bias")))
     np.testing.assert_allclose(whole - less, np.tile((whole - less)[0], (N, 1)), atol=1e-13)
     assert np.abs(whole - less).max() > 1e-4
     clean = imu
-    for name in Imu.IMPERFECTIONS:
-        clean = clean.without(name)
+    for name in imperfections(Imu()):
+        clean = without(clean, name)
     reading = logged(clean, turning)
     np.testing.assert_allclose(reading.specific_force[0], np.tile([0, 0, -9.80665], (N, 1)), atol=1e-13)
     np.testing.assert_allclose(reading.angular_rate[0], turning, atol=1e-13)
     with pytest.raises(InputError, match="no imperfection 'rust'"):
-        imu.without("rust")
+        without(imu, "rust")
 
 
 def test_what_a_tick_cannot_carry_is_refused():

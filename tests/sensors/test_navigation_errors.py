@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.record import replace
 from trimtab.core.rng import Key, key
@@ -114,11 +115,11 @@ def test_one_error_switched_off_leaves_the_others_as_they_were():
 
 
 def test_without_errors_the_truth_is_still_sampled_and_held():
-    ideal = SENSOR.without("navigation-error")
+    ideal = without(SENSOR, "navigation-error")
     assert ideal.period == ms(6)
     assert (errors(ideal, np.arange(40) * ms(6), runs=3) == 0).all()
     with pytest.raises(InputError, match=r"no imperfection 'bias'.*\nChoices: navigation-error"):
-        SENSOR.without("bias")
+        without(SENSOR, "bias")
 
 
 def test_heading_is_unwrapped_or_positive():

@@ -1,6 +1,7 @@
 import jax
 import numpy as np
 
+from trimtab.core.imperfections import imperfections
 from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import PlanarForce
@@ -26,4 +27,4 @@ def test_it_gives_the_state_of_the_vehicle_as_it_is():
 def test_it_is_a_sensor_without_faults():
     assert isinstance(PlanarNavigation(), Sensor)
     assert PlanarNavigation().period == ms(1)
-    assert PlanarNavigation.IMPERFECTIONS == ()
+    assert imperfections(PlanarNavigation()) == {}

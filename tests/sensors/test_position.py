@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.core.imperfections import without
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
@@ -47,7 +48,7 @@ def test_noise_of_both_coordinates_is_as_declared():
     for name in ("north", "east"):
         error = (getattr(b.value, name) - getattr(a.value, name))[b.fresh]
         assert error.std() == pytest.approx(0.02, rel=4 / math.sqrt(2 * len(error)))
-    assert (flown(noisy.without("position-noise"), 50)[1].value.north == a.value.north[:50]).all()
+    assert (flown(without(noisy, "position-noise"), 50)[1].value.north == a.value.north[:50]).all()
 
 
 def test_encoder_gives_the_place_to_half_a_count():

@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
@@ -40,7 +41,7 @@ def test_sections_are_scipys_bessel():
 
 def test_a_sine_at_the_bandwidth_comes_out_3_db_down():
     t = np.arange(1500) * 1e-3
-    y = followed(Tachometer().without("tachometer-noise"), np.sin(2 * np.pi * 5 * t))
+    y = followed(without(Tachometer(), "tachometer-noise"), np.sin(2 * np.pi * 5 * t))
     basis = np.stack([np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)], 1)[700:]
     assert np.linalg.norm(np.linalg.lstsq(basis, y[700:], rcond=None)[0]) == pytest.approx(np.sqrt(0.5), abs=1e-3)
 
@@ -52,8 +53,8 @@ def test_calibration_errors_and_noise():
     assert y.mean() == pytest.approx(2.04, abs=4 * 0.05 / np.sqrt(3000))
     assert y.std() == pytest.approx(0.05, rel=0.06)
     clean = tachometer
-    for name in Tachometer.IMPERFECTIONS:
-        clean = clean.without(name)
+    for name in imperfections(Tachometer()):
+        clean = without(clean, name)
     u = np.sin(np.arange(50.0))
     np.testing.assert_allclose(followed(clean, u), u, atol=1e-15)
 
@@ -63,4 +64,4 @@ def test_refusals():
         Tachometer(bandwidth=40.0, period=ms(10)).check()
     Tachometer().check()
     with pytest.raises(InputError, match="no imperfection"):
-        Tachometer().without("ripple")
+        without(Tachometer(), "ripple")

@@ -5,6 +5,7 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
@@ -118,7 +119,7 @@ def test_chirps_are_spread_over_the_window_and_never_overlap():
     assert min(g.min() for g in gaps if len(g)) >= 0.01 - 1e-6
 
 
-@pytest.mark.parametrize("name", UltrasonicListening.IMPERFECTIONS)
+@pytest.mark.parametrize("name", imperfections(UltrasonicListening()))
 def test_each_imperfection_alone_makes_a_difference(name):
     everything = replace(
         UltrasonicListening(period=ms(10)),
@@ -127,14 +128,14 @@ def test_each_imperfection_alone_makes_a_difference(name):
         medium=replace(SENSOR.medium, assumed=replace(SENSOR.medium.assumed, temperature=288.15)),
     )
     with_it = windows(0.0, everything, 30)[1].value.range
-    assert not np.array_equal(with_it, windows(0.0, everything.without(name), 30)[1].value.range)
+    assert not np.array_equal(with_it, windows(0.0, without(everything, name), 30)[1].value.range)
 
 
 def test_it_is_a_sensor_and_refuses_what_cannot_be():
     assert isinstance(SENSOR, Sensor)
     SENSOR.check()
     with pytest.raises(InputError, match="no imperfection 'collisions'"):
-        SENSOR.without("collisions")
+        without(SENSOR, "collisions")
     with pytest.raises(InputError, match=r"UltrasonicListening\.window"):
         replace(SENSOR, period=ms(7)).check()
     assert SENSOR.init(key(0)).held.range.shape == (4,)

@@ -5,6 +5,7 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key
@@ -140,7 +141,7 @@ def test_no_reply_is_a_sample_too():
     assert not samples.value.arrived.any()
 
 
-@pytest.mark.parametrize("name", UltrasonicRanging.IMPERFECTIONS)
+@pytest.mark.parametrize("name", imperfections(UltrasonicRanging()))
 def test_each_imperfection_alone_makes_a_difference(name):
     everything = replace(
         ONE,
@@ -148,13 +149,13 @@ def test_each_imperfection_alone_makes_a_difference(name):
         beacons=Beacons(survey_error=0.01, moved=0.1, fault_time=0),
         medium=replace(ONE.medium, assumed=replace(ONE.medium.assumed, temperature=288.15)),
     )
-    less = everything.without(name)
+    less = without(everything, name)
     with_it, without_it = pings(everything, 200)[0], pings(less, 200)[0]
     assert not np.array_equal(with_it.range, without_it.range)
     less.check()
     less.beacons.check()
     with pytest.raises(InputError, match="no imperfection 'wind'"):
-        ONE.without("wind")
+        without(ONE, "wind")
 
 
 def test_it_is_a_sensor_and_refuses_what_cannot_be():

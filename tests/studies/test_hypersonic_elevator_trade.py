@@ -13,7 +13,7 @@ from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.estimators.flexible.discrete import PRINTED_Q, TUNED_Q
 from trimtab.laws.stable_inversion import K_FLOWN
-from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.scenarios.hypersonic._internal import level_trim
 from trimtab.vehicles.hypersonic import Hypersonic
 
 

@@ -12,7 +12,7 @@ from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
-from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.scenarios.hypersonic._internal import level_trim
 from trimtab.vehicles.hypersonic import Hypersonic
 
 COUNT = len(campaign.COEFFICIENTS)

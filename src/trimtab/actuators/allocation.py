@@ -3,7 +3,7 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -11,8 +11,7 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.lookup import BilinearTable, check_speed_table, full_speed_table
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
-from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce
 
@@ -36,31 +35,25 @@ class ThrustVectorAllocation:
              docs page, Errata.
     """
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("saturation", "dead-zone", "lookup-table")
-
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
     thruster: Thruster = part("The fan's formula.", default=Thruster())
     table: BilinearTable | None = part(
-        "Speed by rudder angle and force, or None for the formula.", default=full_speed_table(Thruster())
+        "Speed by rudder angle and force, or None for the formula.",
+        default=full_speed_table(Thruster()),
+        off={"lookup-table": None},
     )
-    dead_zone: Scalar = quantity("N", "Demands up to this size give no thrust.", default=0.05, low=0, source="[1] 6.1")
-    saturation: bool = option("Whether rudder and fan have limits.", default=True, choices=(True, False))
+    dead_zone: Scalar = quantity(
+        "N", "Demands up to this size give no thrust.", default=0.05, low=0, source="[1] 6.1", off={"dead-zone": 0.0}
+    )
+    saturation: bool = option(
+        "Whether rudder and fan have limits.", default=True, choices=(True, False), off={"saturation": False}
+    )
 
     def check(self) -> None:
         """Refuse a table that is not the thruster's."""
         if self.table is not None:
             check_speed_table(self.table, self.thruster)
-
-    def without(self, name: str) -> "ThrustVectorAllocation":
-        """The same allocation with one fault switched off."""
-        if name == "saturation":
-            return replace(self, saturation=False)
-        if name == "dead-zone":
-            return replace(self, dead_zone=0.0)
-        if name == "lookup-table":
-            return replace(self, table=None)
-        raise InputError("allocation", f"no imperfection {name!r}", choices=self.IMPERFECTIONS, fix="name one of them")
 
     def init(self, key: Key) -> tuple[()]:
         """No state."""

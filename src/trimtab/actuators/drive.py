@@ -7,17 +7,18 @@ Speed controller of a brushed motor: it brakes before it turns the fan from reve
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.lookup import BilinearTable, check_thrust_table, thrust_table
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce, Sample
 from trimtab.core.time import format_time, ms, to_seconds
@@ -51,7 +52,7 @@ class SpeedController:
     Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay falls on reverse to forward.
     """
 
-    brake: int = period("Length of the brake; 0 switches it off.", default=ms(150), low=0)
+    brake: int = period("Length of the brake; 0 switches it off.", default=ms(150), low=0, off={"braking": 0})
 
     def init(self) -> SpeedControllerState:
         """At rest, forward."""
@@ -77,6 +78,19 @@ class DriveCommand:
 
     rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
+
+
+NEUTRAL_COMMAND = DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0)
+"""Rudder in the middle, fan at rest."""
+
+
+def drive_failsafe() -> Failsafe:
+    """The failsafe of a vectored fan: pulses that its servo takes, speeds up to that of the motor without propeller."""
+    return Failsafe(
+        safe=NEUTRAL_COMMAND,
+        low=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0),
+        high=DriveCommand(rudder_pulse=2.2e-3, speed_rpm=19200.0),
+    )
 
 
 @record
@@ -119,19 +133,21 @@ class FanDrive:
     Source:  [1] section 6.1 (brake, reverse table, components of the force), chapter 5 (20 ms frame).
     """
 
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("saturation", "braking", "lookup-table")
-
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
     controller: SpeedController = part("Speed controller.", default=SpeedController())
     thruster: Thruster = part("The fan's formula.", default=Thruster())
     table: BilinearTable | None = part(
-        "Thrust by rudder angle and speed, or None for the formula.", default=thrust_table(Thruster())
+        "Thrust by rudder angle and speed, or None for the formula.",
+        default=thrust_table(Thruster()),
+        off={"lookup-table": None},
     )
     effectiveness: Scalar = quantity("1", "Thrust given over thrust mapped, e.g. of a weak fan.", default=1.0, low=0)
     frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
     period: int = period("How often the drive acts.", default=ms(1))
-    saturation: bool = option("Whether rudder and fan have limits.", default=True, choices=(True, False))
+    saturation: bool = option(
+        "Whether rudder and fan have limits.", default=True, choices=(True, False), off={"saturation": False}
+    )
 
     def check(self) -> None:
         """Refuse frames that fall between steps, and a table that is not the thruster's."""
@@ -142,16 +158,6 @@ class FanDrive:
             raise InputError("frame", problem, fix="make it one, or frames are missed")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)
-
-    def without(self, name: str) -> "FanDrive":
-        """The same drive with one fault switched off."""
-        if name == "saturation":
-            return replace(self, saturation=False)
-        if name == "braking":
-            return replace(self, controller=replace(self.controller, brake=0))
-        if name == "lookup-table":
-            return replace(self, table=None)
-        raise InputError("drive", f"no imperfection {name!r}", choices=self.IMPERFECTIONS, fix="name one of them")
 
     def neutral(self) -> DriveOutput:
         """Fan at rest, rudder at the servo's neutral pulse."""

@@ -11,9 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, leaves, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, leaves, part, period, quantity, record, replace, tree_where
 from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER, ms, seconds
 
@@ -88,9 +87,9 @@ class Failsafe:
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
     """
 
-    safe: Any = part("What stands still.", default=DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0))
-    low: Any = part("Least value that is believed.", default=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0))
-    high: Any = part("Greatest value that is believed.", default=DriveCommand(rudder_pulse=2.2e-3, speed_rpm=19200.0))
+    safe: Any = part("What stands still.")
+    low: Any = part("Least value that is believed.")
+    high: Any = part("Greatest value that is believed.")
     timeout: int = period("Longest silence of the computer.", default=ms(250))
     lift_delay: int = period("From then until the lift fan stops.", default=seconds(1), low=0)
     patience: int = period("How long it stays armed before a first command comes.", default=seconds(10))
@@ -133,7 +132,7 @@ class Failsafe:
         state = self._next_mode(t, state, pilot, given)
         manual, computer = state.mode == MANUAL, state.mode == COMPUTER
         obeyed = computer & given.command.valid & (state.heard != NEVER)
-        value = _tree_where(manual, given.manual, _tree_where(obeyed, state.value, self.safe))
+        value = tree_where(manual, given.manual, tree_where(obeyed, state.value, self.safe))
         turns = manual | (computer & (state.heard != NEVER))
         tripped = (state.mode == FAILSAFE) & (before != FAILSAFE)
         state = replace(state, lift_until=jnp.where(turns | tripped, t + self.lift_delay, state.lift_until))
@@ -171,7 +170,7 @@ class Failsafe:
             s,
             heard=jnp.where(good, t, s.heard),
             newest=jnp.where(good, command.t, s.newest),
-            value=_tree_where(good, command.value, s.value),
+            value=tree_where(good, command.value, s.value),
             rejected=jnp.where(came & ~good & (s.rejected < 2**31 - 1), s.rejected + 1, s.rejected).astype(np.int32),
         )
 
@@ -205,7 +204,3 @@ class Failsafe:
         numbers = zip(leaves(self.low), leaves(value), leaves(self.high), strict=True)
         inside = [jnp.all((low[1] <= number[1]) & (number[1] <= high[1])) for low, number, high in numbers]
         return jnp.all(jnp.stack(inside))
-
-
-def _tree_where(condition: Any, a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

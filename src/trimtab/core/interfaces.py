@@ -4,10 +4,48 @@ Every part is a record; its fields are its parameters. Times `t` of blocks are i
 state comes in and goes out. Inside a step nothing raises.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, Motion, Sample
+
+OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
+    {
+        "check": lambda: None,
+        "check_duration": lambda seconds: None,
+        "FEELS": "motion",
+        "LATE": False,
+        "ANY_ORDER": False,
+        "MAV_TYPE": "GENERIC",
+        "send_period": None,
+        "frame": None,
+        "sampling": None,
+        "equilibrium": None,
+    }
+)
+"""What a part may have besides its interface, and what stands for it in one that hasn't.
+
+- any part: `check()` refuses its values with an InputError; `check_duration(seconds)` a run of that length.
+- Sensor: `FEELS`, a class variable: what step() is given. "motion"; "input", what acts on the vehicle since the last
+  command; "state", the vehicle's own, which no real sensor has but an ideal twin may.
+- Sensor: `LATE`, a class variable: samples come out after the time at which they were measured.
+- Estimator: `ANY_ORDER`, a class variable: it fuses each sample at its own time, so that late ones are given to it.
+- Vehicle: `MAV_TYPE`, a class variable: what it is to a ground station, MAVLink's name without its prefix.
+- Channel: `send_period`, time between packets; None: its period.
+- Actuators: `frame`, the period at which they latch a command; None: their period.
+- a gyro's response: `sampling`, the period of samples that it is made for; None: any.
+- Law: `equilibrium()`, the state at which its loop rests; None: not known.
+
+What can be switched off in a part is declared with `off=` at its fields: `core.imperfections`.
+"""
+
+
+def optional_member(part: Any, name: str) -> Any:
+    """A member of OPTIONAL_MEMBERS of a part, or what stands for it."""
+    return getattr(part, name, OPTIONAL_MEMBERS[name])
+
 
 X = TypeVar("X")
 U = TypeVar("U", contravariant=True)
@@ -28,11 +66,7 @@ class Vehicle(Protocol[X, U]):
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Motion in, sample out, each `period`.
-
-    A sensor with a class variable `FEELS` gets something else than the motion: "input", what acts on the vehicle since
-    the last command, or "state", the vehicle's own, which no real sensor has but an ideal twin may.
-    """
+    """Motion in, sample out, each `period`; it may say that it FEELS something else."""
 
     @property
     def period(self) -> int:

@@ -12,6 +12,7 @@ does not import JAX: what only reads logs, draws them or flies a compiled progra
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,10 @@ class Option:
 
 Declaration = Quantity | Part | Option
 
+Off = Mapping[str, Any]
+"""Name of an imperfection -> what the field is without it: a value, or a function of the record that gives one."""
+NOTHING_OFF: Off = MappingProxyType({})
+
 
 def quantity(
     unit: str,
@@ -85,31 +90,39 @@ def quantity(
     high: float | None = None,
     modes: tuple[str, ...] = (),
     shape: tuple[int, ...] = (),
+    off: Off = NOTHING_OFF,
 ) -> Any:
     """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source."""
     if kind not in KINDS:
         raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
     declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
-    return _field(declared, default)
+    return _field(declared, default, off)
 
 
-def part(doc: str, *, default: Any = MISSING) -> Any:
+def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF) -> Any:
     """Declare a nested record (or a mapping or tuple of records, or None)."""
-    return _field(Part(doc), default)
+    return _field(Part(doc), default, off)
 
 
-def option(doc: str, *, default: Any = MISSING, choices: tuple[Any, ...] = (), kind: str = "choice") -> Any:
+def option(
+    doc: str,
+    *,
+    default: Any = MISSING,
+    choices: tuple[Any, ...] = (),
+    kind: str = "choice",
+    off: Off = NOTHING_OFF,
+) -> Any:
     """Declare a static choice; `choices` lists the valid values."""
-    return _field(Option(doc, kind, choices), default)
+    return _field(Option(doc, kind, choices), default, off)
 
 
-def period(doc: str, *, default: Any = MISSING, low: int = 1) -> Any:
+def period(doc: str, *, default: Any = MISSING, low: int = 1, off: Off = NOTHING_OFF) -> Any:
     """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`."""
-    return _field(Option(doc, "period", (), low), default)
+    return _field(Option(doc, "period", (), low), default, off)
 
 
-def _field(declared: Declaration, default: Any) -> Any:
-    metadata = {"declared": declared}
+def _field(declared: Declaration, default: Any, off: Off = NOTHING_OFF) -> Any:
+    metadata = {"declared": declared, "off": off}
     if isinstance(default, Mapping | np.ndarray | list):  # dataclasses refuse mutable defaults
         return dataclasses.field(default_factory=lambda: default, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.quantity import (
@@ -45,6 +46,7 @@ __all__ = [
     "record",
     "replace",
     "to_arrays",
+    "tree_where",
     "with_leaf",
 ]
 
@@ -127,6 +129,11 @@ def _replace_child(value: Any, name: str, child: Any) -> Any:
         several[int(name)] = child
         return tuple(several)
     return replace(value, **{name: child})
+
+
+def tree_where(condition: Any, a: T, b: T) -> T:
+    """a where the condition holds, else b, number by number of two trees of one structure."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 def to_arrays(tree: T) -> T:

@@ -7,6 +7,8 @@ Times are integers of 100 ns; ages are seconds.
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.time import to_seconds
 
@@ -26,6 +28,12 @@ class Motion:
     w_WB_B: Any = quantity("rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,))
     a_WB_B: Any = quantity("m/s^2", "Acceleration of the centre of mass in W, resolved in B.", frame="B", shape=(3,))
     alpha_WB_B: Any = quantity("rad/s^2", "Angular acceleration.", frame="B", shape=(3,))
+
+
+def no_motion() -> Motion:
+    """At rest at the origin at time zero: the structure of a motion, where its numbers don't matter."""
+    three = np.zeros(3)
+    return Motion(np.int64(0), three, three, three, three, three, three)
 
 
 @record

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.drive import FanDrive, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
@@ -112,7 +112,7 @@ def replace_hardware(scenario: Scenario) -> Scenario:
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[ExportedBlock]:
     """The blocks of the firmware, and the motor, as C."""
-    failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else Failsafe()
+    failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else drive_failsafe()
     zero = np.float64(0.0)
     wanted = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
     blocks = {

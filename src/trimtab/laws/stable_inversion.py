@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, part, quantity, record
+from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, part, quantity, record, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
-from trimtab.laws.internal_quasi_static import InternalTable, QuasiStaticInternal, solve_quasi_static
+from trimtab.laws.internal_states import InternalTable, QuasiStaticInternal, solve_quasi_static
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -223,7 +223,7 @@ class StableInversion:
         saturated, integrates = clipped | ~usable, jnp.any(jnp.asarray(self.Ki) != 0)
         new = StableInversionState(
             internal=internal,
-            adaptation=_tree_where(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
+            adaptation=tree_where(saturated, state.adaptation, self.robust.adapt(dt, state.adaptation, e, terms.s)),
             integral=jnp.where(saturated | ~integrates, state.integral, state.integral + dt * jnp.stack([e[0], e[2]])),
             t=t,
             started=jnp.asarray(True),
@@ -266,7 +266,3 @@ class StableInversion:
         have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
         wanted = (want.h, want.h_rate, want.V, *(zeta[i] for i in range(6)))
         return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
-
-
-def _tree_where(condition: Any, a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda p, q: jnp.where(condition, p, q), a, b)

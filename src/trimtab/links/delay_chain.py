@@ -1,11 +1,11 @@
 """A chain of unit delays: a link that is late by a constant."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import SECONDS_PER_UNIT
@@ -34,21 +34,13 @@ class DelayChain:
     """
 
     period: int = period("Of the sample and hold and of each unit delay.")
-    steps: int = option("Number of unit delays; 0 leaves the sample and hold.")
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay",)
+    steps: int = option("Number of unit delays; 0 leaves the sample and hold.", off={"delay": 0})
 
     def check(self) -> None:
         """Refuse a number of delays that is not a whole number from 0 on."""
         steps: Any = self.steps
         if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 0:
             raise InputError("DelayChain.steps", f"{steps!r} is not a number of unit delays", fix="write 0, 1, 2, ...")
-
-    def without(self, name: str) -> "DelayChain":
-        """A copy with "delay" switched off: the sample and hold stays."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("DelayChain", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, steps=0)
 
     def delay(self) -> float:
         """Time from an input sampled to its output (s)."""

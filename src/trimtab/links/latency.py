@@ -1,13 +1,13 @@
 """A packet link whose latency is drawn from a measured distribution."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
@@ -35,13 +35,17 @@ class MeasuredLatency:
              table 5.1, for means and spreads; the shape of the distribution is reconstructed, see docs Errata.
     """
 
-    latency: Scalar = quantity("s", "Latency at each node of the normal score.", low=0, shape=(NODES,))
-    loss: Scalar = quantity("1", "Probability that a packet is lost.", default=0.0, low=0, high=1)
+    latency: Scalar = quantity(
+        "s",
+        "Latency at each node of the normal score.",
+        low=0,
+        shape=(NODES,),
+        off={"delay": np.zeros(NODES), "jitter": lambda link: np.full(NODES, mean_latency(link.latency))},
+    )
+    loss: Scalar = quantity("1", "Probability that a packet is lost.", default=0.0, low=0, high=1, off={"loss": 0.0})
     send_period: int = period("Time between packets.", default=ms(20))
     period: int = period("How often the receiving end looks.", default=ms(1))
     capacity: int = option("Slots of the ring, one per send period.", default=64)
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay", "jitter", "loss")
 
     def check(self) -> None:
         """Refuse a table that is not a rising list of latencies, and a ring too short for the longest of them."""
@@ -54,16 +58,6 @@ class MeasuredLatency:
                 fix="make it with gamma_table(mean, sd, shift), or from a measurement's quantiles at ndtr(scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
-
-    def without(self, name: str) -> "MeasuredLatency":
-        """A copy with one fault off: "delay" (and jitter with it), "jitter" (the mean remains) or "loss"."""
-        if name == "delay":
-            return replace(self, latency=np.zeros(NODES))
-        if name == "jitter":
-            return replace(self, latency=np.full(NODES, mean_latency(self.latency)))
-        if name == "loss":
-            return replace(self, loss=0.0)
-        raise InputError("MeasuredLatency", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
         """Latency (s) and whether it is lost, of the packet of a send instant: its time divided by `send_period`."""

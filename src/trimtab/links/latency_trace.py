@@ -2,13 +2,13 @@
 
 import math
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
@@ -31,13 +31,22 @@ class LatencyTrace:
     Source:  docs page.
     """
 
-    latency: Scalar = quantity("s", "Latency of each recorded packet; 0 where it was lost.", low=0)
-    lost: Scalar = quantity("1", "Whether each recorded packet was lost.", kind="flag")
+    latency: Scalar = quantity(
+        "s",
+        "Latency of each recorded packet; 0 where it was lost.",
+        low=0,
+        off={
+            "delay": lambda link: np.zeros_like(link.latency, np.float64),
+            "jitter": lambda link: np.full(np.shape(link.latency), _mean_of_received(link)),
+            "loss": lambda link: np.where(link.lost, _mean_of_received(link), link.latency),
+        },
+    )
+    lost: Scalar = quantity(
+        "1", "Whether each recorded packet was lost.", kind="flag", off={"loss": lambda link: np.zeros_like(link.lost)}
+    )
     send_period: int = period("Time between packets.", default=ms(20))
     period: int = period("How often the receiving end looks.", default=ms(1))
     capacity: int = option("Slots of the ring, one per send period.", default=64)
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay", "jitter", "loss")
 
     def check(self) -> None:
         """Refuse an empty or uneven recording, and a ring too short for the longest latency."""
@@ -62,18 +71,6 @@ class LatencyTrace:
         """A link that repeats a recording; settings are the other fields, e.g. ``send_period=ms(6)``."""
         return cls(latency=trace.latency_s, lost=trace.lost, **settings)
 
-    def without(self, name: str) -> "LatencyTrace":
-        """A copy with one fault off: "delay" (and jitter with it), "jitter" (the mean remains) or "loss"."""
-        latency, lost = np.asarray(self.latency, np.float64), np.asarray(self.lost, np.bool_)
-        mean = float(latency[~lost].mean()) if (~lost).any() else 0.0
-        if name == "delay":
-            return replace(self, latency=np.zeros_like(latency))
-        if name == "jitter":
-            return replace(self, latency=np.full_like(latency, mean))
-        if name == "loss":  # a packet that was lost has no latency on record: it takes the mean
-            return replace(self, latency=np.where(lost, mean, latency), lost=np.zeros_like(lost))
-        raise InputError("LatencyTrace", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-
     def init(self, key: Key, like: Sample) -> Fifo:
         """Nothing under way, for samples of the structure of `like`; the key is not needed."""
         return empty_fifo(None, like, self.capacity)
@@ -90,6 +87,12 @@ class LatencyTrace:
             send_period=self.send_period,
             period=self.period,
         )
+
+
+def _mean_of_received(link: LatencyTrace) -> float:
+    """Mean latency (s) of the packets that were not lost; one that was has none on record."""
+    received = np.asarray(link.latency, np.float64)[~np.asarray(link.lost, np.bool_)]
+    return float(received.mean()) if received.size else 0.0
 
 
 class Trace(NamedTuple):

@@ -3,14 +3,14 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import UNITS_PER_SECOND, format_time, ms, to_seconds
@@ -52,9 +52,7 @@ class SlaveBus:
     queue: int = period("Longest time that a message may be on its way.", default=ms(200))
     period: int = period("How often the receiving end looks.", default=ms(1))
     capacity: int = option("Slots of the ring, one per period.", default=256)
-    limited: bool = option("Whether the bus takes any time.", default=True, choices=(True, False))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("delay",)
+    limited: bool = option("Whether the bus takes any time.", default=True, choices=(True, False), off={"delay": False})
 
     def check(self) -> None:
         """Refuse pieces without room, a piece longer than its slot, and a ring too short for the queue."""
@@ -68,12 +66,6 @@ class SlaveBus:
             )
             raise InputError("SlaveBus.slot", problem, fix="make the pieces smaller or the slot longer")
         check_ring("SlaveBus", self.capacity, to_seconds(self.queue), self.period, self.period)
-
-    def without(self, name: str) -> "SlaveBus":
-        """A copy with its one fault off: "delay"."""
-        if name == "delay":
-            return replace(self, limited=False)
-        raise InputError("SlaveBus", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
 
     def message_size(self, value: Any) -> int:
         """How many bytes a message with this value has."""

@@ -1,6 +1,6 @@
 """A wire: what goes in comes out at once."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +29,6 @@ class Wire:
     """
 
     period: int = period("How often the wire is looked at.", default=ms(1))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
 
     def init(self, key: Key, like: Sample) -> WireState:
         """Nothing received."""

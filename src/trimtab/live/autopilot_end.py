@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.live.exchange import GroupSample, MessageGroup, command_group, sample_groups
 from trimtab.live.world_step import message_structures
@@ -48,7 +49,7 @@ class AutopilotEnd:
         self._now: Any = step.reads["t"]
         self._standing = dict.fromkeys(self.sensors, 0)
         estimator = scenario.autopilot.estimator
-        self._any_order = estimator.listens if getattr(estimator, "ANY_ORDER", False) else ()
+        self._any_order = estimator.listens if optional_member(estimator, "ANY_ORDER") else ()
         self.overflowed = self.heard = self.strange = self.overtaken = 0
         """Samples dropped because too many waited or for too long, heard, dropped because of their times; late ones."""
 

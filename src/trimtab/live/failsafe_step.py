@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand
+from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import ExportedBlock, export_step
 from trimtab.core.record import part, quantity, record, to_arrays
@@ -35,7 +35,7 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
     if isinstance(command.value, DriveCommand):
-        return Failsafe()
+        return drive_failsafe()
 
     def filled(number: float) -> Any:
         return jax.tree.map(lambda v: np.full(np.shape(v), number), command.value)

@@ -23,8 +23,7 @@ from trimtab.live.uplink_step import uplink_step
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.live.world_step import compile_world
 from trimtab.logs.stream import LogFileSummary
-from trimtab.loop.fault import DELAYED, delay_slots
-from trimtab.loop.faulty_channel import FaultyChannel
+from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fast_step import FastStep
 from trimtab.run.program import describe_scenario

@@ -11,12 +11,11 @@ import jax
 import numpy as np
 
 from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.record import part, quantity, record, replace, to_arrays
+from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame
 from trimtab.core.time import Clock, to_seconds
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.structure import tree_where
 from trimtab.loop.walk import start
 from trimtab.run.fast_step import FastStep
 

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.record import children, is_record, part, period, record, replace
+from trimtab.core.record import children, is_record, part, period, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
-from trimtab.loop.structure import is_finite, tree_where, zeros_of
+from trimtab.loop.structure import is_finite, zeros_of
 from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Option, Quantity, children, is_record, leaves
 from trimtab.core.time import format_time
 
@@ -16,10 +17,9 @@ def check_values(tree: Any, path: str = "") -> None:
             _check_quantity(where, value, declared)
         else:
             _check_option(where, value, declared)
-    for where, child in _records(tree, path):
-        own = getattr(child, "check", None)
-        if own is not None and where != path:
-            check_part(where, own)
+    for where, child in records(tree, path):
+        if where != path:
+            check_part(where, optional_member(child, "check"))
 
 
 def check_part(where: str, own: Any) -> None:
@@ -31,10 +31,11 @@ def check_part(where: str, own: Any) -> None:
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
 
 
-def _records(value: Any, path: str) -> list[tuple[str, Any]]:
+def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """Path and record, of a record and of all below it."""
     found = [(path, value)] if is_record(value) else []
     for name, child, _ in children(value):
-        found += _records(child, f"{path}.{name}" if path else name)
+        found += records(child, f"{path}.{name}" if path else name)
     return found
 
 

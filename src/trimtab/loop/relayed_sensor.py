@@ -3,13 +3,13 @@
 from typing import Any, ClassVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, record
 from trimtab.core.rng import Key
-from trimtab.core.signals import Motion, Sample
+from trimtab.core.signals import Sample, no_motion
 from trimtab.core.time import format_time
 from trimtab.loop.structure import cast_like, strengthen_types
 
@@ -45,7 +45,7 @@ class RelayedSensor:
 
     def check(self) -> None:
         """Refuse a sensor that feels no motion, and a bus that looks at other times than the sensor."""
-        if getattr(self.inner, "FEELS", "motion") != "motion":
+        if optional_member(self.inner, "FEELS") != "motion":
             problem = f"{type(self.inner).__name__} feels {self.inner.FEELS!r}: there is nothing of it on a bus"
             raise InputError("RelayedSensor.inner", problem, fix="leave it as it is, without a bus")
         if self.bus.period != self.inner.period:
@@ -55,9 +55,7 @@ class RelayedSensor:
     def init(self, key: Key) -> RelayedSensorState:
         """Nothing measured, nothing on the bus."""
         inner = self.inner.init(key)
-        three = jnp.zeros(3)
-        motion = Motion(np.int64(0), three, three, three, three, three, three)
-        sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, motion)[1], inner)
+        sample = jax.eval_shape(lambda s: self.inner.step(np.int64(0), s, no_motion())[1], inner)
         return RelayedSensorState(inner=inner, bus=strengthen_types(self.bus.init(key.at("bus"), sample)))
 
     def measure(self, motion: Any) -> Any:

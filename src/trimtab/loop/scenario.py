@@ -4,14 +4,19 @@ from typing import Any
 
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.core.errors import InputError
-from trimtab.core.record import children, is_record, option, part, period, record, replace
+from trimtab.core.imperfections import imperfections as find_imperfections
+from trimtab.core.imperfections import without
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import option, part, period, record, replace
 from trimtab.core.time import seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
-from trimtab.loop.checks import check_part, check_values
+from trimtab.loop.checks import check_part, check_values, records
 from trimtab.loop.world import World
 from trimtab.sensors.navigation_errors import PlanarNavigation
+
+LINKS = ("uplink", "downlink")
 
 
 @record
@@ -46,47 +51,35 @@ class Scenario:
         )
         return replace(self, world=world, autopilot=autopilot)
 
-    def imperfections(self) -> dict[str, list[tuple[str, str]]]:
-        """Name of each fault that can be switched off -> where it is: (path of the part, its own name for it)."""
-        found: dict[str, list[tuple[str, str]]] = {}
-        for path, owner in _parts(self):
-            link = path.split(".")[1] if f"{path}.".startswith(("world.uplink.", "world.downlink.")) else ""
-            for own in getattr(owner, "IMPERFECTIONS", ()):
-                name = f"{link}-{own}" if link else own
-                found.setdefault(name, []).append((path, own))
-        return found
+    def imperfections(self) -> dict[str, list[str]]:
+        """Name of each imperfection that can be switched off -> paths of the parts that have it.
+
+        Those of a link bear its name, e.g. "uplink-delay".
+        """
+        names: dict[str, list[str]] = {}
+        for own, paths in find_imperfections(self).items():
+            for path in paths:
+                link = next((name for name in LINKS if f"{path}.".startswith(f"world.{name}.")), "")
+                names.setdefault(f"{link}-{own}" if link else own, []).append(path)
+        return names
 
     def without(self, name: str) -> "Scenario":
-        """The same scenario with one fault switched off, e.g. ``without("navigation-error")``."""
+        """The same scenario with one imperfection switched off, e.g. ``without("navigation-error")``."""
         known = self.imperfections()
         if name not in known:
             problem = f"there is no imperfection {name!r} to switch off"
             raise InputError(f"scenario {self.name!r}", problem, choices=known, fix="--without one of the choices")
-        changed: Any = self
-        for path, own in known[name]:
-            changed = _with_part(changed, path.split("."), own)
-        return changed
+        link = known[name][0].removeprefix("world.").partition(".")[0]
+        if link in LINKS:
+            channel = without(getattr(self.world, link), name.removeprefix(f"{link}-"))
+            return replace(self, world=replace(self.world, **{link: channel}))
+        links = {link: getattr(self.world, link) for link in LINKS}
+        changed = without(replace(self, world=replace(self.world, **dict.fromkeys(LINKS, ()))), name)
+        return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
         """Refuse values that cannot be flown; the walk refuses parts that don't fit each other."""
         check_values(self)
-        for path, owner in _parts(self):
-            covers = getattr(owner, "check_duration", None)
-            if covers is not None:
-                check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))
-
-
-def _parts(value: Any, path: str = "") -> list[tuple[str, Any]]:
-    found = [(path, value)] if is_record(value) else []
-    for name, child, declared in children(value):
-        if declared is None or is_record(child) or children(child):
-            found += _parts(child, f"{path}.{name}" if path else name)
-    return found
-
-
-def _with_part(value: Any, path: list[str], own: str) -> Any:
-    if not path:
-        return value.without(own)
-    if isinstance(value, dict):
-        return {n: _with_part(v, path[1:], own) if n == path[0] else v for n, v in value.items()}
-    return replace(value, **{path[0]: _with_part(getattr(value, path[0]), path[1:], own)})
+        for path, owner in records(self):
+            covers: Any = optional_member(owner, "check_duration")
+            check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))

@@ -48,11 +48,6 @@ def cast_like(tree: Any, pattern: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.asarray(a, jnp.result_type(b)), tree, pattern)
 
 
-def tree_where(condition: Scalar, a: Any, b: Any) -> Any:
-    """a where the condition holds, else b, leaf by leaf."""
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
-
-
 def is_finite(tree: Any) -> Scalar:
     """Whether every real number of a tree is finite."""
     floats = [v for v in map(jnp.asarray, jax.tree.leaves(tree)) if jnp.issubdtype(v.dtype, jnp.floating)]

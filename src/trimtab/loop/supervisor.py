@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Scalar, leaves, option, part, period, quantity, record
 from trimtab.core.signals import Estimate, Frame, Sample
@@ -139,7 +138,7 @@ class Supervisor:
     Source:  docs page, Supervisor; modes and times are this project's.
     """
 
-    neutral: Any = part("Value of a command that holds still.", default=DriveCommand(1.5e-3, 0.0))
+    neutral: Any = part("Value of a command that holds still.")
     limits: tuple[Limit, ...] = part("Geofence and speed envelope.", default=())
     stale_age: Scalar = quantity("s", "Oldest estimate that is flown on.", default=0.4, above=0)
     link_timeout: int = period("Longest silence of all sensors.", default=ms(200))

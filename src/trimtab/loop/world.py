@@ -5,6 +5,7 @@ from typing import Any
 
 from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, period, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame, Sample, hold_sample
@@ -147,7 +148,7 @@ class World:
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
     """What this sensor gets: the motion, or what its class variable FEELS names."""
     given = {"motion": motion, "state": lambda: x, "input": lambda: u}
-    feels = getattr(sensor, "FEELS", "motion")
+    feels = optional_member(sensor, "FEELS")
     if feels not in given:
         problem = f"{type(sensor).__name__} feels {feels!r}, which is nothing that a world has"
         raise InputError(where, problem, choices=given, fix='write FEELS = "motion", or leave it out')

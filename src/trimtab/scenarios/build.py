@@ -8,11 +8,12 @@ Source: docs page, Latency trace.
 from collections.abc import Iterable, Mapping
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
-from trimtab.loop.faults import inject_faults
+from trimtab.loop.fault_text import inject_faults
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
@@ -34,7 +35,7 @@ def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str])
             if not file.endswith(".csv"):
                 fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
                 raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
-            trace, each = read_trace(file), getattr(own, "send_period", own.period)
+            trace, each = read_trace(file), optional_member(own, "send_period") or own.period
             slots = required_slots(float(trace.latency_s.max()), each, ms(1))
             link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
             world = replace(world, **{name: link})

@@ -1,10 +1,9 @@
 """An angular accelerometer: the pitch acceleration, in which the bending of a vehicle shows."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, period, quantity, record, replace
+from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms, to_seconds
@@ -31,25 +30,24 @@ class AngularAccelerometer:
              flight vehicle", Aerospace 2022, 9(4), 206. Its noise is not printed: chosen here, see docs page.
     """
 
-    noise: Scalar = quantity("rad/s^2", "Standard deviation of each sample.", default=0.01, low=0, source="chosen")
-    scale_factor: Scalar = quantity("1", "Error of the scale.", default=0.0)
-    offset: Scalar = quantity("rad/s^2", "Error of the zero.", default=0.0)
-    period: int = period("Time between samples.", default=ms(5))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = tuple(
-        f"angular-accelerometer-{fault}" for fault in ("noise", "scale-factor", "offset")
+    noise: Scalar = quantity(
+        "rad/s^2",
+        "Standard deviation of each sample.",
+        default=0.01,
+        low=0,
+        source="chosen",
+        off={"angular-accelerometer-noise": 0.0},
     )
+    scale_factor: Scalar = quantity(
+        "1", "Error of the scale.", default=0.0, off={"angular-accelerometer-scale-factor": 0.0}
+    )
+    offset: Scalar = quantity("rad/s^2", "Error of the zero.", default=0.0, off={"angular-accelerometer-offset": 0.0})
+    period: int = period("Time between samples.", default=ms(5))
 
     @classmethod
     def of_density(cls, density: float, sampling: int = ms(5)) -> "AngularAccelerometer":
         """One whose white noise has this power spectral density ((rad/s^2)^2/Hz, two-sided) at this period."""
         return cls(noise=math.sqrt(density / to_seconds(sampling)), period=sampling)
-
-    def without(self, name: str) -> "AngularAccelerometer":
-        """A copy with one of IMPERFECTIONS switched off."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("AngularAccelerometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **{name.removeprefix("angular-accelerometer-").replace("-", "_"): 0.0})
 
     def init(self, key: Key) -> Key:
         """The noise's key is all that it keeps."""

@@ -1,13 +1,12 @@
 """An optical encoder on a vertical shaft: the heading of what turns, in counts."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, period, quantity, record, replace
+from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
@@ -34,19 +33,19 @@ class Encoder:
              section 6.2.1: 4096 counts in a turn.
     """
 
-    counts: Scalar = quantity("1", "Counts in a turn; 0: no steps.", default=4096.0, low=0, source="[1] section 6.2.1")
+    counts: Scalar = quantity(
+        "1",
+        "Counts in a turn; 0: no steps.",
+        default=4096.0,
+        low=0,
+        source="[1] section 6.2.1",
+        off={"encoder-quantisation": 0.0},
+    )
     zero: Scalar = quantity("rad", "Heading at which it reads zero.", kind="angle", default=0.0)
-    eccentricity: Scalar = quantity("rad", "Greatest error of a disc off its centre.", default=0.0, low=0)
+    eccentricity: Scalar = quantity(
+        "rad", "Greatest error of a disc off its centre.", default=0.0, low=0, off={"encoder-eccentricity": 0.0}
+    )
     period: int = period("Time between samples.", default=ms(1))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("encoder-quantisation", "encoder-eccentricity")
-
-    def without(self, name: str) -> "Encoder":
-        """A copy with one of IMPERFECTIONS switched off; without steps the count stays zero."""
-        off = {"encoder-quantisation": "counts", "encoder-eccentricity": "eccentricity"}
-        if name not in off:
-            raise InputError("Encoder", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **{off[name]: 0.0})
 
     def init(self, key: Key) -> tuple[()]:
         """No state."""

@@ -1,11 +1,10 @@
 """Altitude, climb, speed, angle of attack and pitch rate, as air data and inertial sensors of an aircraft give them."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, period, quantity, record, replace
+from trimtab.core.record import Scalar, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
@@ -36,22 +35,22 @@ class FlightStateSensor:
              flight vehicle", Aerospace 2022, 9(4), 206: the measured part of the state.
     """
 
-    altitude_noise: Scalar = quantity("m", "Standard deviation of each sample.", default=0.0, low=0)
-    climb_noise: Scalar = quantity("m/s", "Standard deviation of each sample.", default=0.0, low=0)
-    speed_noise: Scalar = quantity("m/s", "Standard deviation of each sample.", default=0.0, low=0)
-    alpha_noise: Scalar = quantity("rad", "Standard deviation of each sample.", default=0.0, low=0)
-    pitch_rate_noise: Scalar = quantity("rad/s", "Standard deviation of each sample.", default=0.0, low=0)
-    period: int = period("Time between samples.", default=ms(5))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = tuple(
-        f"flight-{name}-noise" for name in ("altitude", "climb", "speed", "alpha", "pitch-rate")
+    altitude_noise: Scalar = quantity(
+        "m", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-altitude-noise": 0.0}
     )
-
-    def without(self, name: str) -> "FlightStateSensor":
-        """A copy with one of IMPERFECTIONS switched off."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("FlightStateSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **{name.removeprefix("flight-").replace("-", "_"): 0.0})
+    climb_noise: Scalar = quantity(
+        "m/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-climb-noise": 0.0}
+    )
+    speed_noise: Scalar = quantity(
+        "m/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-speed-noise": 0.0}
+    )
+    alpha_noise: Scalar = quantity(
+        "rad", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-alpha-noise": 0.0}
+    )
+    pitch_rate_noise: Scalar = quantity(
+        "rad/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-pitch-rate-noise": 0.0}
+    )
+    period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
         """The noise's key is all that it keeps."""

@@ -4,7 +4,6 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
@@ -44,25 +43,22 @@ class HeadingSensor:
              section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
-    noise: Scalar = quantity("rad", "Standard deviation of each measurement.", default=0.03, low=0)
-    timing: LateFix = part("When it is measured and comes out.", default=LateFix())
+    noise: Scalar = quantity(
+        "rad", "Standard deviation of each measurement.", default=0.03, low=0, off={"heading-noise": 0.0}
+    )
+    timing: LateFix = part(
+        "When it is measured and comes out.",
+        default=LateFix(),
+        off={"heading-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
+    )
     period: int = period("How often it is looked whether one has come out.", default=ms(1))
 
     LATE: ClassVar[bool] = True
     """Samples come out after the time at which they were measured."""
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("heading-noise", "heading-latency")
 
     def check(self) -> None:
         """Refuse a period at which measurements would be missed."""
         self.timing.check_period(self.period)
-
-    def without(self, name: str) -> "HeadingSensor":
-        """A copy with one of IMPERFECTIONS switched off."""
-        if name == "heading-noise":
-            return replace(self, noise=0.0)
-        if name == "heading-latency":
-            return replace(self, timing=replace(self.timing, latency=0.0))
-        raise InputError("HeadingSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
 
     def init(self, key: Key) -> HeadingState:
         """Nothing measured."""
@@ -94,8 +90,6 @@ class Compass:
     """
 
     magnetometer: Magnetometer = part("What measures the field.", default=Magnetometer.microstrain_3dm_gx1())
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
 
     @property
     def period(self) -> int:

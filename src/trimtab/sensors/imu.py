@@ -9,14 +9,14 @@ stands behind the low-pass: its density is that of the output.
 """
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Scalar, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
@@ -34,32 +34,85 @@ SOURCE = "IEEE Std 952-1997, annex C"
 class AccelerometerErrors:
     """Errors of three accelerometers; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
 
-    noise: Scalar = quantity("m/s^2/Hz^0.5", "White noise: velocity random walk N.", default=0.0, low=0, source=SOURCE)
-    bias: Any = quantity("m/s^2", "Constant bias, the same in every run.", default=(0.0, 0.0, 0.0), shape=(3,))
-    turn_on_bias: Scalar = quantity("m/s^2", "Standard deviation, drawn for each run.", default=0.0, low=0)
-    bias_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the bias, K.", default=0.0, low=0, source=SOURCE)
-    scale_factor: Scalar = quantity("1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0)
-    misalignment: Scalar = quantity("rad", "Standard deviation of an axis towards another.", default=0.0, low=0)
-    bandwidth: Scalar = quantity("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0)
-    resolution: Scalar = quantity("m/s^2", "Step of the converter; 0: none.", default=0.0, low=0)
-    range: Scalar = quantity("m/s^2", "Greatest output; 0: no limit.", default=0.0, low=0)
-    response: Any = part("Dynamics in place of the low-pass, with start(u) and respond(state, u).", default=None)
+    noise: Scalar = quantity(
+        "m/s^2/Hz^0.5",
+        "White noise: velocity random walk N.",
+        default=0.0,
+        low=0,
+        source=SOURCE,
+        off={"imu-noise": 0.0},
+    )
+    bias: Any = quantity(
+        "m/s^2",
+        "Constant bias, the same in every run.",
+        default=(0.0, 0.0, 0.0),
+        shape=(3,),
+        off={"imu-turn-on-bias": (0.0, 0.0, 0.0)},
+    )
+    turn_on_bias: Scalar = quantity(
+        "m/s^2", "Standard deviation, drawn for each run.", default=0.0, low=0, off={"imu-turn-on-bias": 0.0}
+    )
+    bias_walk: Scalar = quantity(
+        "m/s^2/s^0.5", "Random walk of the bias, K.", default=0.0, low=0, source=SOURCE, off={"imu-bias-walk": 0.0}
+    )
+    scale_factor: Scalar = quantity(
+        "1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0, off={"imu-scale-factor": 0.0}
+    )
+    misalignment: Scalar = quantity(
+        "rad", "Standard deviation of an axis towards another.", default=0.0, low=0, off={"imu-misalignment": 0.0}
+    )
+    bandwidth: Scalar = quantity(
+        "Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0, off={"imu-bandwidth": 0.0}
+    )
+    resolution: Scalar = quantity(
+        "m/s^2", "Step of the converter; 0: none.", default=0.0, low=0, off={"imu-quantisation": 0.0}
+    )
+    range: Scalar = quantity("m/s^2", "Greatest output; 0: no limit.", default=0.0, low=0, off={"imu-saturation": 0.0})
+    response: Any = part(
+        "Dynamics in place of the low-pass, with start(u) and respond(state, u).",
+        default=None,
+        off={"imu-bandwidth": None},
+    )
 
 
 @record
 class GyroErrors:
     """Errors of three gyros; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
 
-    noise: Scalar = quantity("rad/s/Hz^0.5", "White noise: angle random walk N.", default=0.0, low=0, source=SOURCE)
-    bias: Any = quantity("rad/s", "Constant bias, the same in every run.", default=(0.0, 0.0, 0.0), shape=(3,))
-    turn_on_bias: Scalar = quantity("rad/s", "Standard deviation, drawn for each run.", default=0.0, low=0)
-    bias_walk: Scalar = quantity("rad/s/s^0.5", "Rate random walk K of the bias.", default=0.0, low=0, source=SOURCE)
-    scale_factor: Scalar = quantity("1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0)
-    misalignment: Scalar = quantity("rad", "Standard deviation of an axis towards another.", default=0.0, low=0)
-    bandwidth: Scalar = quantity("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0)
-    resolution: Scalar = quantity("rad/s", "Step of the converter; 0: none.", default=0.0, low=0)
-    range: Scalar = quantity("rad/s", "Greatest output; 0: no limit.", default=0.0, low=0)
-    response: Any = part("Dynamics in place of the low-pass, with start(u) and respond(state, u).", default=None)
+    noise: Scalar = quantity(
+        "rad/s/Hz^0.5", "White noise: angle random walk N.", default=0.0, low=0, source=SOURCE, off={"imu-noise": 0.0}
+    )
+    bias: Any = quantity(
+        "rad/s",
+        "Constant bias, the same in every run.",
+        default=(0.0, 0.0, 0.0),
+        shape=(3,),
+        off={"imu-turn-on-bias": (0.0, 0.0, 0.0)},
+    )
+    turn_on_bias: Scalar = quantity(
+        "rad/s", "Standard deviation, drawn for each run.", default=0.0, low=0, off={"imu-turn-on-bias": 0.0}
+    )
+    bias_walk: Scalar = quantity(
+        "rad/s/s^0.5", "Rate random walk K of the bias.", default=0.0, low=0, source=SOURCE, off={"imu-bias-walk": 0.0}
+    )
+    scale_factor: Scalar = quantity(
+        "1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0, off={"imu-scale-factor": 0.0}
+    )
+    misalignment: Scalar = quantity(
+        "rad", "Standard deviation of an axis towards another.", default=0.0, low=0, off={"imu-misalignment": 0.0}
+    )
+    bandwidth: Scalar = quantity(
+        "Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0, off={"imu-bandwidth": 0.0}
+    )
+    resolution: Scalar = quantity(
+        "rad/s", "Step of the converter; 0: none.", default=0.0, low=0, off={"imu-quantisation": 0.0}
+    )
+    range: Scalar = quantity("rad/s", "Greatest output; 0: no limit.", default=0.0, low=0, off={"imu-saturation": 0.0})
+    response: Any = part(
+        "Dynamics in place of the low-pass, with start(u) and respond(state, u).",
+        default=None,
+        off={"imu-bandwidth": None},
+    )
 
 
 TriadErrors = AccelerometerErrors | GyroErrors
@@ -120,29 +173,15 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
     """Memory and output of the low-pass or the response; its first sample finds it settled."""
     if errors.response is not None:
         rest = errors.response.start(true)
-        memory = _tree_where(state.started, state.memory, rest)
+        memory = tree_where(state.started, state.memory, rest)
         return errors.response.respond(memory, true)
     narrow = errors.bandwidth > 0
     section = low_pass(jnp.where(narrow, errors.bandwidth, 0.1 / dt), np.sqrt(0.5), dt)
-    memory, passed = filter_sample(section, _tree_where(state.started, state.memory, steady_state(section, true)), true)
+    memory, passed = filter_sample(section, tree_where(state.started, state.memory, steady_state(section, true)), true)
     return memory, jnp.where(narrow, passed, true)
 
 
-def _tree_where(condition: Any, a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
-
-
 DEG = math.pi / 180
-SWITCHES: dict[str, tuple[str, ...]] = {
-    "imu-noise": ("noise",),
-    "imu-turn-on-bias": ("turn_on_bias", "bias"),
-    "imu-bias-walk": ("bias_walk",),
-    "imu-scale-factor": ("scale_factor",),
-    "imu-misalignment": ("misalignment",),
-    "imu-bandwidth": ("bandwidth", "response"),
-    "imu-quantisation": ("resolution",),
-    "imu-saturation": ("range",),
-}
 
 
 @record
@@ -182,14 +221,19 @@ class Imu:
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
     gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
     lever_arm: Any = quantity("m", "The unit's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(0.0, 0.0, 0.0), kind="angle", shape=(3,))
+    mounting: Any = quantity(
+        "rad",
+        "Roll, pitch, yaw in B.",
+        default=(0.0, 0.0, 0.0),
+        kind="angle",
+        shape=(3,),
+        off={"imu-mounting": (0.0, 0.0, 0.0)},
+    )
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     earth_rate: Any = quantity(
         "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=(0.0, 0.0, 0.0), shape=(3,)
     )
     period: int = period("Time between samples.", default=ms("6.5536"))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (*SWITCHES, "imu-mounting")
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
@@ -223,16 +267,6 @@ class Imu:
         )
         return cls(**{"accelerometer": accelerometer, "gyro": gyro, **settings})
 
-    def without(self, name: str) -> "Imu":
-        """A copy with one of IMPERFECTIONS switched off in both triads; the noise of the others stays as it was."""
-        if name == "imu-mounting":
-            return replace(self, mounting=(0.0, 0.0, 0.0))
-        if name not in SWITCHES:
-            raise InputError("Imu", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        zero = {"bias": (0.0, 0.0, 0.0), "response": None}
-        off = {field: zero.get(field, 0.0) for field in SWITCHES[name]}
-        return replace(self, accelerometer=replace(self.accelerometer, **off), gyro=replace(self.gyro, **off))
-
     def check(self) -> None:
         """The bandwidths lie below half the sampling rate, and a response made for one tick is sampled at it."""
         half = 0.5 / to_seconds(self.period)
@@ -242,7 +276,7 @@ class Imu:
                 raise InputError(
                     f"{name}.bandwidth", problem, fix=f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
                 )
-            tick = getattr(errors.response, "sampling", self.period)
+            tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:
                 problem = (
                     f"it is made for samples each {format_time(tick)}, the unit's period is {format_time(self.period)}"

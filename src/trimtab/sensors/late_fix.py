@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, option, part, period, quantity, record, tree_where
 from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_seconds
 
@@ -75,12 +75,12 @@ class LateFix:
         makes = (t % self.interval) == self.offset
         out = state.due <= t
         early = makes & (delay == 0)  # made and out at one instant
-        held = _tree_where(out, state.coming, state.held)
-        made, held = jnp.where(early, t, state.made), _tree_where(early, value, held)
+        held = tree_where(out, state.coming, state.held)
+        made, held = jnp.where(early, t, state.made), tree_where(early, value, held)
         fresh = out | early
         stamp = t if self.stamped == "arrival" else made
         new = LateState(
-            coming=_tree_where(makes, value, state.coming),
+            coming=tree_where(makes, value, state.coming),
             made=jnp.where(makes, t, state.made),
             due=jnp.where(makes & ~early, t + delay, jnp.where(out, np.int64(FOREVER), state.due)),
             held=held,
@@ -89,7 +89,3 @@ class LateFix:
         )
         age = to_seconds(t - new.stamp)
         return new, Sample(value=held, t=new.stamp, age=age, fresh=fresh, valid=new.any)
-
-
-def _tree_where(condition: Any, a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -1,13 +1,13 @@
 """A three-axis magnetometer, with the iron of the vehicle and what stands near it."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, part, period, quantity, record
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion, Sample, new_sample
@@ -107,20 +107,39 @@ class Magnetometer:
     """
 
     earth_field: Any = quantity("T", "Earth's field: north, east, down.", frame="W", default=COLLEGE_PARK, shape=(3,))
-    hard_iron: Any = quantity("T", "Of magnetised parts on board.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    soft_iron: Any = quantity("1", "Of soft parts on board.", frame="B", default=IDENTITY, shape=(3, 3))
-    noise: Scalar = quantity("T", "Standard deviation of each axis and sample.", default=0.0, low=0)
-    resolution: Scalar = quantity("T", "Step of the converter; 0: none.", default=0.0, low=0)
-    range: Scalar = quantity("T", "Greatest output; 0: no limit.", default=0.0, low=0)
-    position: Any = quantity("m", "The sensor's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(0.0, 0.0, 0.0), kind="angle", shape=(3,))
-    disturbances: Any = part("What stands near: a tuple of RunningMotor, FloorSteel, …", default=())
-    period: int = period("Time between samples.", default=ms("6.5536"))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (
-        *("magnetometer-noise", "magnetometer-quantisation", "magnetometer-saturation", "magnetometer-mounting"),
-        *("hard-iron", "soft-iron", "magnetic-disturbances"),
+    hard_iron: Any = quantity(
+        "T",
+        "Of magnetised parts on board.",
+        frame="B",
+        default=(0.0, 0.0, 0.0),
+        shape=(3,),
+        off={"hard-iron": (0.0, 0.0, 0.0)},
     )
+    soft_iron: Any = quantity(
+        "1", "Of soft parts on board.", frame="B", default=IDENTITY, shape=(3, 3), off={"soft-iron": IDENTITY}
+    )
+    noise: Scalar = quantity(
+        "T", "Standard deviation of each axis and sample.", default=0.0, low=0, off={"magnetometer-noise": 0.0}
+    )
+    resolution: Scalar = quantity(
+        "T", "Step of the converter; 0: none.", default=0.0, low=0, off={"magnetometer-quantisation": 0.0}
+    )
+    range: Scalar = quantity(
+        "T", "Greatest output; 0: no limit.", default=0.0, low=0, off={"magnetometer-saturation": 0.0}
+    )
+    position: Any = quantity("m", "The sensor's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    mounting: Any = quantity(
+        "rad",
+        "Roll, pitch, yaw in B.",
+        default=(0.0, 0.0, 0.0),
+        kind="angle",
+        shape=(3,),
+        off={"magnetometer-mounting": (0.0, 0.0, 0.0)},
+    )
+    disturbances: Any = part(
+        "What stands near: a tuple of RunningMotor, FloorSteel, …", default=(), off={"magnetic-disturbances": ()}
+    )
+    period: int = period("Time between samples.", default=ms("6.5536"))
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
@@ -132,21 +151,6 @@ class Magnetometer:
         noise = math.sqrt(1.6e-4) * math.hypot(*COLLEGE_PARK[:2])
         given = {"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings}
         return cls(**given)
-
-    def without(self, name: str) -> "Magnetometer":
-        """A copy with one of IMPERFECTIONS switched off."""
-        off: dict[str, dict[str, Any]] = {
-            "magnetometer-noise": {"noise": 0.0},
-            "hard-iron": {"hard_iron": (0.0, 0.0, 0.0)},
-            "soft-iron": {"soft_iron": IDENTITY},
-            "magnetic-disturbances": {"disturbances": ()},
-            "magnetometer-mounting": {"mounting": (0.0, 0.0, 0.0)},
-            "magnetometer-quantisation": {"resolution": 0.0},
-            "magnetometer-saturation": {"range": 0.0},
-        }
-        if name not in off:
-            raise InputError("Magnetometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **off[name])
 
     def init(self, key: Key) -> Key:
         """The key of the noise is all there is to remember."""

@@ -4,7 +4,7 @@ A navigation system without error, for vehicles that move in the plane.
 """
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, period, quantity, record, replace
@@ -26,8 +26,6 @@ class PlanarNavigation:
     """
 
     period: int = period("Time between samples.", default=ms(1))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
 
     def init(self, key: Key) -> tuple[()]:
         """No state."""
@@ -76,13 +74,28 @@ class NavigationErrors:
     """
 
     accelerometer_bias: Scalar = quantity(
-        "m/s^2", "Standard deviation of each axis.", default=READINGS["C"][0], low=0, source="[1] section 6.1"
+        "m/s^2",
+        "Standard deviation of each axis.",
+        default=READINGS["C"][0],
+        low=0,
+        source="[1] section 6.1",
+        off={"navigation-error": 0.0},
     )
     gyro_bias: Scalar = quantity(
-        "rad/s", "Standard deviation.", default=READINGS["C"][1], low=0, source="[1] section 6.1"
+        "rad/s",
+        "Standard deviation.",
+        default=READINGS["C"][1],
+        low=0,
+        source="[1] section 6.1",
+        off={"navigation-error": 0.0},
     )
     gyro_noise: Scalar = quantity(
-        "rad/s", "Standard deviation of each sample.", default=READINGS["C"][2], low=0, source="[1] section 6.1"
+        "rad/s",
+        "Standard deviation of each sample.",
+        default=READINGS["C"][2],
+        low=0,
+        source="[1] section 6.1",
+        off={"navigation-error": 0.0},
     )
     redraw: int = period("Time between resets of the integrals, with new biases.", default=seconds(1))
     period: int = period("Time between samples.", default=ms(6))
@@ -91,8 +104,6 @@ class NavigationErrors:
         default="unwrapped",
         choices=("unwrapped", "positive"),
     )
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("navigation-error",)
 
     @classmethod
     def reading(cls, name: str, **settings: Any) -> "NavigationErrors":
@@ -107,12 +118,6 @@ class NavigationErrors:
             raise InputError("NavigationErrors", f"no reading {name!r}", choices=READINGS)
         accelerometer_bias, gyro_bias, gyro_noise = READINGS[name]
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
-
-    def without(self, name: str) -> "NavigationErrors":
-        """A copy with "navigation-error" switched off: the true state, sampled as before."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("NavigationErrors", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, accelerometer_bias=0.0, gyro_bias=0.0, gyro_noise=0.0)
 
     def init(self, key: Key) -> Key:
         """The key of the draws is all there is to remember."""

@@ -5,7 +5,6 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import from_euler
@@ -44,26 +43,27 @@ class PositionSensor:
              section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
-    noise: Scalar = quantity("m", "Standard deviation of each coordinate of each measurement.", default=0.0044, low=0)
+    noise: Scalar = quantity(
+        "m",
+        "Standard deviation of each coordinate of each measurement.",
+        default=0.0044,
+        low=0,
+        off={"position-noise": 0.0},
+    )
     lever_arm: Any = quantity("m", "Of the point located.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    timing: LateFix = part("When it is measured and comes out.", default=LateFix())
+    timing: LateFix = part(
+        "When it is measured and comes out.",
+        default=LateFix(),
+        off={"position-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
+    )
     period: int = period("How often it is looked whether one has come out.", default=ms(1))
 
     LATE: ClassVar[bool] = True
     """Samples come out after the time at which they were measured."""
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("position-noise", "position-latency")
 
     def check(self) -> None:
         """Refuse a period at which measurements would be missed."""
         self.timing.check_period(self.period)
-
-    def without(self, name: str) -> "PositionSensor":
-        """A copy with one of IMPERFECTIONS switched off."""
-        if name == "position-noise":
-            return replace(self, noise=0.0)
-        if name == "position-latency":
-            return replace(self, timing=replace(self.timing, latency=0.0))
-        raise InputError("PositionSensor", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
 
     def init(self, key: Key) -> PositionState:
         """Nothing measured."""
@@ -97,8 +97,6 @@ class EncoderPosition:
 
     encoder: Encoder = part("On the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
     arm: Scalar = quantity("m", "From the shaft to the body.", default=0.3048, low=0, source="[1] 12 in")
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ()
 
     @property
     def period(self) -> int:

@@ -1,13 +1,13 @@
 """A tachometer on a vertical shaft: the yaw rate, band-limited and noisy."""
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, part, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
@@ -58,21 +58,22 @@ class Tachometer:
              section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
     """
 
-    noise: Scalar = quantity("rad/s", "Standard deviation of each sample.", default=3.5 * DEG, low=0)
-    scale_factor: Scalar = quantity("1", "Error of the calibrated scale.", default=0.0)
-    offset: Scalar = quantity("rad/s", "Error of the calibrated zero.", default=0.0)
-    bandwidth: Scalar = quantity("Hz", "-3 dB of the low-pass; 0: none.", default=5.0, low=0, source="[1] sec. 6.2.1")
-    period: int = period("Time between samples.", default=ms(1))
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = tuple(
-        f"tachometer-{fault}" for fault in ("noise", "scale-factor", "offset", "bandwidth")
+    noise: Scalar = quantity(
+        "rad/s", "Standard deviation of each sample.", default=3.5 * DEG, low=0, off={"tachometer-noise": 0.0}
     )
-
-    def without(self, name: str) -> "Tachometer":
-        """A copy with one of IMPERFECTIONS switched off."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("Tachometer", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, **{name.removeprefix("tachometer-").replace("-", "_"): 0.0})
+    scale_factor: Scalar = quantity(
+        "1", "Error of the calibrated scale.", default=0.0, off={"tachometer-scale-factor": 0.0}
+    )
+    offset: Scalar = quantity("rad/s", "Error of the calibrated zero.", default=0.0, off={"tachometer-offset": 0.0})
+    bandwidth: Scalar = quantity(
+        "Hz",
+        "-3 dB of the low-pass; 0: none.",
+        default=5.0,
+        low=0,
+        source="[1] sec. 6.2.1",
+        off={"tachometer-bandwidth": 0.0},
+    )
+    period: int = period("Time between samples.", default=ms(1))
 
     def check(self) -> None:
         """Both sections lie below half the sampling rate."""

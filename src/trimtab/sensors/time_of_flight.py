@@ -11,7 +11,7 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion
@@ -35,12 +35,22 @@ class Beacons:
     """
 
     map: Any = quantity("m", "Surveyed positions (n, 3).", default=CEILING_SQUARE, frame="W")
-    survey_error: Scalar = quantity("m", "Standard deviation of each coordinate of the map.", default=0.0, low=0)
+    survey_error: Scalar = quantity(
+        "m", "Standard deviation of each coordinate of the map.", default=0.0, low=0, off={"survey-error": 0.0}
+    )
     reach: Scalar = quantity("m", "Longest range, 30 ft.", default=9.144, above=0, source="[1] section 5.5")
     cone: Scalar = quantity("rad", "Half the opening angle of the sound.", default=CONE, kind="angle", above=0)
     crystal: Scalar = quantity("1", "Standard deviation of a timer's relative error.", default=20e-6, low=0)
-    moved: Any = quantity("m", "How far beacons were moved (n, 3), or one value.", default=0.0, frame="W")
-    dead: Any = quantity("1", "Which beacons are silent (n,), or one value.", default=False, kind="flag")
+    moved: Any = quantity(
+        "m",
+        "How far beacons were moved (n, 3), or one value.",
+        default=0.0,
+        frame="W",
+        off={"beacon-fault": lambda beacons: 0.0 * np.asarray(beacons.moved)},
+    )
+    dead: Any = quantity(
+        "1", "Which beacons are silent (n,), or one value.", default=False, kind="flag", off={"beacon-fault": False}
+    )
     fault_time: Scalar = quantity("100 ns", "From when on they are moved or silent.", default=0, kind="time")
 
     def check(self) -> None:
@@ -63,10 +73,14 @@ class RangeErrors:
     strays and echoes: no figures there, none unless set.
     """
 
-    noise: Scalar = quantity("m", "Standard deviation.", default=0.004, low=0)
-    stray_probability: Scalar = quantity("1", "Probability of a range that means nothing.", default=0.0, low=0, high=1)
+    noise: Scalar = quantity("m", "Standard deviation.", default=0.004, low=0, off={"range-noise": 0.0})
+    stray_probability: Scalar = quantity(
+        "1", "Probability of a range that means nothing.", default=0.0, low=0, high=1, off={"stray-ranges": 0.0}
+    )
     stray_size: Scalar = quantity("m", "Largest error of a stray, either way.", default=3.0, low=0)
-    echo_probability: Scalar = quantity("1", "Probability that an echo is timed.", default=0.0, low=0, high=1)
+    echo_probability: Scalar = quantity(
+        "1", "Probability that an echo is timed.", default=0.0, low=0, high=1, off={"echoes": 0.0}
+    )
     echo_size: Scalar = quantity("m", "Largest detour of an echo.", default=1.0, low=0)
 
 
@@ -75,7 +89,11 @@ class Medium:
     """The air that carries the sound, and the air that the receiver takes it for. Source: docs page."""
 
     actual: Air = part("The air.", default=Air())
-    assumed: Air = part("What the receiver computes its speed of sound from.", default=Air())
+    assumed: Air = part(
+        "What the receiver computes its speed of sound from.",
+        default=Air(),
+        off={"sound-speed": lambda medium: medium.actual},
+    )
 
 
 def unit_position(motion: Motion, lever: Any) -> Any:
@@ -151,24 +169,3 @@ def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medi
     error = error + jnp.where(stray < errors.stray_probability, errors.stray_size * (2.0 * size - 1.0), 0.0)
     error = error + jnp.where(echo < errors.echo_probability, errors.echo_size * detour, 0.0)
     return jnp.maximum(ranges * scale + error, 0.0)
-
-
-def without_fault(sensor: Any, name: str, own: dict[str, dict[str, Any]]) -> Any:
-    """A copy of a sensor that has beacons, errors, medium and cone_error, with one fault switched off.
-
-    own: fault -> changed fields, for what this sensor has and others have not, or switch off otherwise.
-    """
-    if name not in sensor.IMPERFECTIONS:
-        problem = f"it has no imperfection {name!r}"
-        raise InputError(type(sensor).__name__, problem, choices=sensor.IMPERFECTIONS)
-    errors, beacons = sensor.errors, sensor.beacons
-    changes: dict[str, dict[str, Any]] = {
-        "range-noise": {"errors": replace(errors, noise=0.0)},
-        "stray-ranges": {"errors": replace(errors, stray_probability=0.0)},
-        "echoes": {"errors": replace(errors, echo_probability=0.0)},
-        "cone-error": {"cone_error": False},
-        "sound-speed": {"medium": replace(sensor.medium, assumed=sensor.medium.actual)},
-        "survey-error": {"beacons": replace(beacons, survey_error=0.0)},
-        "beacon-fault": {"beacons": replace(beacons, moved=0.0 * np.asarray(beacons.moved), dead=False)},
-    }
-    return replace(sensor, **(changes | own)[name])

@@ -27,7 +27,6 @@ from trimtab.sensors.time_of_flight import (
     responding_beacons,
     unit_position,
     unit_velocity,
-    without_fault,
 )
 
 CHIRP = 140
@@ -67,37 +66,27 @@ class UltrasonicListening:
     Source:  [2]; [1] section 5.5.1 and 5.5.2, where it is compared with pinging.
     """
 
-    beacons: Beacons = part("The beacons.", default=Beacons())
+    beacons: Beacons = part(
+        "The beacons.", default=Beacons(), off={"range-noise": lambda sensor: replace(sensor.beacons, crystal=0.0)}
+    )
     unit: Any = quantity("m", "Position of the unit.", default=np.zeros(3), frame="B", shape=(3,))
     channel: CarrierSense = part("How chirps share the radio channel.", default=CarrierSense(attempts=48))
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("The air.", default=Medium())
-    cone_error: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+    cone_error: bool = option(
+        "Whether ranges are too long off the axis.", default=True, choices=(True, False), off={"cone-error": False}
+    )
     window: int = period("Time in which each beacon chirps once.", default=seconds(1))
     period: int = period("How often the unit looks.", default=ms(1))
 
     LATE: ClassVar[bool] = True
     """Samples come out after the time at which they were measured."""
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (
-        "range-noise",
-        "stray-ranges",
-        "echoes",
-        "cone-error",
-        "sound-speed",
-        "survey-error",
-        "beacon-fault",
-    )
 
     def check(self) -> None:
         """Refuse windows that begin between the instants."""
         if self.window % self.period:
             problem = f"{format_time(self.window)} is not a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicListening.window", problem, fix="set period to a divisor of it, e.g. 1 ms")
-
-    def without(self, name: str) -> "UltrasonicListening":
-        """A copy with one fault switched off."""
-        quiet = {"errors": replace(self.errors, noise=0.0), "beacons": replace(self.beacons, crystal=0.0)}
-        return without_fault(self, name, {"range-noise": quiet})
 
     def init(self, key: Key) -> ListeningState:
         """Nothing heard."""

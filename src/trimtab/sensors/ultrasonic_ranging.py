@@ -27,7 +27,6 @@ from trimtab.sensors.time_of_flight import (
     responding_beacons,
     unit_position,
     unit_velocity,
-    without_fault,
 )
 
 SYNC, TICK, DRIFT = 130, 131, 132
@@ -50,9 +49,13 @@ class UnitClock:
     Source: [1] section 5.5.2: 1 us after setting, crystal of 32.768 kHz; its accuracy is typical for such a crystal.
     """
 
-    residual: Scalar = quantity("s", "Standard deviation after setting.", default=1e-6, low=0)
-    drift: Scalar = quantity("1", "Standard deviation of the crystal's relative error.", default=20e-6, low=0)
-    tick: Scalar = quantity("s", "Slots begin on a tick of the crystal.", default=1 / 32768, low=0)
+    residual: Scalar = quantity("s", "Standard deviation after setting.", default=1e-6, low=0, off={"clock-error": 0.0})
+    drift: Scalar = quantity(
+        "1", "Standard deviation of the crystal's relative error.", default=20e-6, low=0, off={"clock-error": 0.0}
+    )
+    tick: Scalar = quantity(
+        "s", "Slots begin on a tick of the crystal.", default=1 / 32768, low=0, off={"clock-error": 0.0}
+    )
     sync: int = period("Time between settings.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
@@ -91,31 +94,26 @@ class UltrasonicRanging:
     Source:  [1] section 5.5. Differences from the source: docs page, Errata.
     """
 
-    beacons: Beacons = part("The beacons.", default=Beacons())
+    beacons: Beacons = part(
+        "The beacons.", default=Beacons(), off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)}
+    )
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
     channel: CarrierSense = part("How replies share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("The air.", default=Medium())
     clock: UnitClock = part("The clock of a unit.", default=UnitClock())
     clients: int = option("Clients that take turns; those beyond the vehicle's units belong to others.", default=1)
-    cone_error: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
-    collisions: bool = option("Whether replies can get lost.", default=True, choices=(True, False))
+    cone_error: bool = option(
+        "Whether ranges are too long off the axis.", default=True, choices=(True, False), off={"cone-error": False}
+    )
+    collisions: bool = option(
+        "Whether replies can get lost.", default=True, choices=(True, False), off={"collisions": False}
+    )
     slot: int = period("Time for one client.", default=ms(100))
     period: int = period("How often the vehicle looks for replies.", default=ms(1))
 
     LATE: ClassVar[bool] = True
     """Samples come out after the time at which they were measured."""
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = (
-        "range-noise",
-        "stray-ranges",
-        "echoes",
-        "cone-error",
-        "sound-speed",
-        "clock-error",
-        "survey-error",
-        "collisions",
-        "beacon-fault",
-    )
 
     def check(self) -> None:
         """Refuse units without positions, more units than turns, and slots between the instants."""
@@ -128,15 +126,6 @@ class UltrasonicRanging:
         if self.slot % self.period:
             problem = f"{format_time(self.slot)} is not a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of it, e.g. 1 ms")
-
-    def without(self, name: str) -> "UltrasonicRanging":
-        """A copy with one fault switched off."""
-        exact = replace(self.clock, residual=0.0, drift=0.0, tick=0.0)
-        own = {
-            "clock-error": {"clock": exact, "beacons": replace(self.beacons, crystal=0.0)},
-            "collisions": {"collisions": False},
-        }
-        return without_fault(self, name, own)
 
     def init(self, key: Key) -> RangingState:
         """Nothing under way."""

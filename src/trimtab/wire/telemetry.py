@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 
 from trimtab import __version__
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import Capability, VehicleType
 
 
 def mav_type(vehicle: Any) -> VehicleType:
     """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
-    name = getattr(vehicle, "MAV_TYPE", VehicleType.GENERIC.name)
+    name = optional_member(vehicle, "MAV_TYPE")
     if name not in VehicleType.__members__:
         problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
         choices = tuple(VehicleType.__members__)

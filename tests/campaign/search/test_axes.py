@@ -16,6 +16,7 @@ from trimtab.campaign.search.axes import (
     with_values,
 )
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.links.latency import MeasuredLatency, interpolate_latency
@@ -46,7 +47,7 @@ def test_delay_and_jitter_go_together_in_either_order(forward):
 def test_jitter_alone_sits_on_the_links_own_delay(forward):
     np.testing.assert_allclose(latency(forward, [axis_of_link("jitter", [0, 1])], [0.0]), 0.04)
     real, _ = catalogue.load_scenario("hovercraft/forward", {"links": "measured"})
-    own = real.world.uplink.without("jitter").latency
+    own = without(real.world.uplink, "jitter").latency
     np.testing.assert_allclose(latency(real, [axis_of_link("jitter", [0, 1])], [0.0]), own)
 
 

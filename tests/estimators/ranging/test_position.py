@@ -7,6 +7,7 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Estimator
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
@@ -197,7 +198,7 @@ def test_strays_do_not_throw_it_off(known):
     sensor = replace(ALONE, errors=RangeErrors(stray_probability=0.1))
     place = (0.3, -0.2)
     replies, found = located(sensor, place, near=(0.4, -0.1), known=known)
-    exact_ranges = _pings(to_arrays(sensor.without("stray-ranges").without("range-noise")), np.array([*place, 0.0]))
+    exact_ranges = _pings(to_arrays(without(without(sensor, "stray-ranges"), "range-noise")), np.array([*place, 0.0]))
     wrong = np.sum(abs(replies.range - np.asarray(exact_ranges.range)) > 0.025, axis=1)
     accepted = np.isin(found.mode, [MODES.index("all ranges"), MODES.index("one rejected")])
     error = np.linalg.norm(found.place - [0.3, -0.2], axis=1)
@@ -262,8 +263,8 @@ def test_it_is_an_estimator_and_refuses_what_cannot_be():
 
 
 def test_without_cone_error_it_is_not_undone():
-    estimator = RangingPosition().without("cone-error")
+    estimator = without(RangingPosition(), "cone-error")
     assert not estimator.cone
-    assert RangingPosition().without("range-noise").frozen_after == 0
+    assert without(RangingPosition(), "range-noise").frozen_after == 0
     with pytest.raises(InputError, match="no imperfection 'fog'"):
-        estimator.without("fog")
+        without(estimator, "fog")

@@ -16,6 +16,7 @@ from estimators.flights import fly
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Estimator
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
@@ -83,7 +84,7 @@ def test_perfect_ranges_give_the_truth(path, place, heading):
     flight = rf.plan(path, 5.0)
     sensor = rf.network(beacons=Beacons(), collisions=False)
     for fault in ("range-noise", "sound-speed", "clock-error"):
-        sensor = sensor.without(fault)
+        sensor = without(sensor, fault)
     sensor = replace(to_arrays(sensor), beacons=replace(sensor.beacons, crystal=np.float64(0)))
     values = rf.numbers(rf.pings(sensor, flight, 0)[0])
     out = in_time(LINEAR, flight, flight.felt.felt, np.zeros(3), values)

@@ -50,7 +50,7 @@ def errors(log, signal):
 
 def faultless(scenario):
     """All faults of the sensors off but collisions: then replies are missing, and none is wrong."""
-    sensors = [n for n, where in scenario.imperfections().items() if any("sensors" in path for path, _ in where)]
+    sensors = [n for n, where in scenario.imperfections().items() if any("sensors" in path for path in where)]
     for name in set(sensors) - {"collisions", "cone-error"}:
         scenario = scenario.without(name)
     return scenario

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
+from trimtab.core.imperfections import without
 from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf
 from trimtab.core.time import ms
 from trimtab.links.delay_chain import DelayChain
@@ -85,7 +86,7 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
         if kind == "delay":
             channel = replace(channel, latency=np.zeros(NODES))
         elif kind == "jitter":
-            channel = channel.without("jitter")
+            channel = without(channel, "jitter")
         return replace(scenario, world=replace(scenario.world, **{link: channel}))
 
     return Axis(f"{link} {kind}", values, "1" if kind == "loss" else "s", change, prepare, link, kind)

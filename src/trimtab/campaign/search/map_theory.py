@@ -16,6 +16,7 @@ import numpy as np
 from trimtab.campaign.search.axes import Axis, with_values
 from trimtab.campaign.search.stability_map import StabilityMap, values_at
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.design.delay_margin import critical_loss, delay_margin, jitter_margin
@@ -47,7 +48,7 @@ def loop_delay(scenario: Scenario) -> LoopDelay:
     Raises: InputError for links whose latency is not known.
     """
     world = scenario.world
-    frame = getattr(world.actuators, "frame", world.actuators.period)
+    frame = optional_member(world.actuators, "frame") or world.actuators.period
     sampled = max([world.downlink.period, *(s.period for s in world.sensors.values())])
     if isinstance(world.downlink, MeasuredLatency):
         sampled = max(sampled, world.downlink.send_period)
@@ -119,7 +120,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     Raises: InputError where the law has no `equilibrium`, or the loop about it is none (see `loop_of_law`).
     """
     law = scenario.autopilot.law
-    rest = getattr(law, "equilibrium", None)
+    rest = optional_member(law, "equilibrium")
     if rest is None:
         fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
         raise InputError("theory", f"{type(law).__name__} has no equilibrium about which it would be linear", fix=fix)

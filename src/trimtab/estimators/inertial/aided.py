@@ -10,7 +10,7 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 and section 5.4: propagation runs on the IMU's samples, never on the wall clock. Docs page, Measurement history.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -68,7 +68,9 @@ class Intake:
         "rad/s", "Where the gyro saturates, if it does not say so itself.", default=np.deg2rad(300.0), above=0
     )
     force_range: Scalar = quantity("m/s^2", "The same of the accelerometers.", default=1.7 * 9.80665, above=0)
-    frozen_imu: Scalar = quantity("1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count")
+    frozen_imu: Scalar = quantity(
+        "1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count", off={"imu-noise": 0}
+    )
     frozen_heading: Scalar = quantity("1", "The same for headings.", default=20, kind="count")
     frozen_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
     gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
@@ -76,14 +78,6 @@ class Intake:
     heading: str = option("Name of the heading sensor, or nothing.", default="heading")
     position: str = option("Name of the position sensor, or nothing.", default="position")
     slots: int = option("Events that are kept: those measured in the longest delay, and some.", default=64)
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("imu-noise",)
-
-    def without(self, name: str) -> "Intake":
-        """A copy for an IMU without noise, which may repeat itself without being frozen."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("Intake", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, frozen_imu=0)
 
     def listens(self) -> tuple[str, ...]:
         """The names of what is read."""

@@ -3,7 +3,7 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -113,24 +113,22 @@ class RangingPosition:
     usual_jump: Scalar = quantity("m", "How far a fix usually is from the one before.", default=0.2, above=0)
     dilution_limit: Scalar = quantity("1", "Largest dilution believed.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
-        "1", "Pings of a unit with exactly the same ranges that mean frozen; 0: never.", default=3, kind="count"
+        "1",
+        "Pings of a unit with exactly the same ranges that mean frozen; 0: never.",
+        default=3,
+        kind="count",
+        off={"range-noise": 0},
     )
     pair_time: int = period("Longest time between the fixes of two units that make a heading.", default=ms(200))
-    cone: bool = option("Whether to undo the cone error.", default=True, choices=(True, False))
+    cone: bool = option(
+        "Whether to undo the cone error.", default=True, choices=(True, False), off={"cone-error": False}
+    )
     solver: str = option(
         '"least squares", without common range error, or "closed form", with it.',
         default="least squares",
         choices=("least squares", "closed form"),
     )
     sensor: str = option("Name of the sensor.", default="ranging")
-
-    IMPERFECTIONS: ClassVar[tuple[str, ...]] = ("cone-error", "range-noise")
-
-    def without(self, name: str) -> "RangingPosition":
-        """A copy for a sensor without one: no cone error to undo, or ranges that may repeat without being frozen."""
-        if name not in self.IMPERFECTIONS:
-            raise InputError("RangingPosition", f"it has no imperfection {name!r}", choices=self.IMPERFECTIONS)
-        return replace(self, cone=False) if name == "cone-error" else replace(self, frozen_after=0)
 
     def check(self) -> None:
         """Refuse beacons and units without positions, and units that lie above each other."""

@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from trimtab.actuators.allocation import ThrustVectorAllocation
-from trimtab.actuators.drive import FanDrive
-from trimtab.actuators.failsafe import Failsafe
+from trimtab.actuators.drive import NEUTRAL_COMMAND, FanDrive, drive_failsafe
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.links.bluetooth import bluetooth_link
@@ -82,7 +81,7 @@ def hovercraft_scenario(
         allocation=ThrustVectorAllocation(),
         supervisor=None
         if supervisor == "none"
-        else Supervisor(automatic=True, limits=_flight_limits(navigation, floor)),
+        else Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=_flight_limits(navigation, floor)),
     )
     return Scenario(
         world=world,
@@ -90,7 +89,7 @@ def hovercraft_scenario(
         initial=x,
         duration=seconds(duration_s),
         targets=targets,
-        failsafe=Failsafe(),
+        failsafe=drive_failsafe(),
         name=name,
     )
 

@@ -22,7 +22,7 @@ from trimtab.design.trim import Trim, trim
 from trimtab.laws.adaptive_robust import SIZES
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.scenarios.hypersonic._envelope import recorded_numbers
-from trimtab.scenarios.hypersonic._level import FREE_VARIABLES, trim_bounds
+from trimtab.scenarios.hypersonic._internal import FREE_VARIABLES, trim_bounds
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 H, V = 85000.0, 7702.0808

@@ -12,7 +12,7 @@ from trimtab.core.time import ms, seconds
 from trimtab.estimators.flexible.adaptive import AdaptiveFlexibleModeFilter
 from trimtab.estimators.flexible.discrete import FlexibleModeFilter
 from trimtab.laws.adaptive_robust import AdaptiveRobust
-from trimtab.laws.internal_quasi_static import QuasiStaticInternal
+from trimtab.laws.internal_states import QuasiStaticInternal
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.stable_inversion import StableInversion
 from trimtab.links.wire import Wire
@@ -21,8 +21,13 @@ from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
 from trimtab.scenarios.hypersonic._design import error_model, feedback_gain
-from trimtab.scenarios.hypersonic._internal import linear_table, noncausal_table, preview_internal, sylvester_internal
-from trimtab.scenarios.hypersonic._level import level_trim
+from trimtab.scenarios.hypersonic._internal import (
+    level_trim,
+    linear_table,
+    noncausal_table,
+    preview_internal,
+    sylvester_internal,
+)
 from trimtab.sensors.acting_input import ActingInput
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
 from trimtab.sensors.flexible_truth import FlexibleTruth

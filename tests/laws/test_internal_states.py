@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from trimtab.compiler.function import compile_function
 from trimtab.core.record import replace, to_arrays
-from trimtab.laws.internal_quasi_static import QuasiStaticInternal, QuasiStaticState
+from trimtab.laws.internal_states import QuasiStaticInternal, QuasiStaticState
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler
 

@@ -1,0 +1,50 @@
+"""Imperfections: what can be left out of a part. Each is declared with `off=` at the fields that it changes."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import children, is_record, replace
+
+T = TypeVar("T")
+
+
+def imperfections(tree: Any, path: str = "") -> dict[str, list[str]]:
+    """Name of each imperfection below a tree of records -> paths of the records at whose fields it is declared."""
+    names: dict[str, list[str]] = {}
+    for name in [name for field in fields(tree) for name in field.metadata["off"]] if is_record(tree) else ():
+        names[name] = [path]
+    for child_name, child, _ in children(tree):
+        for name, paths in imperfections(child, f"{path}.{child_name}" if path else child_name).items():
+            names.setdefault(name, []).extend(paths)
+    return names
+
+
+def without(tree: T, name: str) -> T:
+    """A copy of a tree of records with an imperfection switched off, wherever it is declared in it.
+
+    Raises: InputError where it is declared nowhere.
+    """
+    known = imperfections(tree)
+    if name not in known:
+        fix = "name one of them" if known else "leave it as it is"
+        raise InputError(type(tree).__name__, f"it has no imperfection {name!r}", choices=known, fix=fix)
+    return _switch_off(tree, name)
+
+
+def _switch_off(tree: Any, name: str) -> Any:
+    if is_record(tree):
+        changes: dict[str, Any] = {}
+        for field in fields(tree):
+            own, off = getattr(tree, field.name), field.metadata["off"]
+            if name in off:
+                changes[field.name] = off[name](tree) if callable(off[name]) else off[name]
+            elif name in imperfections(own):
+                changes[field.name] = _switch_off(own, name)
+        return replace(tree, **changes)
+    if isinstance(tree, Mapping):
+        return {key: _switch_off(value, name) for key, value in tree.items()}
+    if isinstance(tree, tuple):
+        return tuple(_switch_off(value, name) for value in tree)
+    return tree

@@ -1,0 +1,165 @@
+"""Faults put into a scenario, written as text: ``sensor:imu off @ 3 s for 1 s``.
+
+    WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
+
+WHERE is ``sensor:NAME``, ``uplink``, ``downlink`` or ``actuators``. What the words mean: docs page, Faults.
+"""
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import leaves, replace, to_arrays
+from trimtab.core.rng import key
+from trimtab.core.time import FOREVER, parse_time
+from trimtab.loop.checks import check_part
+from trimtab.loop.faults import DELAYED, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import start
+
+SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
+"""Of a word whose text says none."""
+OF_ACTUATORS = {"garbage": 1.0, "wrong": -2.0}
+"""Where actuators differ: a random input of unit size, and a reversed sign."""
+CLAUSES = ("by NUMBER", "bias NUMBER", "@ TIME", "for TIME", "when PATH above NUMBER", "when PATH below NUMBER")
+EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
+
+
+def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
+    """The same scenario with faults; refused where a part, a word or a number is not possible."""
+    for text in texts:
+        where, fault = parse_fault(scenario, text)
+        scenario = _wrap_part(
+            scenario, where, fault, delay_slots(float(fault.severity), _part_at(scenario, where).period)
+        )
+    return scenario
+
+
+def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
+    """The same scenario with a fault in every part that does nothing until its numbers are changed while it runs.
+
+    Args:
+        scenario: without faults.
+        longest: the longest delay (s) that can then be asked for.
+    """
+    for where in fault_locations(scenario):
+        scenario = _wrap_part(scenario, where, Fault(), delay_slots(longest, _part_at(scenario, where).period))
+    return scenario
+
+
+def fault_locations(scenario: Scenario) -> tuple[str, ...]:
+    """What can have a fault in this scenario."""
+    return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", "actuators")
+
+
+def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
+    """Where and what, of a fault written as text."""
+    about = f"fault {text!r}"
+    first, *others = re.split(r"\s*(?:\b(by|bias|for|when)\b|(@))\s*", " ".join(text.split()))
+    head = first.split()
+    if len(head) != 2:
+        problem = "does not begin with where and what"
+        raise InputError(about, problem, choices=fault_locations(scenario), fix=f"write e.g. '{EXAMPLE}'")
+    where = _check_choice(about, "part", head[0], fault_locations(scenario))
+    word = _check_choice(about, "word", head[1], WORDS[1:])
+    defaults = SEVERITY | (OF_ACTUATORS if where == "actuators" else {})
+    told: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0)}
+    names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
+    for name, said in zip(names, others[2::3], strict=True):
+        if names.count(name) > 1:
+            raise InputError(about, f"says {name!r} twice", fix="say it once")
+        _parse_clause(about, name, said, told)
+    fault = Fault(**told)
+    check_part(about, fault.check)
+    if fault.watch:
+        known = watchable_paths(scenario, where)
+        if fault.watch not in known:
+            near = closest(fault.watch, known, 1) or known[:1]
+            problem = f"{where} sees no {fault.watch!r}"
+            raise InputError(about, problem, choices=known, fix=f"when {near[0]} {fault.side} {float(fault.level):g}")
+    return where, fault
+
+
+def watchable_paths(scenario: Scenario, where: str) -> list[str]:
+    """Paths of the numbers that a fault there can wait for."""
+    found: list[str] = []
+    for path, value, _ in leaves(_visible_signals(scenario, where)):
+        n = int(np.prod(np.shape(value)))
+        found += [path] if not np.shape(value) else [f"{path}.{i}" for i in range(n)]
+    return found
+
+
+def _parse_clause(about: str, name: str, text: str, told: dict[str, Any]) -> None:
+    field = {"by": "severity", "bias": "bias", "@": "start", "for": "duration", "when": "watch"}[name]
+    if name == "when":
+        found = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
+        if not found:
+            raise InputError(about, f"{text!r} is no condition", choices=CLAUSES[-2:], fix=f"when {text} above 0")
+        told |= {"watch": found[1], "side": found[2], "level": _parse_number(about, found[3])}
+    elif name in ("by", "bias"):
+        told[field] = _parse_number(about, text)
+    else:
+        told[field] = _parse_start_time(about, text)
+
+
+def _parse_number(about: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise InputError(about, f"{text!r} is not a number", choices=CLAUSES, fix="write e.g. by 0.5")
+    return value
+
+
+def _parse_start_time(about: str, text: str) -> int:
+    try:
+        value = parse_time(text)
+    except InputError as error:
+        raise InputError(about, error.problem, choices=CLAUSES, fix="write e.g. @ 3 s for 200 ms") from None
+    if not 0 <= value < FOREVER:
+        raise InputError(about, f"{text!r} is not a time of a run", fix="write a time from 0 s on")
+    return value
+
+
+def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) -> str:
+    if name not in choices:
+        near = closest(name, choices, 1) or [f"sensor:{name}" if f"sensor:{name}" in choices else choices[0]]
+        raise InputError(about, f"there is no {what} {name!r}", choices=choices, fix=f"write {near[0]!r}")
+    return name
+
+
+def _part_at(scenario: Scenario, where: str) -> Any:
+    kind, _, name = where.partition(":")
+    return scenario.world.sensors[name] if name else getattr(scenario.world, kind)
+
+
+def _wrap_part(scenario: Scenario, where: str, fault: Fault, needed: int) -> Scenario:
+    world, (kind, _, name) = scenario.world, where.partition(":")
+    inner = _part_at(scenario, where)
+    capacity = max(2, needed) if int(fault.word) in (0, DELAYED) else 2
+    if name:
+        felt = None if optional_member(inner, "FEELS") == "motion" else _visible_signals(scenario, where)
+        sensor = FaultySensor(inner=inner, fault=fault, felt=felt, capacity=capacity)
+        return replace(scenario, world=replace(world, sensors={**world.sensors, name: sensor}))
+    make = FaultyActuators if kind == "actuators" else FaultyChannel
+    return replace(scenario, world=replace(world, **{kind: make(inner=inner, fault=fault, capacity=capacity)}))
+
+
+def _visible_signals(scenario: Scenario, where: str) -> Any:
+    """What a fault there sees, with every number zero."""
+    world, (kind, _, name) = scenario.world, where.partition(":")
+    if name:
+        feels = optional_member(world.sensors[name], "FEELS")
+        x, u = scenario.initial, world.actuators.neutral().u
+        shape = {"state": x, "input": u}.get(feels)
+        shape = jax.eval_shape(world.vehicle.motion, np.int64(0), x, u) if shape is None else shape
+    else:
+        s, _ = start(to_arrays(world), to_arrays(scenario.autopilot), to_arrays(scenario.initial), key(0))
+        shape = next(iter(s.received.values())) if kind == "downlink" else s.commanded
+    return jax.tree.map(lambda v: np.zeros(np.shape(v), jax.numpy.result_type(v)), shape)

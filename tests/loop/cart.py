@@ -1,0 +1,116 @@
+"""A cart on a rail, and parts so small that every number of a run can be said beforehand."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.direct import DirectAllocation, DirectOutput
+from trimtab.core.record import part, period, quantity, record, replace
+from trimtab.core.signals import Sample, new_sample, no_motion
+from trimtab.core.time import seconds
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.links.wire import Wire
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.world import World
+
+SECOND = seconds(1)
+
+
+@record
+class Place:
+    """Where the cart is. Source: this test."""
+
+    x: Any = quantity("m", "Along the rail.")
+
+
+@record
+class Speed:
+    """How fast it is driven. Source: this test."""
+
+    v: Any = quantity("m/s", "Along the rail.")
+
+
+@record
+class Cart:
+    """x' = v, where v is the input. Source: this test."""
+
+    def dynamics(self, t: Any, x: Place, u: Speed) -> Place:
+        return Place(jnp.asarray(u.v, np.float64))
+
+    def motion(self, t: Any, x: Place, u: Speed) -> Any:
+        zero = jnp.zeros(())
+        return replace(no_motion(), t=t, p_WB=jnp.stack([x.x, zero, zero]), v_WB_B=jnp.stack([u.v, zero, zero]))
+
+
+@record
+class RulerReading:
+    """What the ruler gives. Source: this test."""
+
+    x: Any = quantity("m", "Along the rail.")
+    v: Any = quantity("m/s", "Along the rail.")
+
+
+@record
+class Ruler:
+    """Place and speed without error; its state counts the samples. Source: this test."""
+
+    period: int = period("Time between samples.", default=SECOND)
+
+    def init(self, key: Any) -> Any:
+        return np.int32(0)
+
+    def measure(self, motion: Any) -> RulerReading:
+        return RulerReading(x=motion.p_WB[0], v=motion.v_WB_B[0])
+
+    def step(self, t: Any, state: Any, motion: Any) -> tuple[Any, Sample]:
+        return state + 1, new_sample(t, self.measure(motion))
+
+
+@record
+class Drive:
+    """Does what it is told; at rest until it is told something. Source: this test."""
+
+    period: int = period("How often it acts.", default=SECOND)
+
+    def neutral(self) -> DirectOutput:
+        return DirectOutput(u=Speed(0.0))
+
+    def init(self, key: Any) -> tuple[()]:
+        return ()
+
+    def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:
+        return state, DirectOutput(u=Speed(jnp.where(command.valid, command.value.v, 0.0)))
+
+
+@record
+class LawOutput:
+    """What the law wants. Source: this test."""
+
+    demand: Any = part("The speed.")
+
+
+@record
+class Doubling:
+    """v = 1 + x; its state counts the steps. Source: this test."""
+
+    reads: ClassVar[tuple[str, ...]] = ("x",)
+
+    def init(self, key: Any) -> Any:
+        return np.int32(0)
+
+    def step(self, t: Any, state: Any, estimate: Any) -> tuple[Any, LawOutput]:
+        return state + 1, LawOutput(demand=Speed(1.0 + estimate.state.x))
+
+
+def cart_world(**parts: Any) -> World:
+    """The cart with a ruler, wires and a drive, all each second; other parts by name."""
+    wire = Wire(period=SECOND)
+    whole = {"sensors": {"ruler": Ruler()}, "actuators": Drive(), "downlink": wire, "uplink": wire, "max_step": SECOND}
+    return World(vehicle=Cart(), **(whole | parts))
+
+
+def cart_autopilot(**parts: Any) -> Autopilot:
+    """The law on what the ruler says, each second; other parts by name."""
+    whole = {"estimator": Passthrough("ruler"), "law": Doubling(), "allocation": DirectAllocation(), "period": SECOND}
+    return Autopilot(**(whole | parts))

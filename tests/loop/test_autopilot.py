@@ -1,0 +1,150 @@
+"""The autopilot alone: a frame in, a command out; when it stands still, and what it refuses."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from loop.cart import SECOND, Doubling, RulerReading, Speed, cart_autopilot
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import record
+from trimtab.core.rng import key
+from trimtab.core.signals import Frame, Sample
+from trimtab.loop.structure import strengthen_types
+
+
+def frame(now, x, t=None, *, fresh=True, valid=True):
+    """What the autopilot holds at `now`: x, measured at t."""
+    t = now if t is None else t
+    value = RulerReading(x=np.float64(x), v=np.float64(0.0))
+    sample = Sample(value, np.int64(t), np.float64((now - t) * 1e-7), np.bool_(fresh), np.bool_(valid))
+    return Frame(t=np.int64(now), samples={"ruler": sample})
+
+
+def fly(autopilot, *frames):
+    """States after each frame."""
+    state, states = strengthen_types(autopilot.init(key(0), frame(0, 0.0, valid=False))), []
+    for one in frames:
+        state, command = autopilot.step(one.t, state, one)
+        assert command is state.command
+        states.append(state)
+    return states
+
+
+def test_a_frame_gives_the_command_of_its_instant():
+    (state,) = fly(cart_autopilot(), frame(SECOND, 4.0))
+    assert (int(state.command.t), bool(state.command.valid), float(state.command.value.v)) == (SECOND, True, 5.0)
+    assert float(state.estimate.state.x) == 4.0
+    assert float(state.output.demand.v) == 5.0
+
+
+def test_without_a_sample_the_law_waits_and_the_command_is_not_valid():
+    first, second = fly(cart_autopilot(), frame(0, 0.0, valid=False), frame(SECOND, 1.0))
+    assert (int(first.law), bool(first.command.valid)) == (0, False)
+    assert (int(second.law), bool(second.command.valid)) == (1, True)
+
+
+@pytest.mark.parametrize("x", [np.nan, np.inf, -np.inf])
+def test_an_estimate_that_is_no_number_is_none(x):
+    before, bad, after = fly(cart_autopilot(), frame(0, 1.0), frame(SECOND, x), frame(2 * SECOND, 2.0))
+    assert bool(before.command.valid)
+    assert not bool(bad.estimate.valid)
+    assert not bool(bad.command.valid)
+    assert [int(s.law) for s in (before, bad, after)] == [1, 1, 2], "the law stands still"
+    assert (bool(after.command.valid), float(after.command.value.v)) == (True, 3.0)
+
+
+def test_a_number_that_the_law_does_not_read_may_be_none():
+    odd = frame(0, 1.0)
+    odd.samples["ruler"].value.__dict__["v"] = np.float64(np.nan)
+    (state,) = fly(cart_autopilot(), odd)
+    assert bool(state.command.valid)
+
+
+@record
+class Dividing(Doubling):
+    """Wants one over x: no number at 0. Source: this test."""
+
+    def step(self, t: Any, state: Any, estimate: Any) -> Any:
+        new, output = super().step(t, state, estimate)
+        return new, type(output)(demand=Speed(1.0 / jnp.asarray(estimate.state.x)))
+
+
+def test_a_demand_that_is_no_number_is_not_sent_and_the_law_stands_still():
+    good, bad = fly(cart_autopilot(law=Dividing()), frame(0, 2.0), frame(SECOND, 0.0))
+    assert (bool(good.command.valid), float(good.command.value.v), int(good.law)) == (True, 0.5, 1)
+    assert bool(bad.estimate.valid)
+    assert not bool(bad.command.valid)
+    assert int(bad.law) == 1
+
+
+def test_fresh_is_what_was_not_there_at_the_last_step():
+    """By the time of measurement: what came between two steps is fresh at the next; what is held is not."""
+    states = fly(
+        cart_autopilot(period=2 * SECOND),
+        frame(0, 1.0),
+        frame(2 * SECOND, 1.0, t=0, fresh=False),
+        frame(4 * SECOND, 2.0, t=3 * SECOND, fresh=False),
+        frame(6 * SECOND, 2.0, t=3 * SECOND, fresh=False),
+    )
+    assert [bool(s.estimate.fresh) for s in states] == [True, False, True, False]
+    assert [int(s.seen["ruler"]) for s in states] == [0, 0, 3 * SECOND, 3 * SECOND]
+    np.testing.assert_allclose([float(s.estimate.age) for s in states], [0, 2, 1, 3])
+
+
+def test_between_control_periods_all_is_held_but_nothing_is_fresh():
+    autopilot = cart_autopilot(period=2 * SECOND)
+    (state,) = fly(autopilot, frame(0, 1.0))
+    held = autopilot.hold(np.int64(SECOND), state)
+    assert (int(held.estimate.t), bool(held.estimate.fresh)) == (SECOND, False)
+    assert held.command is state.command
+    assert (held.law, held.output, held.seen) == (state.law, state.output, state.seen)
+    assert bool(held.estimate.valid)
+
+
+def test_outputs_that_are_made_anew_are_not_carried_along():
+    autopilot = cart_autopilot()
+    (state,) = fly(autopilot, frame(0, 1.0))
+    assert autopilot.drop_derived_outputs(state, frozenset({2 * SECOND})) is state
+    dropped = autopilot.drop_derived_outputs(state, frozenset({SECOND}))
+    assert (dropped.estimate, dropped.output, dropped.command) == ((), (), ())
+    assert dropped.law is state.law
+
+
+@record
+class Reader(Doubling):
+    """Reads what the ruler does not give. Source: this test."""
+
+    reads: ClassVar[tuple[str, ...]] = ("xs",)
+
+
+@record
+class Mute(Doubling):
+    """Wants nothing. Source: this test."""
+
+    def step(self, t: Any, state: Any, estimate: Any) -> Any:
+        return state, Speed(1.0 + estimate.state.x)
+
+
+@record
+class Stubborn:
+    """An allocation that reads what no demand has. Source: this test."""
+
+    def init(self, key: Any) -> tuple[()]:
+        return ()
+
+    def step(self, t: Any, state: Any, demand: Any) -> Any:
+        return state, demand.torque
+
+
+def test_parts_that_do_not_fit_are_named_at_both_ends():
+    first = frame(0, 0.0, valid=False)
+    with pytest.raises(InputError, match=r"reads sensor 'ruler', the world sends \(tape\)"):
+        cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))
+    with pytest.raises(InputError, match=r"Reader reads 'xs', which Passthrough does not give(.|\n)*read 'x' instead"):
+        cart_autopilot(law=Reader()).init(key(0), first)
+    with pytest.raises(InputError, match="the output of Mute has no field 'demand'"):
+        cart_autopilot(law=Mute()).init(key(0), first)
+    with pytest.raises(InputError, match=r"autopilot\.allocation: does not fit autopilot\.law.*torque"):
+        cart_autopilot(allocation=Stubborn()).init(key(0), first)

@@ -1,0 +1,116 @@
+"""The order of the loop at one instant, and what sampling, holding and delays do to a run: docs page, Time."""
+
+import numpy as np
+import pytest
+from loop.cart import SECOND, Place, Ruler, cart_autopilot, cart_world
+
+from trimtab.core.rng import key
+from trimtab.core.time import Clock, ms, timetable
+from trimtab.links.delay_chain import DelayChain
+from trimtab.loop.walk import instant, logged_signals, pack_row, signals, start, walk
+
+
+def fly(world, autopilot, n=5, paths=(), every=1):
+    """Signals of n instants by path, each an array; `every`: how many instants a row of the log stands for."""
+    table = timetable([*world.periods(), autopilot.period], n * SECOND, world.max_step)
+    count = len(table.t)
+    rows = -(-count // every)
+    number = np.where(np.arange(count) % every == 0, np.arange(count) // every, rows)
+    result = walk(world, autopilot, Place(0.0), key(0), (table.t, table.h, number), rows, table.always, paths)
+    out, k = {}, 0
+    for path, value, _ in logged_signals(result.template, paths):
+        out[path] = np.asarray(result.rows[:, k : k + np.size(value)]).squeeze(1)
+        k += np.size(value)
+    assert k == result.rows.shape[1]
+    return out, result
+
+
+def test_a_measurement_acts_from_its_own_instant_on():
+    """v = 1 + x, held for a second: x doubles and one is added. A hidden delay anywhere would show."""
+    log, result = fly(cart_world(), cart_autopilot())
+    np.testing.assert_allclose(log["truth.x"], [0, 1, 3, 7, 15], atol=1e-12)
+    np.testing.assert_allclose(log["actuators.u.v"], [1, 2, 4, 8, 16], atol=1e-12)
+    for path in ("sensors.ruler.value.x", "downlink.ruler.value.x", "estimate.state.x"):
+        np.testing.assert_array_equal(log[path], log["truth.x"], err_msg=path)
+    for path in ("law.demand.v", "command.value.v", "uplink.value.v"):
+        np.testing.assert_array_equal(log[path], log["actuators.u.v"], err_msg=path)
+    assert float(result.x.x) == pytest.approx(31, abs=1e-12), "the truth at the end is after the last instant"
+    assert int(result.sensors["ruler"]) == 5
+
+
+def test_sensors_feel_the_input_that_acted_up_to_now():
+    log, _ = fly(cart_world(), cart_autopilot())
+    np.testing.assert_allclose(log["sensors.ruler.value.v"], [0, 1, 2, 4, 8], atol=1e-12)
+
+
+def test_a_delay_on_the_way_down_is_the_estimate_s_age():
+    log, _ = fly(cart_world(downlink=DelayChain(SECOND, 1)), cart_autopilot())
+    np.testing.assert_array_equal(log["estimate.valid"], [0, 1, 1, 1, 1])
+    np.testing.assert_allclose(log["truth.x"], [0, 0, 1, 2, 4], atol=1e-12)
+    np.testing.assert_allclose(log["actuators.u.v"], [0, 1, 1, 2, 3], atol=1e-12)
+    np.testing.assert_allclose(log["estimate.age"][1:], 1.0)
+    np.testing.assert_array_equal(log["downlink.ruler.t"][1:], np.arange(4) * SECOND)
+
+
+def test_a_delay_on_the_way_up_keeps_the_actuators_neutral_and_the_command_s_time():
+    log, _ = fly(cart_world(uplink=DelayChain(SECOND, 2)), cart_autopilot())
+    np.testing.assert_array_equal(log["command.valid"], 1)
+    np.testing.assert_array_equal(log["uplink.valid"], [0, 0, 1, 1, 1])
+    np.testing.assert_allclose(log["truth.x"], [0, 0, 0, 1, 2], atol=1e-12)
+    np.testing.assert_array_equal(log["uplink.t"][2:], np.arange(3) * SECOND)
+    np.testing.assert_allclose(log["uplink.age"][2:], 2.0)
+
+
+def test_a_slow_autopilot_holds_its_command():
+    log, _ = fly(cart_world(), cart_autopilot(period=2 * SECOND))
+    np.testing.assert_allclose(log["actuators.u.v"], [1, 1, 3, 3, 9], atol=1e-12)
+    np.testing.assert_allclose(log["truth.x"], [0, 1, 2, 5, 8], atol=1e-12)
+    np.testing.assert_array_equal(log["command.t"], np.array([0, 0, 2, 2, 4]) * SECOND)
+    np.testing.assert_allclose(log["uplink.age"], [0, 1, 0, 1, 0])
+    np.testing.assert_array_equal(log["uplink.fresh"], [1, 0, 1, 0, 1])
+    np.testing.assert_array_equal(log["estimate.t"], np.arange(5) * SECOND)
+    np.testing.assert_array_equal(log["estimate.fresh"], [1, 0, 1, 0, 1])
+
+
+def test_a_slow_sensor_holds_its_sample():
+    log, _ = fly(cart_world(sensors={"ruler": Ruler(period=2 * SECOND)}), cart_autopilot())
+    np.testing.assert_array_equal(log["downlink.ruler.t"], np.array([0, 0, 2, 2, 4]) * SECOND)
+    np.testing.assert_allclose(log["estimate.age"], [0, 1, 0, 1, 0])
+    np.testing.assert_array_equal(log["estimate.fresh"], [1, 0, 1, 0, 1])
+    np.testing.assert_allclose(log["truth.x"], [0, 1, 2, 5, 8], atol=1e-12)
+
+
+def test_instants_between_change_nothing_that_is_due_at_others():
+    """Integration steps of 250 ms: the same run, four rows a second; of a held sample nothing is fresh."""
+    fine, _ = fly(cart_world(max_step=ms(250)), cart_autopilot())
+    np.testing.assert_allclose(fine["truth.x"], np.interp(np.arange(20) / 4, range(6), [0, 1, 3, 7, 15, 31]), atol=1e-9)
+    np.testing.assert_array_equal(fine["sensors.ruler.fresh"], np.arange(20) % 4 == 0)
+    np.testing.assert_array_equal(fine["command.t"], np.repeat(np.arange(5), 4) * SECOND)
+
+
+def test_rows_are_the_instants_that_are_asked_for():
+    whole, _ = fly(cart_world(), cart_autopilot())
+    some, _ = fly(cart_world(), cart_autopilot(), every=2)
+    assert whole.keys() == some.keys()
+    for path, values in some.items():
+        np.testing.assert_array_equal(values, whole[path][::2], err_msg=path)
+
+
+def test_columns_are_the_paths_that_are_asked_for():
+    log, _ = fly(cart_world(), cart_autopilot(), paths=("truth", "command.value"))
+    assert list(log) == ["truth.x", "command.value.v"]
+    np.testing.assert_allclose(log["command.value.v"], [1, 2, 4, 8, 16], atol=1e-12)
+
+
+def test_one_instant_by_hand():
+    """The two messages: a frame of samples goes in, a command comes out, and the truth moves on last."""
+    world, autopilot = cart_world(), cart_autopilot()
+    s, a = start(world, autopilot, Place(3.0), key(0))
+    assert not bool(s.received["ruler"].valid)
+    assert not bool(a.command.valid)
+    s, a, seen = instant(world, autopilot, Clock(np.int64(0), frozenset({SECOND})), np.int64(SECOND), s, a)
+    assert (float(seen.truth.x), float(seen.command.value.v), float(seen.actuators.u.v)) == (3.0, 4.0, 4.0)
+    assert bool(seen.command.valid)
+    assert float(s.x.x) == pytest.approx(7.0, abs=1e-12)
+    row = np.asarray(pack_row(signals(s, a), ("truth", "actuators")))
+    np.testing.assert_allclose(row, [7.0, 4.0], atol=1e-12)

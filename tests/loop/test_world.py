@@ -1,0 +1,143 @@
+"""The world alone: what is sampled, held, received and acted on, and what it refuses."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from loop.cart import SECOND, Drive, Place, Ruler, Speed, cart_world
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import period, quantity, record, replace
+from trimtab.core.rng import key
+from trimtab.core.signals import Command
+from trimtab.core.time import Clock, ms
+from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import Wire
+from trimtab.loop.structure import strengthen_types
+
+ALL = frozenset({SECOND})
+
+
+def command(t, v, valid=True):
+    """A command issued at t."""
+    return Command(t=np.int64(t), valid=np.bool_(valid), value=Speed(np.float64(v)))
+
+
+def started(world, x=0.0):
+    """The world at rest, with its uplink."""
+    return strengthen_types(world.connect(key(0), world.init(key(0), Place(np.float64(x))), command(0, 0.0)))
+
+
+def test_at_first_nothing_is_measured_received_or_commanded():
+    s = started(cart_world(), 2.0)
+    assert not bool(s.sampled["ruler"].valid)
+    assert not bool(s.received["ruler"].valid)
+    assert not bool(s.commanded.valid)
+    assert float(s.u.v) == 0.0
+    assert float(s.x.x) == 2.0
+
+
+def test_a_frame_has_the_newest_sample_of_each_sensor():
+    world = cart_world(sensors={"ruler": Ruler(), "slow": Ruler(period=2 * SECOND)})
+    s, frame = world.sense(Clock(np.int64(0), ALL), started(world, 2.0))
+    s = replace(s, x=Place(np.float64(5.0)))
+    s, frame = world.sense(Clock(np.int64(SECOND), ALL), s)
+    assert int(frame.t) == SECOND
+    assert list(frame.samples) == ["ruler", "slow"]
+    new, held = frame.samples["ruler"], frame.samples["slow"]
+    assert (float(new.value.x), int(new.t), float(new.age), bool(new.fresh)) == (5.0, SECOND, 0.0, True)
+    assert (float(held.value.x), int(held.t), float(held.age), bool(held.fresh)) == (2.0, 0, 1.0, False)
+    assert bool(held.valid)
+
+
+def test_a_downlink_that_is_not_due_holds_what_it_gave():
+    world = cart_world(downlink=Wire(period=2 * SECOND))
+    s, _ = world.sense(Clock(np.int64(0)), started(world, 2.0))
+    s, frame = world.sense(Clock(np.int64(SECOND)), replace(s, x=Place(np.float64(5.0))))
+    assert float(s.sampled["ruler"].value.x) == 5.0
+    received = frame.samples["ruler"]
+    assert (float(received.value.x), float(received.age), bool(received.fresh)) == (2.0, 1.0, False)
+    _, frame = world.sense(Clock(np.int64(2 * SECOND)), replace(s, x=Place(np.float64(6.0))))
+    assert (float(frame.samples["ruler"].value.x), bool(frame.samples["ruler"].fresh)) == (6.0, True)
+
+
+def test_a_command_acts_from_the_instant_at_which_it_comes_out_of_the_uplink():
+    world = cart_world(uplink=DelayChain(SECOND, 1))
+    s = world.act(Clock(np.int64(0), ALL), started(world), command(0, 3.0), True)
+    assert float(s.u.v) == 0.0
+    s = world.act(Clock(np.int64(SECOND), ALL), s, command(SECOND, 4.0), True)
+    assert float(s.u.v) == 3.0
+    assert (int(s.commanded.t), float(s.commanded.age)) == (0, 1.0)
+
+
+def test_actuators_that_are_not_due_hold_their_output():
+    world = cart_world(actuators=Drive(period=2 * SECOND))
+    s = world.act(Clock(np.int64(0)), started(world), command(0, 3.0), True)
+    s = world.act(Clock(np.int64(SECOND)), s, command(SECOND, 4.0), True)
+    assert (float(s.commanded.value.v), float(s.u.v), float(s.actuated.u.v)) == (4.0, 3.0, 3.0)
+    s = world.act(Clock(np.int64(2 * SECOND)), s, command(SECOND, 4.0), False)
+    assert float(s.u.v) == 4.0
+
+
+def test_a_command_that_is_not_valid_leaves_the_actuators_neutral():
+    world = cart_world()
+    s = world.act(Clock(np.int64(0), ALL), started(world), command(0, 3.0, valid=False), True)
+    assert float(s.u.v) == 0.0
+
+
+def test_the_truth_moves_with_the_output_held():
+    world = cart_world()
+    s = world.act(Clock(np.int64(0), ALL), started(world, 1.0), command(0, 3.0), True)
+    assert float(world.advance(np.int64(0), s, np.int64(ms(500))).x.x) == pytest.approx(2.5, abs=1e-12)
+    assert float(world.advance(np.int64(0), s, np.int64(0)).x.x) == 1.0
+
+
+def test_outputs_that_are_made_anew_are_not_carried_along():
+    world = cart_world(sensors={"ruler": Ruler(), "slow": Ruler(period=2 * SECOND)})
+    s = world.drop_derived_outputs(started(world), ALL)
+    assert s.sampled["ruler"] == ()
+    assert s.sampled["slow"] != ()
+    assert s.received == {"ruler": (), "slow": ()}
+    assert (s.commanded, s.actuated) == ((), ())
+    assert float(s.u.v) == 0.0, "integrated, so kept"
+
+
+@record
+class Thermometer:
+    """Reads what no motion has. Source: this test."""
+
+    period: int = period("Time between samples.", default=SECOND)
+
+    def init(self, key: Any) -> tuple[()]:
+        return ()
+
+    def step(self, t: Any, state: Any, motion: Any) -> Any:
+        return state, motion.temperature
+
+
+@record
+class Torque:
+    """What the drive does not take. Source: this test."""
+
+    torque: Any = quantity("N m", "About the axle.")
+
+
+def test_parts_that_do_not_fit_are_named_at_both_ends():
+    with pytest.raises(InputError, match=r"world\.sensors\.warmth: does not fit world\.vehicle.*temperature"):
+        cart_world(sensors={"warmth": Thermometer()}).init(key(0), Place(0.0))
+    world = cart_world()
+    with pytest.raises(InputError, match=r"world\.actuators: does not fit world\.uplink"):
+        world.connect(key(0), world.init(key(0), Place(0.0)), Command(np.int64(0), np.bool_(True), Torque(0.0)))
+    with pytest.raises(InputError, match=r"world\.vehicle\.motion: does not fit the vehicle's state"):
+        world.init(key(0), Speed(0.0))
+
+
+def test_two_sensors_of_one_name_are_refused():
+    assert list(cart_world(sensors=[("a", Ruler()), ("b", Ruler())]).sensors) == ["a", "b"]
+    with pytest.raises(InputError, match="two sensors are named 'a': Ruler and Thermometer"):
+        cart_world(sensors=[("a", Ruler()), ("a", Thermometer())])
+
+
+def test_periods_are_those_of_all_that_can_be_due():
+    world = cart_world(sensors={"ruler": Ruler(period=ms(7))}, downlink=Wire(period=ms(3)), uplink=Wire(period=ms(2)))
+    assert sorted(world.periods()) == [ms(2), ms(3), ms(7), SECOND]
