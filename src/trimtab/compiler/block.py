@@ -10,16 +10,14 @@ import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
+from trimtab.compiler.analysis import prune
 from trimtab.compiler.arrays import Array, copy_array, copy_into, is_small, scalars
-from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.dead_code import prune
 from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, elementary_names, elementary_text
-from trimtab.compiler.fold import fold
 from trimtab.compiler.ir import Block, Buffer, Builder, If, Local, Loop, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
-from trimtab.compiler.scalar_text import number_literal
 from trimtab.compiler.structs import Member, members, struct_text
+from trimtab.compiler.text import C_TYPES, number_literal
 from trimtab.compiler.writer import Writer
 
 
@@ -139,7 +137,7 @@ class _Routine:
     """One function of a block: its jaxpr lowered, where its operands come from, and where its results go."""
 
     def __init__(self, jaxpr: Any, sources: list[StructPlace], targets: list[StructPlace], real: str) -> None:
-        self.b = b = Builder(fold, hoist=False)
+        self.b = b = Builder()
         indexed = jaxprs.indexed_inputs(jaxpr.jaxpr)
         self.operands: list[tuple[str, Member, Array, bool]] = []
         dying: list[bool] = []

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.compiler.arrays import type_name
-from trimtab.compiler.c_functions import C_TYPES
 from trimtab.compiler.ir import TYPES
+from trimtab.compiler.text import C_TYPES
 from trimtab.core.float64 import jax
 from trimtab.core.record import Quantity, leaves
 

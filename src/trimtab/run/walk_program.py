@@ -10,17 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.compiler import jaxprs
+from trimtab.compiler.analysis import find_varying, prune
 from trimtab.compiler.arrays import Array, element_list, scalar
-from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.dead_code import prune
 from trimtab.compiler.elementary import preamble_text
-from trimtab.compiler.fold import fold
 from trimtab.compiler.function import parameter_array
 from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
-from trimtab.compiler.uniform import find_varying
+from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.writer import Writer, defined_values
 from trimtab.core.float64 import jax
 from trimtab.core.time import Clock
@@ -134,7 +132,7 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
         step: jaxpr, (inputs, state, t, h) -> (state, row of float64).
         final_count: how many leaves of the state, from the first, are its last values.
     """
-    b = Builder(fold, hoist=True)
+    b = Builder(hoist=True)
     lowering = Lowering(b, RULES)
     avals = [v.aval for v in begin.jaxpr.invars]
     indexed = jaxprs.indexed_inputs(step.jaxpr)
