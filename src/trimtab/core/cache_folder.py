@@ -3,20 +3,24 @@
 import os
 from pathlib import Path
 
-import platformdirs
-
 
 def cache_folder(name: str) -> Path:
     """The folder `name` of the cache, made if need be: absolute, this user's own, writable by nobody else.
 
-    The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or ~/.cache,
-    on macOS below ~/Library/Caches. That the file system is full or read-only shows only when something is written.
+    The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or
+    ~/.cache, on macOS below ~/Library/Caches. That the file system is full or read-only shows only when something is
+    written.
 
     Raises OSError where there can be no such folder, PermissionError where it isn't safe to run what lies there.
     """
-    cache = os.environ.get("TRIMTAB_CACHE") or platformdirs.user_cache_dir("trimtab", appauthor=False)
-    if cache.startswith("~"):  # what stays where nobody knows the home
-        raise FileNotFoundError(f"no home folder: {cache} is not known")
+    cache = os.environ.get("TRIMTAB_CACHE")
+    if not cache:
+        import platformdirs  # takes as long as all else that a kept program needs
+
+        try:
+            cache = platformdirs.user_cache_dir("trimtab", appauthor=False)
+        except RuntimeError as unknown:
+            raise FileNotFoundError(f"no home folder: {unknown}") from unknown
     folder = Path(cache).absolute() / name
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_owned_by_user(folder.stat()):
