@@ -5,12 +5,12 @@ import math
 import re
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.arrays import type_name
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.text import C_TYPES
-from trimtab.core.float64 import jax
 from trimtab.core.record import Quantity, leaves
 
 RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}

@@ -6,13 +6,13 @@ Time). The vehicle's own, which a virtual vehicle runs and a microcontroller too
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Frame, Sample

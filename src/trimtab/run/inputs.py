@@ -2,10 +2,10 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.float64 import jax
 from trimtab.core.record import part, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.loop.autopilot import AutopilotState

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity, children, is_record, leaves
+from trimtab.core.quantity import Quantity, children, is_record, leaves
 from trimtab.core.time import Timetable, timetable, to_seconds
 from trimtab.logs.log import Log, provenance
 from trimtab.native.build import load_library

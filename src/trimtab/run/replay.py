@@ -7,11 +7,11 @@ The control steps that a log holds: which of its rows they are, and what the aut
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.errors import InputError
-from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.core.signals import Frame
 from trimtab.core.time import format_time, to_seconds

@@ -5,10 +5,10 @@ import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.float64 import jax
 from trimtab.core.record import replace
 from trimtab.core.time import Timetable, format_time, timetable
 from trimtab.loop.scenario import Scenario

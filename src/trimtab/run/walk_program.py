@@ -7,6 +7,7 @@ import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
@@ -20,7 +21,6 @@ from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.writer import Writer, defined_values
-from trimtab.core.float64 import jax
 from trimtab.core.time import Clock
 from trimtab.loop.structure import cast_like
 from trimtab.loop.walk import Signals, instant, logged_signals, signals
