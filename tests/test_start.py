@@ -81,7 +81,6 @@ def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
         "trimtab.plots.run",
         "trimtab.plots.tracking",
         "trimtab.run.program",
-        "trimtab.run.program",
     ],
 )
 def test_who_reads_draws_or_flies_a_compiled_program_starts_without_jax(module):
