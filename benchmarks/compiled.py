@@ -12,8 +12,9 @@ import workload
 from trimtab.core.rng import Key
 from trimtab.core.time import Timetable, ms, timetable
 from trimtab.native.compiler import find_compiler, lane_count
-from trimtab.run import compiled
-from trimtab.run.library import fly_runs, row_numbers
+from trimtab.run.inputs import RunInputs, flat_inputs, input_position
+from trimtab.run.program import fly_runs, row_numbers
+from trimtab.run.walk_program import WalkStructure, build_walk_library, final_columns, lower_structure, walk_structure
 
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""
@@ -30,9 +31,9 @@ class Loop(NamedTuple):
     widths: numbers in a row of the log, and last values.  row: the row that each instant writes.
     """
 
-    whole: Any
+    whole: RunInputs
     table: Timetable
-    of: compiled.Structure
+    of: WalkStructure
     at: Any
     widths: tuple[int, int]
     row: Any
@@ -42,15 +43,14 @@ class Loop(NamedTuple):
 def parts(signals: tuple[str, ...] = ()) -> Loop:
     """The loop with these signals logged at each instant, or with none; traced at the first call."""
     world, autopilot, x = workload.loop(np.array(spec.GAINS))
-    whole = (world, autopilot, x, Key(np.uint32(spec.KEY0), np.uint32(0)))
+    whole = RunInputs(world, autopilot, x, Key(np.uint32(spec.KEY0), np.uint32(0)))
     table = timetable([*world.periods(), autopilot.period], ms(spec.N), world.max_step)
-    of = compiled.program_structure(whole, table.always, signals or NOTHING)
-    flight = compiled.lower_structure(of)
-    names = [(c.path, int(np.prod(c.shape))) for c in compiled.final_columns(flight)]
+    of = walk_structure(whole, table.always, signals or NOTHING)
+    names = [(c.path, int(np.prod(c.shape))) for c in final_columns(of)]
     starts = dict(zip([n for n, _ in names], np.cumsum([0, *(size for _, size in names)]).tolist(), strict=False))
     sizes = dict(names)
     at = np.concatenate([np.arange(starts[n], starts[n] + sizes[n]) for n in ENDS])
-    widths = flight.width, sum(sizes.values())
+    widths = lower_structure(of).width, sum(sizes.values())
     return Loop(whole, table, of, at, widths, row_numbers(np.full(len(table.t), bool(signals))))
 
 
@@ -58,16 +58,14 @@ def parts(signals: tuple[str, ...] = ()) -> Loop:
 def inputs() -> tuple[Any, list[int]]:
     """The inputs of a single run, and where gains and key stand in them."""
     whole = parts().whole
-    places = [
-        compiled.input_position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")
-    ]
-    return compiled.flat_inputs(whole), places
+    places = [input_position(whole, p) for p in ("autopilot.law.k1", "autopilot.law.k2", "key.seed", "key.run")]
+    return flat_inputs(whole), places
 
 
 @cache
 def library(signals: tuple[str, ...] = ()) -> Path:
     """The scalar library; the first call compiles it."""
-    return compiled.build_walk_library(parts(signals).of)
+    return build_walk_library(parts(signals).of)
 
 
 def _flown(loop: Loop, path: Path, gains: Any, key: Any, log: bool) -> Any:
@@ -103,20 +101,20 @@ def _own(loop: Loop) -> frozenset[int]:
 def text(lanes: int) -> str:
     """C of a single run, or C++ of a campaign over lanes."""
     loop = parts()
-    flight = compiled.lower_structure(loop.of)
+    flight = lower_structure(loop.of)
     return flight.text(lanes, _own(loop)) if lanes else flight.text()
 
 
 def campaign_inputs() -> Any:
     """The inputs that all runs of a campaign share."""
     loop = parts()
-    return compiled.flat_inputs(loop.whole, _own(loop))
+    return flat_inputs(loop.whole, _own(loop))
 
 
 def campaign(runs: int, threads: int) -> Any:
     """The 14 numbers of each of many runs, over lanes and threads."""
     loop, n = parts(), width()
-    path = compiled.build_walk_library(loop.of, n if n > 1 else 0, _own(loop))
+    path = build_walk_library(loop.of, n if n > 1 else 0, _own(loop))
     numbers = np.arange(runs, dtype=np.float64)[:, None]
     flown = fly_runs(path, campaign_inputs(), numbers, loop.table, loop.row, loop.widths, log=False, threads=threads)
     return flown.final[:, loop.at] * SCALE

@@ -20,7 +20,7 @@ from paired import Ratio, load, machine, row
 from trimtab.core.time import seconds, to_seconds
 from trimtab.links.open_link import open_link
 from trimtab.live.fly import LiveAutopilot, LiveFlightSummary
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 

@@ -14,7 +14,7 @@ from trimtab.core.record import to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
 from trimtab.loop.walk import start
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
 
 ROUNDS, CALLS = 21, 2000

@@ -80,7 +80,6 @@ def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
         "trimtab.plots.replay",
         "trimtab.plots.run",
         "trimtab.plots.tracking",
-        "trimtab.run.library",
         "trimtab.run.program",
     ],
 )

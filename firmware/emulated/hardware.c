@@ -55,10 +55,10 @@ static int64_t next_instant(void) {
 }
 
 static void turn_motor(int64_t now) {
-    motor_i.given.voltage = 7.2;
+    motor_i.input.voltage = 7.2;
     for (; motor_at + MOTOR_PERIOD <= now; motor_at += MOTOR_PERIOD) {
         motor_i.t = motor_at;
-        motor_i.given.duty = (motor_real)pulse_duty_of(compare[THRUST]);
+        motor_i.input.duty = (motor_real)pulse_duty_of(compare[THRUST]);
         motor_step(&motor_p, &motor_s, &motor_i, &motor_o);
     }
 }
@@ -77,7 +77,7 @@ void hardware_work(vehicle *v, int64_t now) {
         world_i.t = world_i.command.t = world_at;
         world_i.h = t - world_at;
         world_i.fresh = true;
-        world_i.held = !v->released;
+        world_i.is_held = !v->released;
         world_step(&world_p, &world_s, &world_i, &world_o);
         if (!world_i.first) ++part;
         world_i.first = false;

@@ -48,8 +48,8 @@ static void hear_command_long(vehicle *v, const mavlink_message_t *message) {
     if (c.command != CMD_ARM_DISARM) {
         acknowledge(v, c.command, UNSUPPORTED);
     } else if (c.param1 == 1.0f || c.param1 == 0.0f) {
-        v->failsafe_in.given.arm = c.param1 == 1.0f;
-        v->failsafe_in.given.disarm = c.param1 == 0.0f;
+        v->failsafe_in.input.arm = c.param1 == 1.0f;
+        v->failsafe_in.input.disarm = c.param1 == 0.0f;
         v->asked = true;
     } else {
         acknowledge(v, c.command, DENIED);
@@ -73,11 +73,11 @@ static void hear_drive_command(vehicle *v, const mavlink_message_t *message) {
     mavlink_command_t c;
     mavlink_msg_command_decode(message, &c);
     failsafe_in *in = &v->failsafe_in;
-    in->given.command.t = c.t;
-    in->given.command.valid = c.valid != 0;
-    in->given.command.fresh = true;
-    in->given.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
-    in->given.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
+    in->input.command.t = c.t;
+    in->input.command.valid = c.valid != 0;
+    in->input.command.fresh = true;
+    in->input.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
+    in->input.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
 }
 
 void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message) {

@@ -24,10 +24,10 @@ static void hear_pilot(vehicle *v) {
     uint16_t us[RADIO_CHANNELS];
     failsafe_in *in = &v->failsafe_in;
     bool heard = board_radio(us);
-    in->given.radio = heard;
-    in->given.takeover = heard && us[RADIO_MODE] > 1500;
-    in->given.manual.rudder_pulse = heard ? us[RADIO_RUDDER] * 1e-6 : 1.5e-3;
-    in->given.manual.speed_rpm = heard ? (us[RADIO_THRUST] - 1500.0) / 500.0 * RADIO_FULL_RPM : 0;
+    in->input.radio = heard;
+    in->input.takeover = heard && us[RADIO_MODE] > 1500;
+    in->input.manual.rudder_pulse = heard ? us[RADIO_RUDDER] * 1e-6 : 1.5e-3;
+    in->input.manual.speed_rpm = heard ? (us[RADIO_THRUST] - 1500.0) / 500.0 * RADIO_FULL_RPM : 0;
 }
 
 static void set_pulses(vehicle *v) {
@@ -50,9 +50,9 @@ static void guard(vehicle *v, int64_t now) {
     int32_t mode = v->failsafe_out.mode;
     hear_pilot(v);
     in->t = now;
-    in->given.command.age = (failsafe_real)((double)(now - in->given.command.t) * 1e-7);
+    in->input.command.age = (failsafe_real)((double)(now - in->input.command.t) * 1e-7);
     failsafe_step(&v->failsafe_params, &v->failsafe_state, in, &v->failsafe_out);
-    in->given.command.fresh = in->given.arm = in->given.disarm = false;
+    in->input.command.fresh = in->input.arm = in->input.disarm = false;
     if (v->begun && v->failsafe_out.mode != mode) station_changed(v);
     v->begun = true;
     v->released |= v->failsafe_out.armed;
@@ -60,8 +60,8 @@ static void guard(vehicle *v, int64_t now) {
 
 static void regulate(vehicle *v, int64_t at) {
     v->regulator_in.t = at;
-    v->regulator_in.given.wanted_rpm = v->failsafe_out.command.value.speed_rpm;
-    v->regulator_in.given.count = board_encoder(at);
+    v->regulator_in.input.wanted_rpm = v->failsafe_out.command.value.speed_rpm;
+    v->regulator_in.input.count = board_encoder(at);
     speed_regulator_step(&v->regulator_params, &v->regulator_state, &v->regulator_in, &v->regulator_out);
     v->duty = (double)v->regulator_out.duty;
 }

@@ -1,10 +1,10 @@
-"""export_step: what the header promises, and states that are swapped, kept in memory, or empty."""
+"""block_text: what the header promises, and states that are swapped, kept in memory, or empty."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.compiler.block import export_step
+from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.core.record import Scalar, quantity, record
 
 
@@ -27,7 +27,8 @@ class Ring:
 
 def made(step, real="f64"):
     zeros = Ring(a=0.0, b=1.0, ring=np.zeros(60), at=np.int32(0))
-    return export_step("block", "A block.", Gain(np.float64(2.0)), lambda p: zeros, step, np.float64(0.0), real)
+    block = BlockDefinition("block", "A block.", step, lambda p: zeros, Gain(np.float64(2.0)), np.float64(0.0))
+    return block_text(block, real)
 
 
 def bounded(p, s, u):

@@ -9,7 +9,7 @@ import pytest
 from contracts.compiled import LANES, compiled, reference, together
 from contracts.programs import TOLERANCE, Program, Writer, random_program
 from contracts.variables import Var
-from trimtab.compiler import scalar_text
+from trimtab.compiler import text
 
 BATCH = 50
 FEW, MANY = 40, 2000
@@ -78,7 +78,7 @@ def test_two_thousand_programs(first: int) -> None:
 
 def test_a_wrong_program_is_found_and_shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
     # a generator that confuses two operations, on a program where that shows
-    monkeypatch.setitem(scalar_text.INFIX, "xor", "|")
+    monkeypatch.setitem(text.INFIX, "xor", "|")
     made = Writer(0)
     statements = [("v1", "a4 + 3"), ("v2", "v1 ^ a4"), ("v3", "jnp.sin(a0)"), ("v4", "v2 * 2")]
     program = Program(0, made.inputs, statements, [Var("v3", "f", (), exact=False), Var("v4", "i32", ())])

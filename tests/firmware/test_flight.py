@@ -14,7 +14,7 @@ from trimtab.links.open_link import open_link
 from trimtab.live.autopilot_end import scenario_dialect
 from trimtab.live.fly import LiveAutopilot
 from trimtab.logs.mcap import read_mcap
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 

@@ -9,13 +9,11 @@ from firmware.host import KEY
 
 from trimtab.actuators.direct import DirectActuation
 from trimtab.commands.firmware import FirmwareRequest, firmware
-from trimtab.compiler.block import ExportedBlock
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.export.boards import missing_tools
 from trimtab.export.firmware_folder import replace_hardware, samples_source, write_firmware
-from trimtab.live.world_step import WorldBlock
 from trimtab.scenarios import catalogue
 from trimtab.wire.dialect import derive_dialect
 
@@ -66,7 +64,7 @@ def test_a_sample_in_several_messages_is_sent_with_every_number_once():
     sample = Sample(value, np.int64(0), np.float64(0), np.bool_(False), np.bool_(False))
     frame, command = Frame(np.int64(0), {"array": sample}), Command(np.int64(0), np.bool_(False), value)
     dialect = derive_dialect(frame, command)
-    text = samples_source(WorldBlock(ExportedBlock("world", "", "", [], [], []), frame, command), dialect)
+    text = samples_source(frame, dialect)
     places = re.findall(r"\.field\[(\d+)\] = \(double\)out->sensors\.array\.value\.field\[(\d+)\];", text)
     assert sorted(int(source) for _, source in places) == list(range(40))
     assert text.count("link_send") == len(dialect.groups["samples.array"]) == 2

@@ -13,8 +13,8 @@ from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.signals import Command
 from trimtab.live.duties import COMPUTER_MODE, MANUAL_MODE, Duties
 from trimtab.live.exchange import GroupSample
-from trimtab.live.failsafe_step import UNLIMITED
 from trimtab.native.compiler import find_compiler
+from trimtab.run.blocks import UNLIMITED
 from trimtab.wire.protocol import ArmRequest, JoystickAxes, ModeRequest, ReceiverChannels, State
 from trimtab.wire.station import Status
 

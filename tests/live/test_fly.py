@@ -14,9 +14,10 @@ from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.links.open_link import open_link
 from trimtab.live.fly import LiveAutopilot
-from trimtab.live.vehicle import LiveVehicle, replace_links
+from trimtab.live.vehicle import LiveVehicle
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
+from trimtab.run.blocks import replace_links
 from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint

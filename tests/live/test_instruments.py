@@ -9,11 +9,9 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.commands.fly_scenario import RunRequest, build_from_request
 from trimtab.core.time import ms, seconds
-from trimtab.live.failsafe_step import choose_failsafe
 from trimtab.live.instruments import Instruments
-from trimtab.live.vehicle import replace_links
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compile_world
+from trimtab.run.blocks import choose_failsafe, compile_world, replace_links
 from trimtab.wire.dialect import derive_dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import ReceiverChannels

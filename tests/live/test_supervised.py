@@ -7,7 +7,7 @@ from trimtab.live.fly import CompiledSupervisor
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.supervisor import MODES
 from trimtab.native.compiler import find_compiler
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -17,7 +17,7 @@ from trimtab.loop.pilot_script import PilotScript, pilot_script
 from trimtab.loop.structure import strengthen_types
 from trimtab.loop.supervisor import CAUSES, CHECKS, MODES, REQUESTS, Limit, PilotRequest, Supervisor, SupervisorInput
 from trimtab.native.compiler import find_compiler
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 

@@ -61,7 +61,7 @@ def test_key_has_text_flags_language_compiler_and_cpu(fake, monkeypatch: pytest.
         build_library(TWICE, extra=("-DX=1",)),
         build_library(TWICE, "c++"),
     ]
-    monkeypatch.setattr(module, "cpu", lambda: "another")
+    monkeypatch.setattr(module, "cpu_identity", lambda: "another")
     libraries.append(build_library(TWICE))
     monkeypatch.undo()
     fake(always="""[ "$1" = --version ] && { "$REAL" --version | sed 's/^/my /'; exit; }""")
@@ -251,12 +251,12 @@ def test_temporary_folder_that_does_not_exist_is_not_needed(tmp_path: Path, cach
 
 BUILD = f"""
 import resource, sys
-from trimtab.native.build import build
+from trimtab.native.build import build_library
 from trimtab.native.compiler import find_compiler
 find_compiler()
 if sys.argv[1:]:
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-print(build({TWICE!r}))
+print(build_library({TWICE!r}))
 """
 
 
@@ -265,37 +265,37 @@ def test_limit_on_the_size_of_files(elsewhere, cache: Path) -> None:
     process = elsewhere(BUILD.replace("sys.argv[1:]", "True"))
     _, trouble = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert "BuildFailed" in trouble
+    assert "BuildError" in trouble
     assert "TRIMTAB_CACHE" in trouble.splitlines()[-1]
     assert {path.suffix for path in cache.iterdir()} == {".note"}
 
 
 MOUNTED = """
 import os, subprocess, sys
-from trimtab.native.build import build, load
-from trimtab.native.cache import not_kept
+from trimtab.native.build import build_library, load_library
+from trimtab.native.cache import cache_problem
 mount = lambda *options: subprocess.run(("mount", *options, os.environ["TRIMTAB_CACHE"]), check=True)
 mount("-t", "tmpfs", "-o", "size=64k,mode=700", "tmpfs")
-elsewhere = "from trimtab.native.build import build; print(build('int first(void) { return 1; }'))"
+elsewhere = "from trimtab.native.build import build_library; print(build_library('int first(void) { return 1; }'))"
 subprocess.run((sys.executable, "-c", elsewhere), check=True, stdout=subprocess.DEVNULL)
-first = build("int first(void) { return 1; }")
+first = build_library("int first(void) { return 1; }")
 filler = os.open(first.parent / "filler", os.O_CREAT | os.O_WRONLY)
 try:
     while os.write(filler, bytes(4096)):
         pass
 except OSError as full:
     print(full.strerror)
-second = build("int second(void) { return 2; }")
-print(load(second).second(), second.parent == first.parent, not_kept())
+second = build_library("int second(void) { return 2; }")
+print(load_library(second).second(), second.parent == first.parent, cache_problem())
 os.truncate(filler, 0)
 os.close(filler)
 mount("-o", "remount,ro")
-print(build("int first(void) { return 1; }") == first)
-third = build("int third(void) { return 3; }")
-print(load(third).third(), third.parent == first.parent, not_kept())
+print(build_library("int first(void) { return 1; }") == first)
+third = build_library("int third(void) { return 3; }")
+print(load_library(third).third(), third.parent == first.parent, cache_problem())
 mount("-o", "remount,rw,noexec")
-fourth = build("int fourth(void) { return 4; }")
-print(load(fourth).fourth(), fourth.parent == first.parent, not_kept())
+fourth = build_library("int fourth(void) { return 4; }")
+print(load_library(fourth).fourth(), fourth.parent == first.parent, cache_problem())
 """
 
 
@@ -336,7 +336,7 @@ def test_processes_at_the_same_moment_compile_once(fake, elsewhere, cache: Path)
 
 def test_processes_without_locks_end_with_one_entry(fake, elsewhere, cache: Path) -> None:
     fake("sleep 0.5")
-    unlocked = "import contextlib\nimport trimtab.native.build as b\nb.alone = lambda *_: contextlib.nullcontext()\n"
+    unlocked = "import contextlib\nimport trimtab.native.build as b\nb.lock_key = lambda *_: contextlib.nullcontext()\n"
     processes = [elsewhere(unlocked + BUILD) for _ in range(3)]
     assert {process.communicate(timeout=60)[0].strip() for process in processes} == {str(build_library(TWICE))}
     assert len(list(cache.glob("*.so"))) == 1

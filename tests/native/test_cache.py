@@ -191,8 +191,8 @@ def test_private_folder_is_made_anew_if_something_removes_it() -> None:
 def test_private_folder_ends_with_the_process_not_with_its_children(elsewhere) -> None:
     text = """
 import os, sys
-from trimtab.native.cache import private
-folder = private()
+from trimtab.native.cache import private_folder
+folder = private_folder()
 if os.fork() == 0:
     sys.exit()
 os.wait()

@@ -194,9 +194,9 @@ def test_imports_are_light(elsewhere) -> None:
     text = """
 import sys
 before = set(sys.modules)
-from trimtab.native.build import build, load
+from trimtab.native.build import build_library, load_library
 from trimtab.native.compiler import find_compiler
-load(build("int one(void) { return 1; }"))
+load_library(build_library("int one(void) { return 1; }"))
 print(*set(sys.modules) - before)
 """
     for _ in range(2):

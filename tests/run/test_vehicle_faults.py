@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 
+from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import Duties
 from trimtab.live.exchange import GroupSample
-from trimtab.live.failsafe_step import choose_failsafe
 from trimtab.live.injector import fault_parameter_names, plan_fault
-from trimtab.live.uplink_step import uplink_step
-from trimtab.live.vehicle import replace_links
-from trimtab.live.world_step import compile_world
 from trimtab.loop.fault_text import inject_faults
 from trimtab.loop.faults import WORDS, FaultyChannel
-from trimtab.run.fast_step import FastStep
+from trimtab.run.blocks import choose_failsafe, compile_world, replace_links, uplink_block
 from trimtab.scenarios import catalogue
 from trimtab.wire.parameters import Parameters
 from trimtab.wire.protocol import ArmRequest
@@ -36,7 +33,7 @@ def parts(scenario):
 
 @pytest.fixture(scope="module")
 def step(parts):
-    return FastStep(uplink_step(FaultyChannel(inner=Wire(), capacity=600), parts[2]))
+    return compile_block(uplink_block(FaultyChannel(inner=Wire(), capacity=600), parts[2]))
 
 
 def driven(parts, step, word, severity=1.0):

@@ -66,7 +66,7 @@ def _write_export(request: ExportRequest, folder: Path) -> bool:
     written = export_c(
         scenario, folder, part=request.part, real=real, steps=request.steps, seed=request.seed, name=name
     )
-    made = written.exported
+    made = written.block
     result: dict[str, Any] = {
         "scenario": request.scenario,
         "part": request.part,

@@ -118,7 +118,7 @@ def _compile_and_fly(request: RunRequest) -> RunReport:
     from trimtab.commands.cache import enable_cache
     from trimtab.commands.progress import show_spinner
     from trimtab.commands.sources import list_loaded_files, record_read_files
-    from trimtab.run.prepare import choose_c
+    from trimtab.run.runner import choose_c
     from trimtab.run.simulate import compile_scenario, simulate
 
     with record_read_files() as read:

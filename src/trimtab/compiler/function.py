@@ -9,15 +9,13 @@ import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
+from trimtab.compiler.analysis import find_varying, prune
 from trimtab.compiler.arrays import Array, is_small, scalars
-from trimtab.compiler.c_functions import C_TYPES
-from trimtab.compiler.dead_code import prune
 from trimtab.compiler.elementary import preamble_text
-from trimtab.compiler.fold import fold
 from trimtab.compiler.ir import TYPES, Buffer, Builder, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
-from trimtab.compiler.uniform import find_varying
+from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
 from trimtab.native.build import build_library, load_library
@@ -27,7 +25,7 @@ class Function:
     """A lowered function: its program, what goes in and what comes out, as flat lists of arrays."""
 
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
-        self.b = Builder(fold, hoist)
+        self.b = Builder(hoist)
         lowering = Lowering(self.b, RULES, real)
         indexed = jaxprs.indexed_inputs(jaxpr.jaxpr)
         self.inputs = [

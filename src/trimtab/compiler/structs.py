@@ -1,4 +1,4 @@
-"""Members of C structs from trees of records: the same dotted paths, with unit and meaning as comments."""
+"""C structs from trees of records: the same dotted paths, with unit and meaning as comments; and rows of numbers."""
 
 import keyword
 import math
@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 from trimtab.compiler.arrays import type_name
-from trimtab.compiler.c_functions import C_TYPES
+from trimtab.compiler.ir import TYPES
+from trimtab.compiler.text import C_TYPES
 from trimtab.core.record import Quantity, leaves
 
 RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}
@@ -31,6 +32,11 @@ class Member(NamedTuple):
     def size(self) -> int:
         """How many numbers."""
         return math.prod(self.shape)
+
+    @property
+    def numpy_type(self) -> np.dtype[Any]:
+        """Type of its numbers."""
+        return np.dtype(TYPES[self.dtype])
 
     def at(self, base: str, k: int) -> str:
         """Text of element k, e.g. s->law.timer or s->P[3]."""
@@ -92,3 +98,28 @@ def _comment_text(m: Member) -> str:
     shape = f" {' x '.join(map(str, m.shape))}, row-major." if len(m.shape) > 1 else ""
     text = f"{unit}{d.doc}{frame}{modes}{shape}".replace("*/", "* /").replace("\n", " ")
     return f"  /* {text} */"
+
+
+def row_declarations(name: str, inputs: list[Member], outputs: list[Member]) -> str:
+    """Declarations of the functions between rows of numbers and the structs of a block of this name."""
+    n_in, n_out = sum(m.size for m in inputs), sum(m.size for m in outputs)
+    return f"""enum {{ VECTORS_IN = {n_in}, VECTORS_OUT = {n_out} }};
+
+void vectors_set_in(const double *row, {name}_in *in);
+void vectors_get_out(const {name}_out *out, double *row);
+"""
+
+
+def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str:
+    """Bodies of the functions between rows of numbers and the structs of a block of this name."""
+    numbers = [(m, i) for m in inputs for i in range(m.size)]
+    sets = [f"    {m.at('in->', i)} = {_from_double(m, f'row[{k}]')};" for k, (m, i) in enumerate(numbers)]
+    numbers = [(m, i) for m in outputs for i in range(m.size)]
+    gets = [f"    row[{k}] = (double){m.at('out->', i)};" for k, (m, i) in enumerate(numbers)]
+    lines = [f"void vectors_set_in(const double *row, {name}_in *in)", "{", *sets, "}", ""]
+    lines += [f"void vectors_get_out(const {name}_out *out, double *row)", "{", *gets, "}", ""]
+    return "\n".join(lines)
+
+
+def _from_double(m: Member, text: str) -> str:
+    return f"{text} != 0" if m.dtype == "bool" else f"({C_TYPES[m.dtype]}){text}"

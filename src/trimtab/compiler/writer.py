@@ -1,13 +1,21 @@
 """Program -> text, in either shape: statements, branches and loops; under a mask where only some lanes take part."""
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.compiler.c_functions import C_TYPES, helper_dependencies, lane_helper, scalar_helper, vector_type
+from trimtab.compiler.analysis import VaryingValues
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
-from trimtab.compiler.lane_text import check_type, lane_expression, lane_mask
-from trimtab.compiler.scalar_text import number_literal, scalar_expression
-from trimtab.compiler.uniform import VaryingValues
+from trimtab.compiler.text import (
+    C_TYPES,
+    check_lane_type,
+    expression,
+    helper_dependencies,
+    helper_text,
+    lane_mask,
+    number_literal,
+    vector_type,
+)
 
 PAIR = {"sin_of": "s", "cos_of": "c"}
 
@@ -50,7 +58,7 @@ class Writer:
     def type(self, dtype: str, varies: bool) -> str:
         """C type of a scalar or, where it varies, of a vector."""
         if varies:
-            check_type(dtype)
+            check_lane_type(dtype)
         return vector_type(dtype) if varies else C_TYPES[dtype]
 
     def name(self, thing: Any) -> str:
@@ -106,15 +114,9 @@ class Writer:
         if v.op == "sincos":
             self.write_sincos(v, name, kind)
             return
-        if varies:
-            right = lane_expression(v, self.operand_naming(v), self.note_use, self.varies)
-        else:
-            right = scalar_expression(v, self.name, self.note_use)
+        naming = self.vector_text if varies and v.op != "load" else self.name  # an index or table may be uniform
+        right = expression(v, naming, self.note_use, self.varies if varies else None)
         self.write_line(f"const {kind} {name} = {right};")
-
-    def operand_naming(self, v: Value) -> Any:
-        """How operands of a varying operation are named: as vectors; an index or table that is uniform stays so."""
-        return self.name if v.op == "load" else self.vector_text
 
     def write_sincos(self, v: Value, name: str, kind: str) -> None:
         """Sine and cosine of one angle, or the one that is needed."""
@@ -274,14 +276,11 @@ class Writer:
                 ordered[needed] = None
         scalar = [n for n in ordered if n.startswith("tt_")]
         lanes = sorted((n for n in ordered if n.startswith("tv_")), key=lambda n: "splat" not in n)
-        found = []
-        for make, names in ((scalar_helper, scalar), (lane_helper, lanes)):
-            for n in names:
-                try:
-                    found.append(make(n))
-                except KeyError:
-                    continue
-        return "\n".join(found)
+        texts = []
+        for name in [*scalar, *lanes]:
+            with contextlib.suppress(KeyError):
+                texts.append(helper_text(name))
+        return "\n".join(texts)
 
 
 def defined_values(blocks: list[Block]) -> list[Value]:

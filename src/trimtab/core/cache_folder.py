@@ -7,16 +7,21 @@ from pathlib import Path
 def cache_folder(name: str) -> Path:
     """The folder `name` of the cache, made if need be: absolute, this user's own, writable by nobody else.
 
-    The cache is $TRIMTAB_CACHE, else trimtab below $XDG_CACHE_HOME or ~/.cache. That the file system is full or
-    read-only shows only when something is written.
+    The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or
+    ~/.cache, on macOS below ~/Library/Caches. That the file system is full or read-only shows only when something is
+    written.
 
     Raises OSError where there can be no such folder, PermissionError where it isn't safe to run what lies there.
     """
-    try:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        folder = Path(os.environ.get("TRIMTAB_CACHE") or cache / "trimtab").absolute() / name
-    except RuntimeError as unknown:
-        raise FileNotFoundError(f"no home folder: {unknown}") from unknown
+    cache = os.environ.get("TRIMTAB_CACHE")
+    if not cache:
+        import platformdirs  # takes as long as all else that a kept program needs
+
+        try:
+            cache = platformdirs.user_cache_dir("trimtab", appauthor=False)
+        except RuntimeError as unknown:
+            raise FileNotFoundError(f"no home folder: {unknown}") from unknown
+    folder = Path(cache).absolute() / name
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_owned_by_user(folder.stat()):
         raise PermissionError(f"{folder} belongs to somebody else, or others can write to it")

@@ -1,1 +1,1 @@
-"""Compiled flight: the loop as C, built with the machine's own compiler and kept between runs."""
+"""The folder that an embedded user ships: a block as C with its own test, firmware, and boards to run it on."""

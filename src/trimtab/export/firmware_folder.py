@@ -8,7 +8,7 @@ import os
 import shutil
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,19 +16,17 @@ from trimtab.actuators.drive import FanDrive, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.motor import Motor, MotorInput
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
-from trimtab.compiler.block import ExportedBlock, export_step
+from trimtab.compiler.block import BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
-from trimtab.core.record import part, quantity, record, replace, to_arrays
-from trimtab.core.signals import Command
+from trimtab.core.record import replace
+from trimtab.core.signals import Command, Frame
 from trimtab.core.time import to_seconds
 from trimtab.export.boards import FIRMWARE as START
 from trimtab.export.boards import TARGETS
-from trimtab.live.failsafe_step import failsafe_step
-from trimtab.live.vehicle import replace_links
-from trimtab.live.world_step import WorldBlock, world_step
 from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import failsafe_block, message_structures, replace_links, timed_block, world_block
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.generated import write_c_headers
 from trimtab.wire.keys import SigningKey
@@ -39,14 +37,6 @@ CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
 """Where the portable C lies: in an installed package, or beside `src`."""
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
-
-
-@record
-class BlockInput:
-    """What a block of the firmware is given. Source: docs page, Firmware."""
-
-    t: Any = quantity("100 ns", "Now.", kind="time")
-    given: Any = part("Its input.")
 
 
 class FirmwareFolder(NamedTuple):
@@ -76,15 +66,16 @@ def write_firmware(
         raise InputError("firmware", f"board {board!r} is not one", choices=TARGETS, fix="--board cortex-m7")
     real = REALS[TARGETS[board].real]
     scenario = replace_hardware(scenario)
-    built = world_step(scenario, real=real, seed=seed)
-    dialect = derive_dialect(built.frame, built.command)
+    frame, command = message_structures(scenario)
+    dialect = derive_dialect(frame, command)
+    world = block_text(world_block(scenario, seed=seed), real)
     texts = {
         f"exported/{name}": text
-        for made in (built.text, *firmware_blocks(scenario, built.command, real))
-        for name, text in _block_files(made)
+        for block in (world, *firmware_blocks(scenario, command, real))
+        for name, text in ((f"{block.name}.h", block.header), (f"{block.name}.c", block.source))
     }
     texts["emulated/samples.h"] = SAMPLES_HEADER
-    texts["emulated/samples.c"] = samples_source(built, dialect)
+    texts["emulated/samples.c"] = samples_source(frame, dialect)
     texts["emulated/instants.h"] = _instants_header(scenario)
     try:
         files = _copy_sources(folder, board) + _write_texts(folder, texts)
@@ -110,33 +101,16 @@ def replace_hardware(scenario: Scenario) -> Scenario:
     return replace(scenario, world=replace(scenario.world, actuators=drive))
 
 
-def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[ExportedBlock]:
+def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
     """The blocks of the firmware, and the motor, as C."""
     failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else drive_failsafe()
     zero = np.float64(0.0)
-    wanted = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
-    blocks = {
-        "speed_regulator": (SpeedRegulator(), wanted, "Speed of the thrust fan: counts in, duty out; every 10 ms."),
-        "motor": (Motor(), MotorInput(duty=zero, voltage=zero), "Motor, propeller and encoder of the thrust fan."),
-    }
-
-    def init(p: Any) -> Any:
-        return p.init()
-
-    def step(p: Any, s: Any, now: BlockInput) -> Any:
-        return p.step(now.t, s, now.given)
-
-    return [
-        failsafe_step(failsafe, command, real=real),
-        *(
-            export_step(name, doc, to_arrays(block), init, step, BlockInput(t=np.int64(0), given=given), real)
-            for name, (block, given, doc) in blocks.items()
-        ),
-    ]
-
-
-def _block_files(made: ExportedBlock) -> list[tuple[str, str]]:
-    return [(f"{made.name}.h", made.header), (f"{made.name}.c", made.source)]
+    doc = "Speed of the thrust fan: counts in, duty out; every 10 ms."
+    speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
+    regulator = timed_block("speed_regulator", doc, SpeedRegulator(), speed)
+    doc = "Motor, propeller and encoder of the thrust fan."
+    motor = timed_block("motor", doc, Motor(), MotorInput(duty=zero, voltage=zero))
+    return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor)]
 
 
 SAMPLES_HEADER = f"""{LICENCE_NOTE}
@@ -151,7 +125,7 @@ void samples_send(link *l, const world_out *out);
 """
 
 
-def samples_source(built: WorldBlock, dialect: Dialect) -> str:
+def samples_source(frame: Frame, dialect: Dialect) -> str:
     """C that sends each fresh sample of the world as the messages of the dialect."""
     lines = [
         LICENCE_NOTE,
@@ -160,7 +134,7 @@ def samples_source(built: WorldBlock, dialect: Dialect) -> str:
         "void samples_send(link *l, const world_out *out)",
     ]
     lines += ["{", "    mavlink_message_t message;"]
-    for sensor in built.frame.samples:
+    for sensor in frame.samples:
         here = f"out->sensors.{identifier(sensor)}"
         lines.append(f"    if ({here}.fresh) {{")
         for name in dialect.groups[f"samples.{sensor}"]:

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.compiler.block import ExportedBlock
-from trimtab.compiler.c_functions import C_TYPES
+from trimtab.compiler.block import BlockText
 from trimtab.compiler.elementary import LICENCE_NOTE
-from trimtab.compiler.structs import Member
+from trimtab.compiler.structs import Member, row_declarations, row_functions
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
 """Of each output, as a part of its largest size in the vectors; the least that is told apart is TOLERANCE too."""
@@ -23,46 +22,48 @@ class SampleVectors(NamedTuple):
 
 
 def write_folder(
-    folder: Path, made: ExportedBlock, vectors: SampleVectors, about: dict[str, Any], real: str
+    folder: Path, block: BlockText, vectors: SampleVectors, about: dict[str, Any], real: str
 ) -> list[Path]:
     """Write all files; gives their paths. The folder is there and can be written."""
-    names = [f"in.{n}" for n in column_names(made.inputs)] + [f"out.{n}" for n in column_names(made.outputs)]
+    names = [f"in.{n}" for n in column_names(block.inputs)] + [f"out.{n}" for n in column_names(block.outputs)]
     rows = np.concatenate([vectors.inputs, vectors.outputs], axis=1)
     lines = [",".join(names), *(",".join(_format_number(x) for x in row) for row in rows)]
-    tolerance = tolerances(made.outputs, vectors.outputs, real)
+    tolerance = tolerances(block.outputs, vectors.outputs, real)
     manifest = about | {
-        "name": made.name,
+        "name": block.name,
         "real": "single" if real == "f32" else "double",
         "steps": len(rows),
-        "inputs": column_names(made.inputs),
-        "outputs": column_names(made.outputs),
-        "tolerance": dict(zip(column_names(made.outputs), tolerance, strict=True)),
+        "inputs": column_names(block.inputs),
+        "outputs": column_names(block.outputs),
+        "tolerance": dict(zip(column_names(block.outputs), tolerance, strict=True)),
     }
     texts = {
-        f"{made.name}.h": made.header,
-        f"{made.name}.c": made.source,
-        "vectors.h": _vectors_header(made),
-        "vectors.c": "\n".join([LICENCE_NOTE, '#include "vectors.h"\n', *_function_bodies(made)]),
+        f"{block.name}.h": block.header,
+        f"{block.name}.c": block.source,
+        "vectors.h": _vectors_header(block),
+        "vectors.c": "\n".join(
+            [LICENCE_NOTE, '#include "vectors.h"\n', row_functions(block.name, block.inputs, block.outputs)]
+        ),
         "vectors.csv": "\n".join(lines) + "\n",
-        "replay.c": _replay_source(made),
-        "CMakeLists.txt": CMAKE.replace("NAME", made.name),
+        "replay.c": _replay_source(block),
+        "CMakeLists.txt": CMAKE.replace("NAME", block.name),
         "export.json": json.dumps(manifest, indent=1) + "\n",
-        "README.md": _readme_text(made, manifest),
+        "README.md": _readme_text(block, manifest),
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
 
 
-def column_names(held: list[Member]) -> list[str]:
+def column_names(members: list[Member]) -> list[str]:
     """One name for each number: a path, with the index of an element of an array."""
-    return [m.path if not m.shape else f"{m.path}[{k}]" for m in held for k in range(m.size)]
+    return [m.path if not m.shape else f"{m.path}[{k}]" for m in members for k in range(m.size)]
 
 
-def tolerances(held: list[Member], outputs: Any, real: str) -> list[float]:
+def tolerances(members: list[Member], outputs: Any, real: str) -> list[float]:
     """How far each output may be from the simulated one; whole numbers and truth values not at all."""
     found, k = [], 0
-    for m in held:
+    for m in members:
         for _ in range(m.size):
             size = float(np.nanmax(np.abs(outputs[:, k]), initial=0.0))
             found.append(TOLERANCE[real] * max(size, 1e-3) if m.dtype[0] == "f" else 0.0)
@@ -74,53 +75,21 @@ def _format_number(x: float) -> str:
     return f"{x:.17g}"
 
 
-def _vectors_header(made: ExportedBlock) -> str:
+def _vectors_header(block: BlockText) -> str:
     return "\n".join(
         [
             LICENCE_NOTE,
             "/* Rows of vectors.csv as structs: the inputs, then the outputs; every number as double. */",
             "#ifndef VECTORS_H\n#define VECTORS_H\n",
-            f'#include "{made.name}.h"\n',
-            _vector_declarations(made),
+            f'#include "{block.name}.h"\n',
+            row_declarations(block.name, block.inputs, block.outputs),
             "#endif\n",
         ]
     )
 
 
-def _vector_declarations(made: ExportedBlock) -> str:
-    n = made.name
-    n_in, n_out = len(column_names(made.inputs)), len(column_names(made.outputs))
-    return f"""enum {{ VECTORS_IN = {n_in}, VECTORS_OUT = {n_out} }};
-
-void vectors_set_in(const double *row, {n}_in *in);
-void vectors_get_out(const {n}_out *out, double *row);
-"""
-
-
-def vectors_source(made: ExportedBlock) -> str:
-    """Declarations and bodies of the functions between rows of numbers and structs."""
-    return "\n".join([_vector_declarations(made), *_function_bodies(made)])
-
-
-def _function_bodies(made: ExportedBlock) -> list[str]:
-    n, k = made.name, 0
-    sets, gets = [], []
-    for m in made.inputs:
-        for i in range(m.size):
-            right = f"row[{k}] != 0" if m.dtype == "bool" else f"({C_TYPES[m.dtype]})row[{k}]"
-            sets.append(f"    {m.at('in->', i)} = {right};")
-            k += 1
-    k = 0
-    for m in made.outputs:
-        for i in range(m.size):
-            gets.append(f"    row[{k}] = (double){m.at('out->', i)};")
-            k += 1
-    body = [f"void vectors_set_in(const double *row, {n}_in *in)", "{", *sets, "}", ""]
-    return [*body, f"void vectors_get_out(const {n}_out *out, double *row)", "{", *gets, "}", ""]
-
-
-def _replay_source(made: ExportedBlock) -> str:
-    n = made.name
+def _replay_source(block: BlockText) -> str:
+    n = block.name
     return f"""{LICENCE_NOTE}
 /* Flies the inputs of vectors.csv, as a program of yours would fly what its sensors say, and prints the outputs.
  *
@@ -133,7 +102,7 @@ def _replay_source(made: ExportedBlock) -> str:
 #include "{n}.h"
 #include "vectors.h"
 
-static char line[{32 * (len(column_names(made.inputs)) + len(column_names(made.outputs))) + 4096}];
+static char line[{32 * (len(column_names(block.inputs)) + len(column_names(block.outputs))) + 4096}];
 
 int main(int count, char **arguments)
 {{
@@ -180,8 +149,8 @@ add_test(NAME replay COMMAND replay ${CMAKE_CURRENT_SOURCE_DIR}/vectors.csv)
 """
 
 
-def _readme_text(made: ExportedBlock, about: dict[str, Any]) -> str:
-    n, real = made.name, about["real"]
+def _readme_text(block: BlockText, about: dict[str, Any]) -> str:
+    n, real = block.name, about["real"]
     return f"""# {about["scenario"]}: {about["part"]} as C
 
 `{n}.h` and `{n}.c` are all that a vehicle needs: C99, {real} precision, no memory allocation, no variables outside

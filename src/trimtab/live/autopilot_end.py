@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.live.exchange import GroupSample, MessageGroup, command_group, sample_groups
-from trimtab.live.world_step import message_structures
 from trimtab.loop.scenario import Scenario
-from trimtab.run.fast_step import FastStep
+from trimtab.run.blocks import message_structures
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
@@ -35,7 +35,7 @@ class AutopilotEnd:
     estimator that fuses each sample at its own time says so by ANY_ORDER = True.
     """
 
-    def __init__(self, scenario: Scenario, dialect: Dialect, step: FastStep) -> None:
+    def __init__(self, scenario: Scenario, dialect: Dialect, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario; dialect: as `scenario_dialect` gives it."""
         self.step = step
         self.sensors: dict[str, MessageGroup] = sample_groups(dialect, lambda p: step.reads[p])

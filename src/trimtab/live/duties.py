@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe
+from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.live.exchange import GroupSample
-from trimtab.live.failsafe_step import failsafe_step
 from trimtab.loop import supervisor
 from trimtab.loop.supervisor import HOLD as HOLDS
-from trimtab.run.fast_step import FastStep
+from trimtab.run.blocks import failsafe_block
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import (
@@ -66,7 +66,9 @@ class CommandSource(NamedTuple):
 class Duties:
     """The failsafe of a vehicle between a line and its actuators, with the requests that have come in."""
 
-    def __init__(self, failsafe: Failsafe, command: Command, world: FastStep, uplink: FastStep | None = None) -> None:
+    def __init__(
+        self, failsafe: Failsafe, command: Command, world: CompiledBlock, uplink: CompiledBlock | None = None
+    ) -> None:
         """A vehicle's failsafe, disarmed.
 
         Args:
@@ -75,15 +77,15 @@ class Duties:
             world: whose inputs get what the failsafe decides.
             uplink: what commands pass before the failsafe sees them, e.g. one with a fault.
         """
-        self.step = FastStep(failsafe_step(failsafe, command))
-        reads, writes = self.step.reads, self.step.writes
-        self._inputs: dict[str, Any] = {p.removeprefix("given."): at for p, at in reads.items()}
+        self.step = compile_block(failsafe_block(failsafe, command))
+        writes = self.step.writes
+        self._inputs = _input_slots(self.step)
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]
         self._out = _slot_indices(writes, shared, len(self.step.outputs))
         self._in = _slot_indices(world.reads, shared, len(world.inputs))
         self._world, self.uplink = world, uplink
         self._first = self.step if uplink is None else uplink
-        self._first_at = self._inputs if uplink is None else uplink.reads
+        self._first_at = _input_slots(self._first)
         if uplink is not None:
             passed = [p for p in uplink.writes if p in self._inputs]
             self._passed = _slot_indices(uplink.writes, passed, len(uplink.outputs))
@@ -167,6 +169,11 @@ class Duties:
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
         mode = MANUAL_MODE if self._asked_manual or self._switch else COMPUTER_MODE
         return Status(mode=mode, armed=self.is_commanded, state=state)
+
+
+def _input_slots(step: CompiledBlock) -> dict[str, Any]:
+    """Where time and input of a block stand, the input's by its own paths."""
+    return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
 def _slot_indices(where: Any, paths: list[str], size: int) -> Any:

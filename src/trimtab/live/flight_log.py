@@ -93,8 +93,7 @@ def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
     for m in source.members:
         path = source.name(m.name)
         if path is not None:
-            dtype = np.dtype("?" if m.dtype == "bool" else f"{m.dtype[0]}{int(m.dtype[1:]) // 8}")
-            signals.append((path, m.shape, dtype, m.declaration))
+            signals.append((path, m.shape, m.numpy_type, m.declaration))
             picked += range(at, at + m.size)
         at += m.size
     return picked

@@ -16,6 +16,7 @@ from pathlib import Path
 from time import monotonic_ns
 from typing import NamedTuple
 
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity
@@ -28,7 +29,7 @@ from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, REQUESTS
-from trimtab.run.fast_step import FastStep, compile_autopilot
+from trimtab.run.blocks import compile_autopilot
 from trimtab.run.program import describe_scenario
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
@@ -53,10 +54,10 @@ class _RequestSlots(NamedTuple):
 class CompiledSupervisor:
     """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
 
-    def __init__(self, scenario: Scenario, step: FastStep) -> None:
+    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
         self._step = step
-        declared = {m.path: m.declaration for m in step.exported.outputs}
+        declared = {m.path: m.declaration for m in step.text.outputs}
         paths = ("supervisor.mode", "supervisor.cause")
         self._watched = [_CodeNames(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
         self._decided: tuple[int, ...] = ()
@@ -149,7 +150,7 @@ class LiveAutopilot:
         endpoint: Callable[[Dialect], Endpoint],
         *,
         seed: int = 0,
-        step: FastStep | None = None,
+        step: CompiledBlock | None = None,
     ) -> None:
         """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
         scenario.check()
@@ -351,8 +352,8 @@ class LiveAutopilot:
     def _open_log(self, path: Path) -> FlightLog:
         step = self.pilot.step
         sources = [
-            LogSource(step.inputs, step.exported.inputs, frame_log_path),
-            LogSource(step.outputs, step.exported.outputs, lambda p: p),
+            LogSource(step.inputs, step.text.inputs, frame_log_path),
+            LogSource(step.outputs, step.text.outputs, lambda p: p),
         ]
         about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         period = to_seconds(self.scenario.autopilot.period)

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import leaves
-from trimtab.live.vehicle import replace_links
 from trimtab.loop.fault_text import add_dormant_faults, parse_fault
 from trimtab.loop.faults import Fault
 from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import replace_links
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
 

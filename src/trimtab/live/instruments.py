@@ -2,60 +2,25 @@
 
 Posture and velocity are the true ones: a ground station is there to see what the vehicle really does.
 Source: docs page, Telemetry.
-
-How a vehicle moves, compiled: its `motion`, for whoever wants to see it and not its state's own numbers.
-
-Source: docs page, Vehicle.
 """
 
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.compiler.block import ExportedBlock, export_step
-from trimtab.core.record import leaves, part, quantity, record, to_arrays
-from trimtab.core.rng import Key
+from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import start
-from trimtab.run.fast_step import FastStep
+from trimtab.run.blocks import motion_block
 from trimtab.wire import telemetry
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import ReceiverChannels, VehicleEvent
 from trimtab.wire.streams import Streams, TelemetryStream
 from trimtab.wire.telemetry import Health, VehicleMotion
-
-
-@record
-class MotionInput:
-    """What the motion is told of. Source: docs page, Vehicle."""
-
-    t: Any = quantity("100 ns", "Now.", kind="time")
-    truth: Any = part("State of the vehicle.")
-    u: Any = part("What acts on it.")
-
-
-def motion_step(scenario: Scenario, *, name: str = "motion") -> ExportedBlock:
-    """The text of a vehicle's motion; its inputs are named as in a world's outputs, but for "actuators."."""
-    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
-    key = Key(np.uint32(0), np.uint32(0))
-    s, _ = jax.eval_shape(lambda: start(world, autopilot, x, key))
-    state, u = jax.tree.map(lambda v: np.zeros(v.shape, v.dtype), (s.x, s.actuated.u))
-    return export_step(
-        name,
-        "How a vehicle moves.",
-        world.vehicle,
-        lambda p: (),
-        lambda p, s, now: (s, p.motion(now.t, now.truth, now.u)),
-        MotionInput(t=np.int64(0), truth=state, u=u),
-        "f64",
-    )
-
 
 QUICK, MEDIUM, SLOW = ms(250), ms(500), seconds(1)
 WIDEST_SPAN = 1e100
@@ -72,7 +37,7 @@ class Instruments:
     ) -> None:
         """Compile what is needed. flying: whether somebody commands it."""
         self._body, self._endpoint, self._flying = body, endpoint, flying
-        self._motion = FastStep(motion_step(body.scenario))
+        self._motion = compile_block(motion_block(body.scenario))
         self._pairs = _slot_pairs(self._motion.reads, body.world.writes)
         self._commanded = _command_slots(failsafe, body.world.reads)
         self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
@@ -162,7 +127,8 @@ def _find_sensor(writes: Mapping[str, Any], quantity: str) -> _SensorSlots | Non
 
 def _slot_pairs(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
     """Where each number of the state, and of what acts, stands for the motion and in the world."""
-    return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in reads.items() if p != "t"]
+    pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p != "t"]
+    return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]
 
 
 def _command_slots(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, Any, Any]:

@@ -24,10 +24,9 @@ from trimtab.live.exchange import GroupSample
 from trimtab.live.flight_log import FlightLog, LogSource
 from trimtab.live.remote import HEARTBEAT
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compile_world
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
-from trimtab.run.fast_step import compile_autopilot
+from trimtab.run.blocks import compile_autopilot, compile_world
 from trimtab.run.program import describe_scenario
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import INSTANT, Dialect, derive_dialect
@@ -136,7 +135,7 @@ class LockstepVehicle:
         body, world = self.body, self.body.world
         about = describe_scenario(self.scenario) | {"side": "vehicle", "seed": self.seed, "run": 0, "backend": "c"}
         about["log_period_s"] = to_seconds(log_period)
-        sources = [LogSource(body.row, world.exported.outputs, lambda p: p)]
+        sources = [LogSource(body.row, world.text.outputs, lambda p: p)]
         book = FlightLog(log, sources, {}, about) if log else None
 
         def each(t: int) -> None:
@@ -173,8 +172,8 @@ class LockstepAutopilot:
         about = describe_scenario(self.scenario) | {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
         about["log_period_s"] = to_seconds(period)
         sources = [
-            LogSource(step.inputs, step.exported.inputs, frame_log_path),
-            LogSource(step.outputs, step.exported.outputs, lambda p: p),
+            LogSource(step.inputs, step.text.inputs, frame_log_path),
+            LogSource(step.outputs, step.text.outputs, lambda p: p),
         ]
         book = FlightLog(log, sources, {}, about) if log else None
         written = None

@@ -9,23 +9,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
 from trimtab.live.exchange import GroupSample
-from trimtab.live.failsafe_step import choose_failsafe
 from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource
 from trimtab.live.instruments import Instruments
 from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
-from trimtab.live.uplink_step import uplink_step
 from trimtab.live.virtual_vehicle import VirtualVehicle
-from trimtab.live.world_step import compile_world
 from trimtab.logs.stream import LogFileSummary
-from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
 from trimtab.loop.scenario import Scenario
-from trimtab.run.fast_step import FastStep
+from trimtab.run.blocks import choose_failsafe, compile_world, uplink_block
 from trimtab.run.program import describe_scenario
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
@@ -58,26 +55,6 @@ class VehicleSummary(NamedTuple):
     log: LogFileSummary | None
 
 
-def replace_links(scenario: Scenario) -> Scenario:
-    """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
-
-    Their faults stay.
-    """
-    world = scenario.world
-    return replace(
-        scenario,
-        world=replace(world, downlink=_replace_with_wire(world.downlink), uplink=_replace_with_wire(world.uplink)),
-    )
-
-
-def _replace_with_wire(channel: Any) -> Any:
-    if not isinstance(channel, FaultyChannel):
-        return Wire()
-    inner = _replace_with_wire(channel.inner)
-    needed = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
-    return replace(channel, inner=inner, capacity=max(channel.capacity, needed))
-
-
 class LiveVehicle:
     """A world, its duties and its end of a line; `serve` runs it."""
 
@@ -92,7 +69,7 @@ class LiveVehicle:
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(bare, dialect, world)
         failsafe = choose_failsafe(scenario, command)
-        received = None if isinstance(uplink, Wire) else FastStep(uplink_step(uplink, command, seed=seed))
+        received = None if isinstance(uplink, Wire) else compile_block(uplink_block(uplink, command, seed=seed))
         self.duties = Duties(failsafe, command, world, received)
         self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded)
         self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
@@ -229,8 +206,8 @@ class LiveVehicle:
     def _open_log(self, path: Path) -> FlightLog:
         world, failsafe = self.body.world, self.duties.step
         sources = [
-            LogSource(self.body.row, world.exported.outputs, lambda p: p),
-            LogSource(failsafe.outputs, failsafe.exported.outputs, lambda p: f"firmware.{p}"),
+            LogSource(self.body.row, world.text.outputs, lambda p: p),
+            LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}"),
         ]
         return FlightLog(
             path, sources, OWN_SIGNALS, describe_scenario(self.scenario) | {"side": "vehicle", "backend": "c"}

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.live.exchange import MessageGroup, command_group, sample_groups
-from trimtab.live.world_step import instants
 from trimtab.loop.scenario import Scenario
-from trimtab.run.fast_step import FastStep
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
@@ -23,13 +22,13 @@ NO_TIME = np.iinfo(np.int64).min
 class VirtualVehicle:
     """A compiled world; it knows nothing of clocks and transports. The first `turn` is at time 0."""
 
-    def __init__(self, scenario: Scenario, dialect: Dialect, world: FastStep) -> None:
+    def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
         """world: the compiled world of this scenario."""
         self.world, self.scenario = world, scenario
         self.command: MessageGroup = command_group(dialect, lambda p: world.reads[p])
         self.samples: dict[str, MessageGroup] = sample_groups(dialect, lambda p: world.writes[f"downlink{p[7:]}"])
         reads, writes = world.reads, world.writes
-        self._turn: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "held", "fresh"))
+        self._turn: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "is_held", "fresh"))
         self._seen: dict[str, tuple[Any, Any]] = {
             s: (writes[f"downlink.{s}.t"], writes[f"downlink.{s}.valid"]) for s in self.samples
         }
@@ -80,3 +79,15 @@ class VirtualVehicle:
     def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
         """The packets of these sensors' samples, as they are now."""
         return [packet for s in sensors for packet in self.samples[s].pack(endpoint, self.world.outputs)]
+
+
+def instants(periods: list[int], max_step: int) -> Iterator[int]:
+    """All instants from 0 on at which a period is due, gaps longer than max_step split evenly: `timetable` unending."""
+    t, distinct = 0, sorted(set(periods))
+    yield 0
+    while True:
+        due = min((t // p + 1) * p for p in distinct)
+        parts = -(-(due - t) // max_step)
+        for k in range(1, parts + 1):
+            yield t + k * (due - t) // parts
+        t = due

@@ -148,37 +148,20 @@ def work_folder(folder: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def lock_key(folder: Path, key: str) -> Iterator[None]:
     """Wait while another process builds that key. A courtesy: where files can't be locked two may build, harmlessly."""
+    from filelock import FileLock  # takes longer than a run whose library is there
+
     name = folder / f"{key}.lock"
+    lock = FileLock(name, timeout=PATIENCE, mode=0o600, poll_interval=0.02)
+    with contextlib.suppress(OSError):
+        lock.acquire()
     try:
-        import fcntl
-
-        descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-    except (ImportError, OSError):
         yield
-        return
-    try:
-        mine = _wait_for_lock(fcntl.flock, fcntl.LOCK_EX | fcntl.LOCK_NB, descriptor)
-        try:
-            yield
-        finally:
-            if mine:
-                with contextlib.suppress(OSError):
-                    name.unlink()
     finally:
-        os.close(descriptor)  # and with it the lock; so does the end of the process
-
-
-def _wait_for_lock(flock: Callable[[int, int], None], how: int, descriptor: int) -> bool:
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        try:
-            flock(descriptor, how)
-            return True
-        except BlockingIOError:
-            time.sleep(0.02)
-        except OSError:
-            return False
-    return False
+        if lock.is_locked:
+            with contextlib.suppress(OSError):  # while it is held, so that nobody else's is removed
+                name.unlink()
+            with contextlib.suppress(OSError):
+                lock.release()
 
 
 def _check_runnable(folder: Path) -> Path:

@@ -16,8 +16,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 from trimtab.logs.navigation import state_series
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import start
-from trimtab.run.prepare import run_inputs
+from trimtab.run.inputs import run_inputs
 from trimtab.run.simulate import simulate_many
 
 ALL, NONE = "all", "none"
@@ -127,7 +126,7 @@ def _is_measurable(scenario: Scenario) -> bool:
     """Whether it has targets, or else an estimate with sigmas of what its truth has; nothing flies."""
     if scenario.targets:
         return True
-    _, autopilot = jax.eval_shape(start, *run_inputs(scenario, 0, 0))
+    _, autopilot = jax.eval_shape(run_inputs(scenario).initial_states)
     told = {path.rpartition(".")[2] for path, _, _ in leaves(autopilot.estimate)}
     true = {path for path, _, _ in leaves(scenario.initial)}
     return any(all(s in true and {s, f"sigma_{s}"} <= told for s in signals) for signals in NAVIGATION_FIELDS.values())

@@ -10,14 +10,12 @@ import numpy as np
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import Clock, Timetable, ms, to_seconds
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import Signals, instant, start
-from trimtab.native.build import build_library
+from trimtab.loop.walk import Signals, instant
 from trimtab.native.compiler import find_compiler, lane_count
-from trimtab.run import compiled
-from trimtab.run.batch import own_inputs
-from trimtab.run.library import fly_runs, row_numbers, thread_count
-from trimtab.run.prepare import prepare_run, run_inputs
-from trimtab.run.walk_program import WalkProgram, lower_walk
+from trimtab.run.inputs import RunInputs, flat_inputs, leaf_paths, own_inputs, own_rows, run_inputs
+from trimtab.run.program import fly_runs, row_numbers, thread_count
+from trimtab.run.runner import prepare_run
+from trimtab.run.walk_program import WalkProgram, WalkStructure, build_program, lower_walk, walk_structure
 
 Cost = Callable[[Signals], Any]
 
@@ -49,11 +47,11 @@ def gradient(
         InputError: what `simulate` refuses, a path that is no real parameter, or no C compiler.
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
-    whole = run_inputs(scenario, seed, 0)
-    at = _input_positions(whole, paths)
-    found = jax.tree.leaves(whole)
+    inputs = run_inputs(scenario, seed)
+    at = _input_positions(inputs, paths)
+    found = jax.tree.leaves(inputs)
     sizes = [int(np.size(found[i])) for i in at]
-    final = _fly_directions(whole, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
+    final = _fly_directions(inputs, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
     slope = np.split(final[:, 1], np.cumsum(sizes)[:-1])
     by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
     return Gradient(float(final[0, 0]), by_path)
@@ -90,24 +88,24 @@ def gradients(
     """
     chosen, numbers, wanted = list(seeds), list(runs), list(along)
     scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
-    whole = run_inputs(scenario, 0, 0)
+    inputs = run_inputs(scenario)
     paths = tuple(dict.fromkeys(path for path, _ in wanted))
-    at, found = _input_positions(whole, paths), jax.tree.leaves(whole)
+    at, found = _input_positions(inputs, paths), jax.tree.leaves(inputs)
     shapes = [np.shape(found[i]) for i in at]
     offset = dict(zip(paths, np.cumsum([0, *(int(np.prod(s)) for s in shapes)])[:-1], strict=True))
     shape = dict(zip(paths, shapes, strict=True))
     directions = np.zeros((len(wanted), sum(int(np.prod(s)) for s in shapes)))
     for row, (path, index) in enumerate(wanted):
         directions[row, offset[path] + int(np.ravel_multi_index(index, shape[path]) if index else 0)] = 1.0
-    own = own_inputs(whole, chosen, numbers, dict(spread or {}))
-    final = _fly_directions(whole, own, table, at, cost, since, directions, threads)
+    own = own_inputs(inputs, chosen, numbers, dict(spread or {}))
+    final = _fly_directions(inputs, own, table, at, cost, since, directions, threads)
     n, k, d = len(chosen), len(since), len(wanted)
     by_run = final.reshape(n, d, 2 * k)
     return Gradients(by_run[:, 0, :k], np.swapaxes(by_run[:, :, k:], 1, 2))
 
 
 def _fly_directions(
-    whole: Any,
+    inputs: RunInputs,
     own: dict[int, Any],
     table: Timetable,
     at: tuple[int, ...],
@@ -117,25 +115,23 @@ def _fly_directions(
     threads: int | None,
 ) -> Any:
     """Costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
-    found, tree = jax.tree.flatten(whole)
-    shapes = tuple((np.shape(v), str(np.asarray(v).dtype)) for v in found)
-    flight = _lower_dual(tree, shapes, table.always, at, cost, since)
-    varying = frozenset(own) | frozenset(range(len(found), len(found) + len(at)))
+    of = walk_structure(inputs, table.always, ())
+    count = len(of.shapes)
+    varying = frozenset(own) | frozenset(range(count, count + len(at)))
     runs = len(next(iter(own.values()))) if own else 1
-    held = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
-    mine = np.repeat(np.concatenate([np.zeros((runs, 0)), *held], axis=1), len(directions), axis=0)
+    mine = np.repeat(own_rows(own, runs), len(directions), axis=0)
     rows = np.concatenate([mine, np.tile(directions, (runs, 1))], axis=1)
     compiler = find_compiler("c++")
     n = lane_count(compiler) if compiler is not None and len(rows) > 1 else 1
-    path = build_library(flight.text(n if n > 1 else 0, varying), "c++" if n > 1 else "c", extra=("-pthread",))
+    path = build_program(_lower_dual(of, at, cost, since), n if n > 1 else 0, varying)
     nowhere = row_numbers(np.zeros(len(table.t), bool))
     widths = 1, 2 * len(since)
-    shared = compiled.flat_inputs(whole, frozenset(own))
+    shared = flat_inputs(inputs, frozenset(own))
     return fly_runs(path, shared, rows, table, nowhere, widths, log=False, threads=thread_count(threads)).final
 
 
-def _input_positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
-    known, found = compiled.input_paths(whole), jax.tree.leaves(whole)
+def _input_positions(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[int, ...]:
+    known, found = leaf_paths(inputs), jax.tree.leaves(inputs)
     real = [p for p, v in zip(known, found, strict=True) if np.asarray(v).dtype == np.float64]
     if not paths:
         raise InputError("gradient", "no parameter is named", choices=real[:8], fix=f"paths=({real[0]!r},)")
@@ -148,12 +144,10 @@ def _input_positions(whole: Any, paths: tuple[str, ...]) -> tuple[int, ...]:
 
 
 @functools.lru_cache(maxsize=16)
-def _lower_dual(
-    tree: Any, shapes: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
-) -> WalkProgram:
+def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple[int, ...]) -> WalkProgram:
     """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
-    example = [np.zeros(shape, dtype) for shape, dtype in shapes]
-    dual = _DualRun(tree, always, at, cost, since)
+    example = jax.tree.leaves(of.zero_inputs())
+    dual = _DualRun(of.tree, of.always, at, cost, since)
     direction = [example[i] for i in at]
     begin, state = jax.make_jaxpr(dual.initial_state, return_shape=True)(example, direction)
     t = np.int64(0)
@@ -169,7 +163,7 @@ class _DualRun:
         self.tree, self.always, self.at, self.cost, self.since = tree, always, at, cost, since
         self.structure: Any = None
 
-    def insert_values(self, leaves: list[Any], chosen: list[Any]) -> Any:
+    def insert_values(self, leaves: list[Any], chosen: list[Any]) -> RunInputs:
         mine = list(leaves)
         for i, value in zip(self.at, chosen, strict=True):
             mine[i] = value
@@ -188,13 +182,14 @@ class _DualRun:
         a, b = iter(reals), iter(others)
         return jax.tree.unflatten(tree, [next(a) if r else next(b) for r in real])
 
-    def lean(self, world: Any, autopilot: Any, s: Any, a: Any) -> Any:
+    def lean(self, inputs: RunInputs, s: Any, a: Any) -> Any:
+        world, autopilot = inputs.world, inputs.autopilot
         return world.drop_derived_outputs(s, self.always), autopilot.drop_derived_outputs(a, self.always)
 
     def initial_state(self, leaves: list[Any], direction: list[Any]) -> Any:
         def first(chosen: list[Any]) -> Any:
-            world, autopilot, x, key = self.insert_values(leaves, chosen)
-            return self.split(self.lean(world, autopilot, *start(world, autopilot, x, key)))
+            inputs = self.insert_values(leaves, chosen)
+            return self.split(self.lean(inputs, *inputs.initial_states()))
 
         chosen = [leaves[i] for i in self.at]
         reals, slopes, others = jax.jvp(first, (chosen,), (direction,), has_aux=True)
@@ -205,12 +200,12 @@ class _DualRun:
         total, slope, reals, slopes, others = state
 
         def one(chosen: list[Any], reals: list[Any]) -> Any:
-            world, autopilot, _, _ = self.insert_values(leaves, chosen)
+            inputs = self.insert_values(leaves, chosen)
             s, a = self.join_leaves(reals, others)
-            s, a, seen = instant(world, autopilot, Clock(t, self.always), h, s, a)
+            s, a, seen = instant(inputs.world, inputs.autopilot, Clock(t, self.always), h, s, a)
             rate = jax.numpy.ravel(jax.numpy.asarray(self.cost(seen), np.float64)) * to_seconds(h)
             now = [jax.numpy.where(t >= first, rate[i], 0.0) for i, first in enumerate(self.since)]
-            new, rest = self.split(self.lean(world, autopilot, s, a))
+            new, rest = self.split(self.lean(inputs, s, a))
             new = [jax.numpy.asarray(v, np.float64) for v in new]
             rest = [jax.numpy.asarray(v, old.dtype) for v, old in zip(rest, others, strict=True)]
             return (now, new), rest

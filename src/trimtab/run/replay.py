@@ -10,19 +10,18 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.errors import InputError
-from trimtab.core.record import replace, to_arrays
-from trimtab.core.rng import Key
+from trimtab.core.record import replace
 from trimtab.core.signals import Frame
 from trimtab.core.time import format_time, to_seconds
-from trimtab.export.export_c import AutopilotBlock, AutopilotOutput, autopilot_step, leaf_paths
 from trimtab.logs.log import Log, provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, strengthen_types
-from trimtab.loop.walk import start
-from trimtab.run.fast_step import FastStep
-from trimtab.run.prepare import choose_c
+from trimtab.run.blocks import AutopilotOutput, autopilot_block, message_structures
+from trimtab.run.inputs import leaf_paths, run_inputs
 from trimtab.run.program import check_seed
+from trimtab.run.runner import choose_c
 
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 """What a flight's log counts: rows that it lacks."""
@@ -239,46 +238,29 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
     check_seed(seed)
     check_seed(run)
-    made: list[tuple[AutopilotBlock, FastStep]] = []
-
-    def ready() -> None:
-        block = autopilot_step(flown, "autopilot", "f64", seed, run)
-        made.append((block, FastStep(block.exported)))
-
-    in_c = choose_c(backend, ready)
-    frames = made[0][0].inputs if in_c else leaf_paths(_zero_frame(flown, seed, run)[0])
+    compiled: list[CompiledBlock] = []
+    in_c = choose_c(backend, lambda: compiled.append(compile_block(autopilot_block(flown, seed=seed, run=run))))
+    frames = leaf_paths(message_structures(flown)[0])
     steps = find_steps(log, frames, flown.autopilot.period)
-    outputs = _replay_c(*made[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
+    outputs = _replay_c(compiled[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
     return _compare_outputs(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
 
 
-def _replay_c(block: AutopilotBlock, step: FastStep, steps: RecordedSteps) -> dict[str, Any]:
+def _replay_c(step: CompiledBlock, steps: RecordedSteps) -> dict[str, Any]:
     """Outputs by path, (n, …), from the compiled step."""
-    given, taken = step.inputs, step.outputs
-    rows = np.empty((len(steps.inputs), len(taken)))
+    rows = np.empty((len(steps.inputs), len(step.outputs)))
     for k, row in enumerate(steps.inputs):
-        given[:] = row
+        step.inputs[:] = row
         step.step()
-        rows[k] = taken
-    found, at = {}, 0
-    for path, m in zip(block.outputs, block.exported.outputs, strict=True):
-        found[path] = rows[:, at : at + m.size].reshape(len(rows), *m.shape)
-        at += m.size
-    return found
-
-
-def _zero_frame(scenario: Scenario, seed: int, run: int) -> tuple[Frame, Any, Any]:
-    """A frame of zeros, the autopilot as numbers, and its first state."""
-    world, autopilot, x = to_arrays(scenario.world), to_arrays(scenario.autopilot), to_arrays(scenario.initial)
-    state, first = start(world, autopilot, x, Key(np.uint32(seed), np.uint32(run)))
-    frame = Frame(t=np.int64(0), samples=state.received)
-    return jax.tree.map(lambda v: np.zeros(np.shape(v), v.dtype), frame), autopilot, first
+        rows[k] = step.outputs
+    return {m.name: rows[:, step.writes[m.name]].reshape(len(rows), *m.shape) for m in step.text.outputs}
 
 
 def _replay_jax(scenario: Scenario, seed: int, run: int, steps: RecordedSteps) -> dict[str, Any]:
     """Outputs by path, (n, …), from a scan."""
-    frame, autopilot, first = _zero_frame(scenario, seed, run)
-    shapes, tree = jax.tree.flatten(frame)
+    inputs = run_inputs(scenario, seed, run)
+    autopilot, (_, first) = inputs.autopilot, inputs.initial_states()
+    shapes, tree = jax.tree.flatten(message_structures(scenario)[0])
     columns, at = [], 0
     for leaf in shapes:
         size = int(np.prod(leaf.shape))

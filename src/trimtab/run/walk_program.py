@@ -1,25 +1,93 @@
-"""A whole closed loop as C: World and Autopilot traced once, every instant of a run in one compiled function."""
+"""A whole closed loop as C: World and Autopilot traced once, every instant of a run in one compiled function.
 
+Parameters in, every instant, rows of the log and statistics out; threads share the runs.
+"""
+
+import functools
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
+from trimtab.compiler.analysis import find_varying, prune
 from trimtab.compiler.arrays import Array, element_list, scalar
-from trimtab.compiler.dead_code import prune
-from trimtab.compiler.fold import fold
+from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
 from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
+from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.writer import Writer, defined_values
 from trimtab.core.time import Clock
-from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.structure import cast_like
-from trimtab.loop.walk import instant, logged_signals, signals, start
-from trimtab.loop.world import World
-from trimtab.run.walk_text import walk_source
+from trimtab.loop.walk import Signals, instant, logged_signals, signals
+from trimtab.native.build import build_library
+from trimtab.run.inputs import RunInputs, leaf_paths
+from trimtab.run.program import Column
+
+
+class WalkStructure(NamedTuple):
+    """What decides the compiled text: tree, shapes and types of the inputs, due periods, signals."""
+
+    tree: Any
+    shapes: tuple[tuple[tuple[int, ...], str], ...]
+    always: frozenset[int]
+    signals: tuple[str, ...]
+
+    def zero_inputs(self) -> RunInputs:
+        """Inputs of this structure, every number zero."""
+        return jax.tree.unflatten(self.tree, [np.zeros(shape, dtype) for shape, dtype in self.shapes])
+
+
+def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str, ...]) -> WalkStructure:
+    """The structure of a walk from these inputs. always: periods that are due at every instant."""
+    leaves, tree = jax.tree.flatten(inputs)
+    return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
+
+
+def signal_structure(inputs: RunInputs) -> Signals:
+    """The signals of a run, for their structure; nothing flies."""
+    return jax.eval_shape(lambda inputs: signals(*inputs.initial_states()), inputs)
+
+
+@functools.lru_cache(maxsize=32)
+def row_columns(of: WalkStructure) -> list[Column]:
+    """What the numbers of a row are."""
+    structure = signal_structure(of.zero_inputs())
+    return [Column(p, v.shape, str(v.dtype), declared) for p, v, declared in logged_signals(structure, of.signals)]
+
+
+@functools.lru_cache(maxsize=32)
+def final_columns(of: WalkStructure) -> list[Column]:
+    """What the last values are: the truth, then the states of the sensors."""
+    s, _ = jax.eval_shape(RunInputs.initial_states, of.zero_inputs())
+    last = {"truth": s.x, "sensors": s.sensors}
+    return [
+        Column(".".join(filter(None, [name, path])), v.shape, str(v.dtype))
+        for name, tree in last.items()
+        for path, v in zip(leaf_paths(tree), jax.tree.leaves(tree), strict=True)
+    ]
+
+
+@functools.lru_cache(maxsize=32)
+def lower_structure(of: WalkStructure) -> "WalkProgram":
+    """The program of a structure; the numbers of its inputs play no part."""
+    begin, step, count = _trace_closed_loop(of.zero_inputs(), of.always, of.signals)
+    return lower_walk(begin, step, count)
+
+
+@functools.lru_cache(maxsize=64)
+def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = frozenset()) -> Path:
+    """The shared library of a walk: scalar, or over lanes with the inputs at `own` different in each."""
+    return build_program(lower_structure(of), lanes, own)
+
+
+def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
+    """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
+    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=("-pthread",))
 
 
 class WalkProgram(NamedTuple):
@@ -27,7 +95,7 @@ class WalkProgram(NamedTuple):
 
     blocks: what is computed once, and the start with the loop.  inputs: parameters, first state and key, flat.
     loop: over the instants.  final: the first parts of the state at the end.  width: numbers in a row of the log.
-    signals: structure of what is logged.  end: structure of the last values.  live: what is needed.
+    live: what is needed.
     """
 
     blocks: list[Block]
@@ -35,33 +103,36 @@ class WalkProgram(NamedTuple):
     loop: Loop
     final: list[Value]
     width: int
-    signals: Any
-    final_structure: Any
     live: set[int]
 
-    def text(self, lanes: int = 0, varying: frozenset[int] = frozenset()) -> str:
-        """C, or C++ over lanes in which the inputs at these positions differ from run to run."""
-        return walk_source(self, lanes, varying)
+    def text(self, lanes: int = 0, own: frozenset[int] = frozenset()) -> str:
+        """C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
+        inputs = [t for i in own for t in _array_leaves(self.inputs[i])]
+        w = Writer({}, self.live, find_varying(self.blocks, inputs, []) if lanes else None)
+        w.note_sincos(self.blocks)
+        w.record = lambda values: _write_row(w, values)
+        _write_parameters(w, self, lanes, own)
+        for block in self.blocks:
+            for name, buffer in _timetable_buffers(block):
+                w.names[id(buffer)] = name
+        w.write_line("double least[WIDTH][RUNS], most[WIDTH][RUNS], sum[WIDTH][RUNS], squares[WIDTH][RUNS];")
+        w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN least[i][l] = INFINITY, most[i][l] = -INFINITY;")
+        w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN sum[i][l] = squares[i][l] = 0;")
+        for block in self.blocks:
+            w.write_block(block)
+        _write_final_values(w, self)
+        return _assemble_source(w, self, lanes)
 
 
-def lower_closed_loop(
-    world: World, autopilot: Autopilot, x: Any, key: Any, always: frozenset[int], wanted: tuple[str, ...] = ()
-) -> WalkProgram:
-    """Trace and lower a closed loop; only structure and types of the arguments matter."""
-    begin, step, seen, end = _trace_closed_loop((world, autopilot, x, key), always, wanted)
-    return lower_walk(begin, step, len(jax.tree.leaves(end)), end)._replace(signals=seen)
-
-
-def lower_walk(begin: Any, step: Any, kept: int, end: Any = None) -> WalkProgram:
+def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
     """Lower a walk.
 
     Args:
         begin: jaxpr, inputs -> state.
         step: jaxpr, (inputs, state, t, h) -> (state, row of float64).
-        kept: how many leaves of the state, from the first, are its last values.
-        end: their structure.
+        final_count: how many leaves of the state, from the first, are its last values.
     """
-    b = Builder(fold, hoist=True)
+    b = Builder(hoist=True)
     lowering = Lowering(b, RULES)
     avals = [v.aval for v in begin.jaxpr.invars]
     indexed = jaxprs.indexed_inputs(step.jaxpr)
@@ -78,49 +149,41 @@ def lower_walk(begin: Any, step: Any, kept: int, end: Any = None) -> WalkProgram
         now = [scalar(b.load(Buffer("i64", 0, "input", name), loop.index)) for name in ("t", "h")]
         arrays = [*inputs, *carried.arrays(variables), *now]
         dying = [False] * n + [True] * len(first) + [False] * 2
-        found = lowering.lower_program(step, arrays, dying)
-        row = [v for a in found[len(first) :] for v in element_list(b, a)]
+        results = lowering.lower_program(step, arrays, dying)
+        row = [v for a in results[len(first) :] for v in element_list(b, a)]
         if row:
             _record_row(b, loop.index, row)
-        nexts = carried.close_iteration(found[: len(first)])
+        nexts = carried.close_iteration(results[: len(first)])
     loop.carries = list(zip(variables, carried.values, nexts, strict=True))
     b.block.items.append(loop)
-    final = [v for a in carried.arrays(variables)[:kept] for v in element_list(b, a)]
+    final = [v for a in carried.arrays(variables)[:final_count] for v in element_list(b, a)]
     live = prune([b.prologue, b.top], final, [])
-    return WalkProgram([b.prologue, b.top], inputs, loop, final, len(row), None, end, live)
+    return WalkProgram([b.prologue, b.top], inputs, loop, final, len(row), live)
 
 
-def _trace_closed_loop(fly: Any, always: frozenset[int], wanted: tuple[str, ...]) -> tuple[Any, Any, Any, Any]:
-    """Programs of the start and of one instant, and the structures of what is logged and of the end.
+def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
+    """Programs of the start and of one instant, and how many leaves of the state, from the first, are last values.
 
     The state is flattened with the truth and the sensors first.
     """
 
-    def flat(world: World, autopilot: Autopilot, s: Any, a: Any) -> Any:
-        return (s.x, s.sensors), world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
+    def flat(inputs: RunInputs, s: Any, a: Any) -> Any:
+        lean = inputs.world.drop_derived_outputs(s, always), inputs.autopilot.drop_derived_outputs(a, always)
+        return (s.x, s.sensors), *lean
 
-    def begin(fly: Any) -> Any:
-        world, autopilot, x, key = fly
-        return flat(world, autopilot, *start(world, autopilot, x, key))
+    def begin(inputs: RunInputs) -> Any:
+        return flat(inputs, *inputs.initial_states())
 
-    def step(fly: Any, state: Any, t: Any, h: Any) -> Any:
-        world, autopilot, _, _ = fly
+    def step(inputs: RunInputs, state: Any, t: Any, h: Any) -> Any:
         _, s, a = state
-        new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
-        row = [value.astype(np.float64) for _, value, _ in logged_signals(convert_signals(seen), wanted)]
-        lean = flat(world, autopilot, new_s, new_a)
-        return cast_like(lean, state), row
+        new_s, new_a, seen = instant(inputs.world, inputs.autopilot, Clock(t, always), h, s, a)
+        seen = jax.tree.map(jax.numpy.asarray, seen)
+        row = [value.astype(np.float64) for _, value, _ in logged_signals(seen, names)]
+        return cast_like(flat(inputs, new_s, new_a), state), row
 
     t = np.int64(0)
-    program, shape = jax.make_jaxpr(begin, return_shape=True)(fly)
-    each = jax.make_jaxpr(step)(fly, shape, t, t)
-    seen = jax.eval_shape(lambda fly: signals(*start(*fly)), fly)
-    return program, each, seen, shape[0]
-
-
-def convert_signals(seen: Any) -> Any:
-    """Signals as arrays."""
-    return jax.tree.map(jax.numpy.asarray, seen)
+    program, state = jax.make_jaxpr(begin, return_shape=True)(inputs)
+    return program, jax.make_jaxpr(step)(inputs, state, t, t), len(jax.tree.leaves(state[0]))
 
 
 def _record_row(b: Builder, index: Value, row: list[Value]) -> None:
@@ -130,3 +193,170 @@ def _record_row(b: Builder, index: Value, row: list[Value]) -> None:
     branch = If(b.op("lt", where, rows, dtype="bool"), Block(), Block())
     branch.first.items.append(Emit([where, *row]))
     b.block.items.append(branch)
+
+
+JOB_TEXT = """
+/* What is flown. shared: parameters of all runs, as double. own: those that differ, runs x own_count.
+ * t, h, row: the instants, the time to the next, and the row of the log that is written, `rows` for none.
+ * log: runs x rows x width or null. stats: runs x width x 4 (least, largest, sum, sum of squares) or null.
+ * final: runs x count. next, done, stop are shared by the threads. */
+typedef struct {
+    const double *shared, *own;
+    int64_t own_count, runs;
+    int32_t n, rows;
+    const int64_t *t, *h;
+    const int32_t *row;
+    double *log, *stats, *final;
+    int64_t next, done, stop;
+} job;
+"""
+
+WORK_TEXT = """
+static void *work(void *given)
+{
+    job *j = (job *)given;
+    while (!__atomic_load_n(&j->stop, __ATOMIC_RELAXED)) {
+        const int64_t first = __atomic_fetch_add(&j->next, RUNS, __ATOMIC_RELAXED);
+        if (first >= j->runs)
+            break;
+        fly(j, first);
+        __atomic_fetch_add(&j->done, RUNS, __ATOMIC_RELAXED);
+    }
+    return 0;
+}
+
+/* Fly all runs on this many threads, the caller's among them; gives the number of threads that worked. */
+EXPORT int32_t trimtab_fly(job *j, int32_t threads)
+{
+    pthread_t others[255];
+    int32_t started = 0;
+    while (started < threads - 1 && started < 255 && !pthread_create(others + started, 0, work, j))
+        started++;
+    work(j);
+    for (int32_t i = 0; i < started; i++)
+        pthread_join(others[i], 0);
+    return started + 1;
+}
+"""
+
+
+def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
+    runs = "#define RUNS LANES\n" if lanes else "#define RUNS 1\n"
+    each = "#define EACH_RUN for (int l = 0; l < RUNS; l++)\n" + f"#define WIDTH {max(program.width, 1)}\n"
+    export = '#define EXPORT extern "C"\n' if lanes else "#define EXPORT\n"
+    head = "static void fly(job *j, int64_t first)\n{"
+    lines = ["    const int64_t *const t = j->t;", "    const int64_t *const h = j->h;"]
+    lines += ["    const int32_t *const row = j->row, *const rows = &j->rows;", "    const int32_t n = j->n;"]
+    lines += ["    const double *const shared = j->shared;", "    (void)shared; (void)t; (void)h;"]
+    text = [
+        preamble_text(w, lanes),
+        "#include <pthread.h>\n",
+        runs,
+        each,
+        export,
+        JOB_TEXT,
+        head,
+        *lines,
+        *w.lines,
+        "}",
+        WORK_TEXT,
+    ]
+    return "\n".join(text)
+
+
+def _array_leaves(array: Array) -> list[Any]:
+    return [array.buffer] if array.items is None else list(array.items.ravel())
+
+
+def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozenset[int]) -> None:
+    """Each input under its name: from what all runs share, or from the run's own numbers."""
+    at = {False: 0, True: 0}
+    for i, array in enumerate(program.inputs):
+        differs = i in own
+        start, at[differs] = at[differs], at[differs] + array.size
+        if array.items is None:
+            if id(array.buffer) in w.live:
+                _write_table(w, f"p{i}", array, differs, start, lanes)
+            continue
+        for k, v in enumerate(array.items.ravel()):
+            if id(v) not in w.live:
+                continue
+            name = w.names[id(v)] = f"p{i}_{k}"
+            T = C_TYPES[v.dtype]
+            if differs and lanes:
+                sign = "-(int64_t)" if v.dtype == "bool" else f"({T})"
+                w.write_line(f"{w.type(v.dtype, True)} {name};")
+                w.write_line(f"EACH_RUN {name}[l] = {sign}{_own_input_text(start + k)};")
+            else:
+                source = _own_input_text(start + k).replace(" + l", "") if differs else f"shared[{start + k}]"
+                w.write_line(f"const {T} {name} = ({T}){source};")
+
+
+def _own_input_text(position: int) -> str:
+    last = "(first + l < j->runs ? first + l : j->runs - 1)"
+    return f"j->own[{last} * j->own_count + {position}]"
+
+
+def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, lanes: int) -> None:
+    w.names[id(array.buffer)] = name
+    T, t = C_TYPES[array.dtype], array.dtype
+    if not differs:
+        if t == "f64":
+            w.write_line(f"const double *const {name} = shared + {start};")
+        else:
+            w.write_line(f"{T} {name}[{array.size}];")
+            w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {name}[i] = ({T})shared[{start} + i];")
+        return
+    source = _own_input_text(start).replace("]", " + i]")
+    if lanes:
+        sign = "-(int64_t)" if t == "bool" else f"({T})"
+        w.write_line(f"{w.type(t, True)} {name}[{array.size}];")
+        w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) EACH_RUN {name}[i][l] = {sign}{source};")
+    else:
+        w.write_line(f"{T} {name}[{array.size}];")
+        w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {name}[i] = ({T}){source.replace(' + l', '')};")
+
+
+def _timetable_buffers(block: Block) -> list[tuple[str, Buffer]]:
+    return [
+        (v.attr.name, v.attr)
+        for v in defined_values([block])
+        if v.op == "load" and isinstance(v.attr, Buffer) and v.attr.name in ("t", "h", "row", "rows")
+    ]
+
+
+def _number_text(w: Writer, v: Value) -> str:
+    """A value of this lane as a double."""
+    text = w.name(v)
+    if not w.varies(v):
+        return f"(double){text}"
+    return f"(double)({text}[l] != 0)" if v.dtype == "bool" else f"(double){text}[l]"
+
+
+def _write_row(w: Writer, values: list[Value]) -> None:
+    where, *numbers = values
+    w.write_line(f"const int64_t at = {w.name(where)};")
+    w.write_line("if (j->log) EACH_RUN if (first + l < j->runs) {")
+    w.write_line("    double *const to = j->log + ((first + l) * j->rows + at) * WIDTH;")
+    for k, v in enumerate(numbers):
+        w.write_line(f"    to[{k}] = {_number_text(w, v)};")
+    w.write_line("}")
+    w.write_line("if (j->stats) EACH_RUN {")
+    for k, v in enumerate(numbers):
+        w.write_line(f"    const double x{k} = {_number_text(w, v)};")
+        w.write_line(f"    least[{k}][l] = x{k} < least[{k}][l] ? x{k} : least[{k}][l];")
+        w.write_line(f"    most[{k}][l] = x{k} > most[{k}][l] ? x{k} : most[{k}][l];")
+        w.write_line(f"    sum[{k}][l] += x{k}; squares[{k}][l] += x{k} * x{k};")
+    w.write_line("}")
+
+
+def _write_final_values(w: Writer, program: WalkProgram) -> None:
+    w.write_line("if (j->final) EACH_RUN if (first + l < j->runs) {")
+    w.write_line(f"    double *const to = j->final + (first + l) * {max(len(program.final), 1)};")
+    for k, v in enumerate(program.final):
+        w.write_line(f"    to[{k}] = {_number_text(w, v)};")
+    w.write_line("}")
+    w.write_line("if (j->stats) EACH_RUN if (first + l < j->runs) for (int i = 0; i < WIDTH; i++) {")
+    w.write_line("    double *const to = j->stats + ((first + l) * WIDTH + i) * 4;")
+    w.write_line("    to[0] = least[i][l]; to[1] = most[i][l]; to[2] = sum[i][l]; to[3] = squares[i][l];")
+    w.write_line("}")

@@ -22,7 +22,7 @@ class _MessageSlots(NamedTuple):
 
 
 class MessagePlaces:
-    """Where the values of a dialect's messages lie in a vector such as `FastStep.inputs`.
+    """Where the values of a dialect's messages lie in a vector such as `CompiledBlock.inputs`.
 
     A sample in several parts is written when all parts of one time of measurement have come, so that the vector never
     holds half of one.
@@ -33,7 +33,7 @@ class MessagePlaces:
 
         Args:
             dialect: of the messages.
-            places: path -> index or slice, e.g. `FastStep.reads`.
+            places: path -> index or slice, e.g. `CompiledBlock.reads`.
             groups: which groups are looked for, e.g. ("command",); all that lie in `places` if empty.
 
         Raises InputError for a group with a value that has no place.

@@ -22,8 +22,9 @@ from trimtab.campaign.workers.ready import PreparedCampaign
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.logs.metrics import full_path
-from trimtab.loop.walk import Signals, logged_signals, signals, start
-from trimtab.run.prepare import run_inputs
+from trimtab.loop.walk import Signals, logged_signals
+from trimtab.run.inputs import run_inputs
+from trimtab.run.walk_program import signal_structure
 
 INTEGRALS = ("error_rms", "rms", "mean")
 
@@ -71,7 +72,7 @@ class IntegralCost(NamedTuple):
 def integral_cost(terms: tuple[Term, ...], ready: PreparedCampaign) -> IntegralCost:
     """The integrals of a cost; refuses what is none."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
-    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *run_inputs(ready.scenario, 0, 0))
+    seen = signal_structure(run_inputs(ready.scenario))
     declared = {path: d for path, _, d in logged_signals(seen)}
     asked, since, kinds = [], [], []
     for term in terms:

@@ -23,7 +23,8 @@ from trimtab.campaign.workers.ready import signal_shapes
 from trimtab.core.errors import InputError
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import LEAST_LANE_RUNS, Batch, simulate_batch
+from trimtab.run.batch import Batch, simulate_batch
+from trimtab.run.runner import LEAST_LANE_RUNS
 
 Cell = tuple[int, int, int]
 """Lower corner and size, in steps of the finest lattice."""

@@ -19,10 +19,11 @@ from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.native.compiler import NoCompilerError, search_compiler
-from trimtab.run import compiled
 from trimtab.run.batch import Batch, simulate_batch
-from trimtab.run.prepare import choose_c, prepare_run, run_inputs
+from trimtab.run.inputs import run_inputs
 from trimtab.run.program import Column
+from trimtab.run.runner import choose_c, prepare_run
+from trimtab.run.walk_program import lower_structure, walk_structure
 
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
@@ -162,9 +163,7 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
         if found.compiler is None:
             raise NoCompilerError("compiler", found.problem, fix=found.fix)
         _, table, _ = prepare_run(ready.scenario, [], None, ready.plan.log_period)
-        compiled.lower_structure(
-            compiled.program_structure(run_inputs(ready.scenario, 0, 0), table.always, ready.logged_signals)
-        )
+        lower_structure(walk_structure(run_inputs(ready.scenario), table.always, ready.logged_signals))
 
     return choose_c(backend, can)
 

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from trimtab.campaign.sampling.distributions import Amount, Distribution
@@ -24,9 +23,10 @@ from trimtab.core.time import ms
 from trimtab.logs.log import provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
-from trimtab.loop.walk import logged_signals, signals, start
-from trimtab.run.prepare import run_inputs
+from trimtab.loop.walk import logged_signals
+from trimtab.run.inputs import run_inputs
 from trimtab.run.program import describe_scenario
+from trimtab.run.walk_program import signal_structure
 from trimtab.scenarios.build import build
 
 
@@ -152,7 +152,7 @@ def prepare_campaign(
 
 def signal_shapes(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
     """Shape and unit of each signal by path; nothing flies."""
-    seen = jax.eval_shape(lambda *fly: signals(*start(*fly)), *run_inputs(scenario, 0, 0))
+    seen = signal_structure(run_inputs(scenario))
     found = list(logged_signals(seen))
     return {path: tuple(np.shape(value)) for path, value, _ in found}, {path: d.unit for path, _, d in found}
 

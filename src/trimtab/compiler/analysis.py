@@ -1,4 +1,7 @@
-"""Removes what no result needs."""
+"""What is known of a program before it is text: what no result needs, and what is the same in every run of a batch.
+
+What is the same in every run is computed once, and branches on it stay branches.
+"""
 
 from typing import Any
 
@@ -12,14 +15,14 @@ class _NeededValues:
         self.values: set[int] = set()
         self.buffers: set[int] = set()
         self.stores: dict[int, list[tuple[Store, list[Any]]]] = {}
-        self.made: dict[int, list[Value]] = {}
+        self.operands: dict[int, list[Value]] = {}
         self.todo: list[Value] = []
 
     def collect_uses(self, block: Block, around: list[Any]) -> None:
         """Note who writes which buffer, and what each value needs besides its operands."""
         for item in block.items:
             if isinstance(item, Define):
-                self.made[id(item.value)] = [*item.value.args, *_enclosing_tests(around)]
+                self.operands[id(item.value)] = [*item.value.args, *_enclosing_tests(around)]
             elif isinstance(item, Store):
                 self.stores.setdefault(id(item.buffer), []).append((item, around))
             elif isinstance(item, Emit):
@@ -27,14 +30,14 @@ class _NeededValues:
                     self.value(value)
             elif isinstance(item, If):
                 for joined, x, y in item.joins:
-                    self.made[id(joined)] = [x, y, item.test, *_enclosing_tests(around)]
+                    self.operands[id(joined)] = [x, y, item.test, *_enclosing_tests(around)]
                 inner = [*around, item]
                 self.collect_uses(item.first, inner)
                 self.collect_uses(item.second, inner)
             elif isinstance(item, Loop):
                 inner = [*around, item]
                 for variable, start, next_ in item.carries:
-                    self.made[id(variable)] = [start, next_, *_enclosing_tests(inner)]
+                    self.operands[id(variable)] = [start, next_, *_enclosing_tests(inner)]
                 self.collect_uses(item.head, inner)
                 self.collect_uses(item.body, inner)
 
@@ -54,7 +57,7 @@ class _NeededValues:
     def follow_uses(self) -> None:
         while self.todo:
             value = self.todo.pop()
-            for needed in self.made.get(id(value), value.args):
+            for needed in self.operands.get(id(value), value.args):
                 self.value(needed)
             if value.op == "load":
                 self.buffer(value.attr)
@@ -80,7 +83,7 @@ def prune(blocks: list[Block], results: list[Value], buffers: list[Buffer]) -> s
 
 
 def _sweep(block: Block, needed: _NeededValues) -> None:
-    kept: list[Any] = []
+    items: list[Any] = []
     for item in block.items:
         if isinstance(item, Define):
             keep = id(item.value) in needed.values
@@ -101,5 +104,73 @@ def _sweep(block: Block, needed: _NeededValues) -> None:
             _sweep(item.body, needed)
             keep = bool(item.carries or item.body.items)
         if keep:
-            kept.append(item)
-    block.items = kept
+            items.append(item)
+    block.items = items
+
+
+class VaryingValues:
+    """Ids of the values, buffers, branches and loops that differ between the runs of a batch."""
+
+    def __init__(self, values: set[int], buffers: set[int]) -> None:
+        self.values, self.buffers = values, buffers
+        self.changed = False
+
+    def __call__(self, thing: Any) -> bool:
+        """Whether a value or buffer differs between runs."""
+        return id(thing) in self.values or id(thing) in self.buffers
+
+    def add(self, thing: Any, to: set[int]) -> None:
+        """This differs between runs."""
+        if id(thing) not in to:
+            to.add(id(thing))
+            self.changed = True
+
+    def value(self, value: Value) -> None:
+        """Mark a computed value where its operands differ, or the buffer that it is loaded from does."""
+        if any(self(a) for a in value.args) or (value.op == "load" and self(value.attr)):
+            self.add(value, self.values)
+
+
+def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> VaryingValues:
+    """What differs between runs when these inputs do.
+
+    feedback: (state as it comes in, state as it goes out) of what the caller carries from call to call.
+    """
+    varying = VaryingValues(set(), set())
+    for thing in inputs:
+        varying.add(thing, varying.values if isinstance(thing, Value) else varying.buffers)
+    varying.changed = True
+    while varying.changed:
+        varying.changed = False
+        for block in blocks:
+            _mark_block(block, varying, False)
+        for before, after in feedback:
+            if varying(after):
+                varying.add(before, varying.values if isinstance(before, Value) else varying.buffers)
+    return varying
+
+
+def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
+    """masked: whether only some of the runs execute this block."""
+    for item in block.items:
+        if isinstance(item, Define):
+            varying.value(item.value)
+        elif isinstance(item, Store):
+            if masked or varying(item.value) or varying(item.index):
+                varying.add(item.buffer, varying.buffers)
+        elif isinstance(item, If):
+            apart = varying(item.test)
+            _mark_block(item.first, varying, masked or apart)
+            _mark_block(item.second, varying, masked or apart)
+            for joined, x, y in item.joins:
+                if apart or varying(x) or varying(y):
+                    varying.add(joined, varying.values)
+        elif isinstance(item, Loop):
+            _mark_block(item.head, varying, masked)
+            apart = item.test is not None and varying(item.test)
+            _mark_block(item.body, varying, masked or apart)
+            for variable, start, next_ in item.carries:
+                if apart or varying(start) or varying(next_):
+                    varying.add(variable, varying.values)
+        elif not isinstance(item, Local | Emit):
+            raise TypeError(item)

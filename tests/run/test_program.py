@@ -11,9 +11,9 @@ import pytest
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run import library
+from trimtab.run import program
 from trimtab.run.batch import simulate_batch
-from trimtab.run.library import row_numbers, thread_count
+from trimtab.run.program import row_numbers, thread_count
 from trimtab.scenarios import catalogue
 
 needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
@@ -38,7 +38,7 @@ def test_threads_are_bounded():
 
 @needs_c
 def test_progress_rises_to_all_runs(short, monkeypatch):
-    monkeypatch.setattr(library, "SHORT", 0)
+    monkeypatch.setattr(program, "SHORT", 0)
     seen = []
     watched = simulate_batch(short, seeds=range(40), signals=("truth",), progress=seen.append)
     assert seen == sorted(seen)

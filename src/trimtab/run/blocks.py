@@ -1,0 +1,269 @@
+"""The blocks of a scenario that are compiled one by one, each a step that is called from instant to instant.
+
+Autopilot and world are `simulate` taken apart at the two messages: same order of things, same numbers (docs page,
+Time). The vehicle's own, which a virtual vehicle runs and a microcontroller too: uplink, failsafe and motion.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.actuators.drive import DriveCommand, drive_failsafe
+from trimtab.actuators.failsafe import Failsafe, FailsafeInput
+from trimtab.compiler.block import BlockDefinition
+from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
+from trimtab.core.rng import Key
+from trimtab.core.signals import Command, Frame, Sample
+from trimtab.core.time import Clock, to_seconds
+from trimtab.links.wire import Wire
+from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.structure import cast_like
+from trimtab.loop.walk import instant
+from trimtab.run.inputs import RunInputs, run_inputs
+
+UNLIMITED = 1e300
+"""Any number that is finite is believed, of a command about which nothing is known."""
+
+
+@record
+class StepInput:
+    """What a block is given, and when. Source: docs page, Vehicle."""
+
+    t: Any = quantity("100 ns", "Now.", kind="time")
+    input: Any = part("What it is given.")
+
+
+@record
+class AutopilotOutput:
+    """What an exported autopilot gives at each step. Source: docs page, Export."""
+
+    command: Any = part("For the actuators.")
+    estimate: Any = part("What the estimator makes of the frame.")
+    law: Any = part("Output of the law.")
+    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
+
+
+@record
+class LoopInput:
+    """What an exported closed loop is given at each step. Source: docs page, Export."""
+
+    t: Any = quantity("100 ns", "Now.", kind="time")
+    h: Any = quantity("100 ns", "Time to the next instant.", kind="time")
+
+
+@record
+class WorldInput:
+    """What a world is given at each instant. Source: docs page, World step."""
+
+    t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from then to now.", kind="time")
+    first: Any = quantity("1", "Now is the first instant: there was no command yet.", kind="flag")
+    is_held: Any = quantity("1", "The vehicle is held: its true state stays as it is.", kind="flag")
+    fresh: Any = quantity("1", "Whether the command is a new one.", kind="flag")
+    command: Any = part("The command.")
+
+
+@record
+class WorldOutput:
+    """What a world gives. Source: docs page, World step."""
+
+    truth: Any = part("State of the vehicle, now.")
+    sensors: Any = part("Last sample of each sensor, now.")
+    downlink: Any = part("Sample of each sensor at the far end of its channel, now: the frame.")
+    uplink: Any = part("The command as the actuators held it, at the last instant.")
+    actuators: Any = part("What the actuators did from the last instant on.")
+
+
+@record
+class UplinkParameters:
+    """Parameters of the step of an uplink. Source: docs page, Vehicle."""
+
+    uplink: Any = part("The channel.")
+    key: Any = part("Seed and run of the random numbers.")
+
+
+def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
+    """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
+    s, a = jax.eval_shape(lambda: run_inputs(scenario).initial_states())
+    seen = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=s.received)
+    return _zeros_like((seen, a.command))
+
+
+def _zeros_like(shapes: Any) -> Any:
+    return jax.tree.map(lambda v: np.zeros(np.shape(v), getattr(v, "dtype", np.float64)), shapes)
+
+
+def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
+    """A checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: of its first state."""
+    inputs = run_inputs(scenario, seed, run)
+    frame, key = message_structures(scenario)[0], inputs.key
+    always = frozenset([inputs.autopilot.period])
+
+    def init(p: Any) -> Any:
+        return p.drop_derived_outputs(p.init(key.at("autopilot"), frame), always)
+
+    def step(p: Any, s: Any, now: Frame) -> Any:
+        after, command = p.step(now.t, s, now)
+        output = AutopilotOutput(command, after.estimate, after.output, after.supervised)
+        return p.drop_derived_outputs(after, always), output
+
+    doc = f"Autopilot of {scenario.name}: one step every {to_seconds(inputs.autopilot.period) * 1e3:g} ms."
+    return BlockDefinition("autopilot", doc, step, init, inputs.autopilot, frame)
+
+
+def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
+    """The autopilot of a scenario as a compiled step; refused as `export_c` refuses, or without a C compiler."""
+    scenario.check()
+    return compile_block(autopilot_block(scenario, seed=seed))
+
+
+def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
+    """A checked scenario's whole closed loop: `LoopInput` in, the signals of the instant out.
+
+    always: periods that are due at every instant.
+    """
+
+    def lean(p: RunInputs, s: Any, a: Any) -> Any:
+        return p.world.drop_derived_outputs(s, always), p.autopilot.drop_derived_outputs(a, always)
+
+    def init(p: RunInputs) -> Any:
+        return lean(p, *p.initial_states())
+
+    def step(p: RunInputs, state: Any, now: LoopInput) -> Any:
+        s, a, seen = instant(p.world, p.autopilot, Clock(now.t, always), now.h, *state)
+        return cast_like(lean(p, s, a), state), seen
+
+    doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
+    inputs = run_inputs(scenario, seed, 0)
+    return BlockDefinition("loop", doc, step, init, inputs, LoopInput(t=np.int64(0), h=np.int64(0)))
+
+
+def world_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
+    """A scenario's world, checked: `WorldInput` in, `WorldOutput` out, from one instant to the next.
+
+    A step is given the command of the last instant, and gives the frame of this one.
+    """
+    scenario.check()
+
+    def init(p: RunInputs) -> Any:
+        return p.initial_states()[0]
+
+    def advance(p: RunInputs, s: Any, now: WorldInput) -> Any:
+        s = p.world.act(Clock(now.t), s, now.command, now.fresh)
+        return replace(s, x=tree_where(now.is_held, s.x, p.world.advance(now.t, s, now.h).x))
+
+    def step(p: RunInputs, s: Any, now: WorldInput) -> Any:
+        after = jax.lax.cond(now.first, lambda: s, lambda: cast_like(advance(p, s, now), s))
+        after, _ = p.world.sense(Clock(now.t + now.h), after)
+        output = WorldOutput(
+            truth=after.x,
+            sensors=after.sampled,
+            downlink=after.received,
+            uplink=after.commanded,
+            actuators=after.actuated,
+        )
+        return cast_like(after, s), output
+
+    no, zero = np.bool_(False), np.int64(0)
+    command = message_structures(scenario)[1]
+    first = WorldInput(t=zero, h=zero, first=no, is_held=no, fresh=no, command=command)
+    doc = f"World of {scenario.name}: one step an instant, at most {to_seconds(scenario.world.max_step) * 1e3:g} ms."
+    return BlockDefinition("world", doc, step, init, run_inputs(scenario, seed, run), first)
+
+
+def compile_world(scenario: Scenario, *, seed: int = 0, run: int = 0) -> tuple[CompiledBlock, Frame, Command]:
+    """The compiled world of a scenario, and the structures of its two messages; refused without a C compiler."""
+    return compile_block(world_block(scenario, seed=seed, run=run)), *message_structures(scenario)
+
+
+def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
+    """Any block that steps at a time, (t, state, input) -> (state, output), with `StepInput` in."""
+
+    def step(p: Any, s: Any, now: StepInput) -> Any:
+        return p.step(now.t, s, now.input)
+
+    return BlockDefinition(name, doc, step, lambda p: p.init(), to_arrays(block), StepInput(t=np.int64(0), input=input))
+
+
+def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
+    """A failsafe, for commands of this structure."""
+    no, value = np.bool_(False), _zeros_like(command.value)
+    first = FailsafeInput(command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no)
+    return timed_block(
+        "failsafe", "Failsafe: what the vehicle does when nobody commands it, and who may.", failsafe, first
+    )
+
+
+def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
+    """The scenario's failsafe; where it has none, the one of a fan drive for commands to a fan drive.
+
+    For others, one that stops on silence and believes all finite numbers.
+    """
+    if isinstance(scenario.failsafe, Failsafe):
+        return scenario.failsafe
+    if isinstance(command.value, DriveCommand):
+        return drive_failsafe()
+
+    def fill(number: float) -> Any:
+        return jax.tree.map(lambda v: np.full(np.shape(v), number), command.value)
+
+    return Failsafe(safe=fill(0.0), low=fill(-UNLIMITED), high=fill(UNLIMITED))
+
+
+def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
+    """A channel between a line and the failsafe, for commands of this structure: one sample in, one out."""
+    newest = _no_sample(_zeros_like(command.value))
+
+    def init(p: UplinkParameters) -> Any:
+        return p.uplink.init(p.key.at("uplink"), newest)
+
+    def step(p: UplinkParameters, s: Any, now: StepInput) -> Any:
+        after, received = p.uplink.step(now.t, s, now.input["command"])
+        return cast_like(after, s), {"command": received}
+
+    parameters = UplinkParameters(uplink=to_arrays(uplink), key=Key(np.uint32(seed), np.uint32(0)))
+    first = StepInput(t=np.int64(0), input={"command": newest})
+    doc = "Receiving end of the uplink: what the failsafe is given."
+    return BlockDefinition("uplink", doc, step, init, parameters, first)
+
+
+def _no_sample(value: Any) -> Sample:
+    no = np.bool_(False)
+    return Sample(value=value, t=np.int64(0), age=np.float64(0), fresh=no, valid=no)
+
+
+def motion_block(scenario: Scenario) -> BlockDefinition:
+    """How a vehicle moves, for whoever wants to see it and not its state's own numbers.
+
+    Its inputs below `input` are "truth", the state, and "u", what acts on it.
+    """
+    inputs = run_inputs(scenario)
+    s, _ = jax.eval_shape(inputs.initial_states)
+    state, u = _zeros_like((s.x, s.actuated.u))
+
+    def step(p: Any, s: Any, now: StepInput) -> Any:
+        return s, p.motion(now.t, now.input["truth"], now.input["u"])
+
+    first = StepInput(t=np.int64(0), input={"truth": state, "u": u})
+    return BlockDefinition("motion", "How a vehicle moves.", step, lambda p: (), inputs.world.vehicle, first)
+
+
+def replace_links(scenario: Scenario) -> Scenario:
+    """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
+
+    Their faults stay.
+    """
+    world = scenario.world
+    downlink, uplink = _replace_with_wire(world.downlink), _replace_with_wire(world.uplink)
+    return replace(scenario, world=replace(world, downlink=downlink, uplink=uplink))
+
+
+def _replace_with_wire(channel: Any) -> Any:
+    if not isinstance(channel, FaultyChannel):
+        return Wire()
+    inner = _replace_with_wire(channel.inner)
+    needed = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    return replace(channel, inner=inner, capacity=max(channel.capacity, needed))

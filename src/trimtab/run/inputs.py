@@ -1,0 +1,91 @@
+"""What a run starts from: two sides, a first state and a key, as numbers by path; and what differs between runs."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import part, record, to_arrays
+from trimtab.core.rng import Key
+from trimtab.loop.autopilot import AutopilotState
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import start
+from trimtab.loop.world import WorldState
+from trimtab.run.program import check_seed
+
+
+@record
+class RunInputs:
+    """All that a run starts from, as numbers of fixed types. Source: docs page, Simulate."""
+
+    world: Any = part("Vehicle, sensors, links and actuators.")
+    autopilot: Any = part("What flies it.")
+    initial: Any = part("First state of the vehicle.")
+    key: Any = part("Seed and run of the random numbers.")
+
+    def initial_states(self) -> tuple[WorldState, AutopilotState]:
+        """States of the two sides before the first instant."""
+        return start(self.world, self.autopilot, self.initial, self.key)
+
+
+def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
+    """What a run of a scenario starts from."""
+    return RunInputs(
+        world=to_arrays(scenario.world),
+        autopilot=to_arrays(scenario.autopilot),
+        initial=to_arrays(scenario.initial),
+        key=Key(np.uint32(seed), np.uint32(run)),
+    )
+
+
+def leaf_paths(tree: Any) -> list[str]:
+    """The dotted path of each leaf, in the order of JAX, as a log names them: world.vehicle.mass, …, key.run."""
+    return [
+        ".".join(str(getattr(k, "name", getattr(k, "key", getattr(k, "idx", "")))) for k in keys)
+        for keys, _ in jax.tree_util.tree_flatten_with_path(tree)[0]
+    ]
+
+
+def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:
+    """The inputs that all runs share, float64, as a library reads them; own: positions of those that differ."""
+    shared = [np.ravel(v).astype(np.float64) for i, v in enumerate(jax.tree.leaves(inputs)) if i not in own]
+    return np.concatenate([np.zeros(0), *shared])
+
+
+def input_position(inputs: RunInputs, path: str) -> int:
+    """Where the first number of an input stands in `flat_inputs(inputs)`."""
+    sizes = [int(np.size(v)) for v in jax.tree.leaves(inputs)]
+    return sum(sizes[: leaf_paths(inputs).index(path)])
+
+
+def own_inputs(inputs: RunInputs, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
+    """Position of each input that differs -> its values, the run as first axis."""
+    paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
+    own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
+    if runs is not None:
+        if len(runs) != len(seeds):
+            fix = "give each run a seed and a number"
+            raise InputError("simulate_batch", f"{len(runs)} numbers of runs for {len(seeds)} seeds", fix=fix)
+        for run in runs:
+            check_seed(int(run))
+        own[paths.index("key.run")] = np.asarray(runs, np.uint32)
+    for path, values in spread.items():
+        if path not in paths or path.startswith("key."):
+            near = closest(path, paths, 6) or paths[:6]
+            raise InputError(f"spread {path!r}", "there is no such parameter", choices=near, fix=f"spread {near[0]!r}")
+        at = paths.index(path)
+        array, shape = np.asarray(values), (len(seeds), *np.shape(shared[at]))
+        if array.shape != shape:
+            problem = f"has shape {array.shape}, wanted is {shape}: a value for each run"
+            raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
+        if not np.isfinite(array).all():
+            raise InputError(f"spread {path!r}", "not every value is finite", fix="leave NaN and infinity out")
+        own[at] = array.astype(shared[at].dtype)
+    return dict(sorted(own.items()))
+
+
+def own_rows(own: dict[int, Any], runs: int) -> Any:
+    """The inputs that differ, float64 (runs, k), as a library reads them."""
+    columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
+    return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)

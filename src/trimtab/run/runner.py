@@ -1,0 +1,182 @@
+"""Flies runs, one or many, in C or on JAX: what is under `simulate`, a batch of one, and under batches."""
+
+import functools
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.record import replace
+from trimtab.core.time import Timetable, format_time, timetable
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import WalkResult, logged_signals, walk
+from trimtab.native.build import BuildError
+from trimtab.native.compiler import NoCompilerError, find_compiler, lane_count
+from trimtab.run.inputs import RunInputs, flat_inputs, own_rows
+from trimtab.run.program import Column, RunResults, check_seed, fly_runs, row_numbers, row_width
+from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, signal_structure, walk_structure
+
+MAX_INSTANTS = 200_000_000
+BACKENDS = ("auto", "c", "jax")
+LEAST_LANE_RUNS = 64
+"""From so many runs on it pays to compile the program over lanes as well."""
+_reported_parts: set[str] = set()
+
+
+def prepare_run(
+    scenario: Scenario, seeds: list[int], duration: int | None, log_period: int
+) -> tuple[Scenario, Timetable, Any]:
+    """The checked scenario, its instants, and which of them are logged."""
+    if duration is not None:
+        scenario = replace(scenario, duration=duration)
+    scenario.check()
+    for seed in seeds:
+        check_seed(seed)
+    if log_period < 1:
+        raise InputError("log_period", f"{format_time(log_period)} is too short", fix="log_period=ms(1)")
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    count = sum(scenario.duration // p for p in set(periods))
+    if count > MAX_INSTANTS:
+        problem = f"{format_time(scenario.duration)} takes about {count:.1e} instants, more than {MAX_INSTANTS:.0e}"
+        raise InputError("duration", problem, fix="a shorter duration, or longer periods")
+    table = timetable(periods, scenario.duration, scenario.world.max_step)
+    return scenario, table, table.t % log_period == 0
+
+
+def choose_c(backend: str, prepare: Callable[[], Any]) -> bool:
+    """Whether C flies: where it is asked for, or can be had; `prepare` makes the program or says why not.
+
+    Without C, "auto" flies on JAX, about ten times slower, and says so once.
+    """
+    if backend not in BACKENDS:
+        raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
+    if backend == "jax":
+        return False
+    try:
+        prepare()
+    except InputError as error:
+        if backend == "c" or not (isinstance(error, NoCompilerError | BuildError) or error.part == "export"):
+            raise
+        if error.part not in _reported_parts:
+            _reported_parts.add(error.part)
+            print(f"note: flying on JAX, about ten times slower: {error}", file=sys.stderr)
+        return False
+    return True
+
+
+def check_signals(inputs: RunInputs, signals: tuple[str, ...]) -> None:
+    """Refuse names of signals that there are none of."""
+    paths = [path for path, _, _ in logged_signals(signal_structure(inputs))]
+    for name in signals:
+        if not any(path == name or path.startswith(name + ".") for path in paths):
+            near = closest(name, paths, 6) or sorted({p.split(".")[0] for p in paths})
+            raise InputError("signals", f"there is no signal {name!r}", choices=near, fix=f"signals=({near[0]!r},)")
+
+
+class RunJob(NamedTuple):
+    """What is flown.
+
+    own: position of each input that differs between runs -> its values, the run as first axis; empty for one run.
+    written: which instants are logged.  signals: which are logged or reduced; all when empty.
+    log: keep the rows.  stats: reduce them.  progress: called a few times a second with the runs that are done.
+    """
+
+    inputs: RunInputs
+    own: dict[int, Any]
+    table: Timetable
+    written: Any
+    signals: tuple[str, ...]
+    log: bool = True
+    stats: bool = False
+    threads: int = 1
+    progress: Callable[[int], None] | None = None
+
+    @property
+    def runs(self) -> int:
+        """How many fly."""
+        return len(next(iter(self.own.values()))) if self.own else 1
+
+
+class FlownRuns(NamedTuple):
+    """Numbers of runs, and what they are. backend: "c", "c lanes" or "jax"."""
+
+    results: RunResults
+    columns: list[Column]
+    final: list[Column]
+    backend: str
+
+
+def fly(job: RunJob, backend: str) -> FlownRuns:
+    """Fly runs. backend: "auto", "c" or "jax"; see `choose_c`."""
+    check_signals(job.inputs, job.signals)
+    of = walk_structure(job.inputs, job.table.always, job.signals)
+    columns, final = row_columns(of), final_columns(of)
+    libraries: list[Any] = []
+    if not choose_c(backend, lambda: libraries.append(_build_library(job))):
+        return FlownRuns(_fly_jax(job), columns, final, "jax")
+    path, lanes = libraries[0]
+    results = fly_runs(
+        path,
+        flat_inputs(job.inputs, frozenset(job.own)),
+        own_rows(job.own, job.runs),
+        job.table,
+        row_numbers(job.written),
+        (row_width(columns), row_width(final)),
+        log=job.log,
+        stats=job.stats,
+        threads=job.threads,
+        progress=job.progress,
+    )
+    return FlownRuns(results, columns, final, "c lanes" if lanes else "c")
+
+
+def _build_library(job: RunJob) -> Any:
+    """The library, scalar or over lanes, with the number of lanes: 0 of a scalar one."""
+    of, own = walk_structure(job.inputs, job.table.always, job.signals), frozenset(job.own)
+    compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
+    lanes = lane_count(compiler) if compiler is not None else 1
+    if lanes > 1:
+        try:
+            return build_walk_library(of, lanes, own), lanes
+        except InputError:
+            pass  # numbers that lanes don't carry: scalar code flies them
+    return build_walk_library(of, 0, own), 0
+
+
+def _fly_jax(job: RunJob) -> RunResults:
+    """Runs on JAX: several by vmap over what differs, a single one plainly."""
+    rows = int(job.written.sum())
+    row = np.minimum(row_numbers(job.written), rows).astype(np.int32)
+    timing = (job.table.t, job.table.h, row)
+    how = tuple(job.own), rows, job.table.always, job.signals
+    walked = _walk_jax(job.inputs, list(job.own.values()), timing, *how)
+    ends = jax.tree.leaves((walked.x, walked.sensors))
+    log = np.asarray(walked.rows).reshape(job.runs, rows, -1)
+    final = np.concatenate([np.asarray(v).reshape(job.runs, -1).astype(np.float64) for v in ends], axis=1)
+    stats = np.stack([log.min(1), log.max(1), log.sum(1), (log**2).sum(1)], axis=-1) if job.stats else None
+    return RunResults(log if job.log else None, stats, final)
+
+
+@functools.partial(jax.jit, static_argnums=(3, 4, 5, 6))
+def _walk_jax(
+    inputs: RunInputs,
+    own: list[Any],
+    timing: Any,
+    at: tuple[int, ...],
+    rows: int,
+    always: frozenset[int],
+    signals: tuple[str, ...],
+) -> WalkResult:
+    shared, tree = jax.tree.flatten(inputs)
+
+    def one(values: list[Any]) -> WalkResult:
+        leaves = list(shared)
+        for i, value in zip(at, values, strict=True):
+            leaves[i] = value
+        run: RunInputs = jax.tree.unflatten(tree, leaves)
+        return walk(run.world, run.autopilot, run.initial, run.key, timing, rows, always, signals)
+
+    return jax.vmap(one)(own) if own else one(own)
