@@ -150,7 +150,7 @@ def test_what_jax_recorded_jax_repeats(tmp_path):
 @compiled
 def test_another_class_of_machine_may_round_otherwise(flight):
     log, scenario = flight
-    elsewhere = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "machine": "other"}, log.final)
+    elsewhere = Log(log.t, log.ticks, log.signals, log.declarations, {**log.metadata, "machine": "other"}, log.final)
     found = replay(flipped(elsewhere, "law.demand.FX", 300, 0), scenario, backend="c")
     assert (found.strict, found.exact, found.equal) == (False, False, True)
 
@@ -173,13 +173,13 @@ def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
     log, scenario = flight
     rows = np.repeat(np.arange(len(log)), 2)
     ticks = log.ticks[rows] + np.tile([0, 1234], len(log))
-    fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declared, log.metadata)
+    fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declarations, log.metadata)
     found = replay(fine, scenario, backend="c")
     assert found.exact
     assert len(found.replayed_log) == len(log)
     coarse = {p: v[::2] for p, v in log.signals.items()}
     with pytest.raises(InputError, match="--log-period '1 ms'"):
-        replay(Log(log.t[::2], log.ticks[::2], coarse, log.declared, log.metadata), scenario, backend="c")
+        replay(Log(log.t[::2], log.ticks[::2], coarse, log.declarations, log.metadata), scenario, backend="c")
 
 
 @compiled
@@ -189,7 +189,7 @@ def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
     kept = np.delete(np.arange(len(log)), slice(400, 450))
     signals = {p: v[kept] for p, v in log.signals.items()}
     signals["log.dropped"] = np.where(np.arange(len(kept)) < 400, 0, 50)
-    found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declared, log.metadata), scenario, backend="c")
+    found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declarations, log.metadata), scenario, backend="c")
     assert found.exact
     assert len(found.replayed_log) == 400
     assert "lacks steps after 0.399 s" in found.end_reason
