@@ -269,4 +269,4 @@ class FlightRequests:
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM
-        return status._replace(mode=mode, autopilot_problem=why, closed={HOLD_MODE: why} if why else {})
+        return status._replace(mode=mode, autopilot_problem=why, closed_modes={HOLD_MODE: why} if why else {})
