@@ -35,35 +35,35 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
         InputError: a log that does not say what flew, or a catalogue that no longer has it.
     """
     choices = log.metadata.get("choices") or {}
-    recorded_name = choices.get("scenario") or log.metadata.get("scenario")
-    settings = log.metadata.get("parameters")
-    if not isinstance(name or recorded_name, str) or not isinstance(settings, Mapping):
-        missing = "its scenario" if not isinstance(name or recorded_name, str) else "its parameters"
+    own_name, settings = choices.get("scenario") or log.metadata.get("scenario"), log.metadata.get("parameters")
+    if name is None and isinstance(own_name, str):
+        name = _known_name(own_name)
+    if name is None or not isinstance(settings, Mapping):
+        missing = "its scenario" if name is None else "its parameters"
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
         raise InputError("replay", f"the log does not say {missing}", fix=fix)
-    if name is None:
-        _check_name(recorded_name)
     parts = log.metadata.get("parts")
     recorded_classes = _recorded_classes(settings, parts)
     alike: Scenario | None = None
-    for scenario in _add_live_variants(_build_candidates(name or recorded_name, choices)):
+    for scenario in _add_live_variants(_build_candidates(name, choices)):
         classes = _setting_classes(scenario, parts)
         if classes == recorded_classes:
             return _set_values(scenario, settings)
         if alike is None and _keep_compared(classes) == _keep_compared(recorded_classes):
             alike = scenario
     if alike is None:
-        raise _difference_error(name or recorded_name, choices, recorded_classes, parts)
+        raise _difference_error(name, choices, recorded_classes, parts)
     return _set_values(alike, settings)
 
 
-def _check_name(name: str) -> None:
-    """Refuse a recorded name that leads to no scenario any more."""
+def _known_name(name: str) -> str:
+    """A recorded name; refused where it leads to no scenario any more."""
     try:
         catalogue.scenario_choices(name)
     except InputError as error:
         fix = "name the recorded scenario: --scenario file.py:function"
         raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
+    return name
 
 
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
@@ -92,7 +92,8 @@ def _add_live_variants(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
 
 def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
     """The paths of settings, and the class of each part where the log says it, by its name of today."""
-    return dict.fromkeys(settings, SETTING) | {p: RENAMED_CLASSES.get(c, c) for p, c in dict(parts or {}).items()}
+    classes: dict[str, str] = dict(parts or {})
+    return dict.fromkeys(settings, SETTING) | {path: RENAMED_CLASSES.get(c, c) for path, c in classes.items()}
 
 
 def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:
