@@ -61,7 +61,7 @@ def test_a_sample_that_comes_twice_counts_once():
     line = Line()
     for _ in range(2):
         line.send("compass", 5 * MS, 1.0)
-    assert (line.pilot.heard, line.pilot.queue_length) == (1, 1)
+    assert (line.pilot.received_samples, line.pilot.queue_length) == (1, 1)
 
 
 def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
@@ -74,14 +74,14 @@ def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time()
         line.pilot.fly_period((700 + k) * MS)
     new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
     assert new == {"compass": [600, 602, 603, 50], "inertial-unit": [600, 602, 601, 603, 50]}
-    assert line.pilot.overtaken == 2
+    assert line.pilot.overtaken_samples == 2
 
 
 def test_too_many_drop_the_oldest_and_are_counted():
     line = Line()
     for k in range(LONGEST_QUEUE + 3):
         line.send("compass", (k + 1) * MS, float(k))
-    assert line.pilot.overflowed == 3
+    assert line.pilot.dropped_samples == 3
     line.pilot.fly_period(100 * MS)
     assert line.seen("compass", "value.real") == [(3.0,)]
 
@@ -97,7 +97,7 @@ def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
     late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
     assert late[LONGEST_BACKLOG // 2] == 5
     assert set(late[-LONGEST_BACKLOG // 2 :]) == {0}
-    assert line.pilot.overflowed == 5
+    assert line.pilot.dropped_samples == 5
 
 
 def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
@@ -120,7 +120,7 @@ def test_a_sample_of_another_clock_is_not_believed(wrong):
     line.send("compass", 6 * MS, 3.0)
     line.pilot.fly_period(7 * MS, lambda t: t)
     assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (1.0, 0), (3.0, 1)]
-    assert line.pilot.strange == 1
+    assert line.pilot.implausible_samples == 1
 
 
 def test_what_came_before_the_flight_is_forgotten():

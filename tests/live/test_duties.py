@@ -35,11 +35,11 @@ class Craft:
     def run(self, ms, *, command=None, asks=(), every=lambda: ()):
         """Go on for so many ms; command: (pulse, rpm), sent at each step."""
         for event in asks:
-            self.duties.ask(event, self.t)
+            self.duties.handle_event(event, self.t)
         for _ in range(0, ms, 10):
             self.t += 10 * MS
             for event in every():
-                self.duties.ask(event, self.t)
+                self.duties.handle_event(event, self.t)
             if self.duties.act(self.t, None if command is None else self.taken(*command)):
                 self.modes.append((self.t // MS, *self.duties.mode))
 
@@ -188,6 +188,6 @@ def test_without_limits_there_is_no_place_for_a_stick():
     duties = Duties(wide, COMMAND, SimpleNamespace(reads=READS, inputs=np.full(4, -1.0)))
     held = JoystickAxes(surge=0.6, sway=0.0, heave=0.0, yaw=0.0, buttons=0, requester=WHO)
     for event in (arm(), ModeRequest(MANUAL_MODE, WHO), held):
-        duties.ask(event, 0)
+        duties.handle_event(event, 0)
     duties.act(0, None)
     assert duties.mode.mode == "computer"

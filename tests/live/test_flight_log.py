@@ -2,11 +2,11 @@
 
 import os
 import signal
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.live.flight_log import FlightLog, LogSource
@@ -17,8 +17,7 @@ OWN = {"loop.late": ("f8", Quantity("s", "Lateness.")), "vehicle.armed": ("?", Q
 
 
 def member(name, dtype, shape=()):
-    size = int(np.prod(shape, dtype=int))
-    return SimpleNamespace(path="c_" + name, name=name, dtype=dtype, shape=shape, size=size, declared=None)
+    return Member("c_" + name, shape, dtype, None, name)
 
 
 MEMBERS = [member("t", "i64"), member("a-b.v", "f64", (3,)), member("hidden", "f64"), member("ok", "bool")]

@@ -61,8 +61,8 @@ def scenario():
 
 @pytest.fixture
 def step(flown):
-    flown.pair.flyer.pilot.step.reset()
-    return flown.pair.flyer.pilot.step
+    flown.pair.flyer.autopilot_end.step.reset()
+    return flown.pair.flyer.autopilot_end.step
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def flown(scenario, tmp_path_factory):
 def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert flown.flight.arming_time is not None
     assert flown.flight.t - flown.flight.arming_time >= LENGTH
-    assert flown.served.released is not None
+    assert flown.served.release_time is not None
     told = [event["text"] for event in flown.truth.metadata["events"]]
     armed, disarmed, ended = map(told.index, ("computer: arm request", "disarmed: disarm request", "ended by request"))
     assert armed < disarmed < ended
@@ -111,7 +111,7 @@ def test_every_step_is_in_the_log(flown):
     assert (np.diff(flown.log.ticks) % period == 0).all()
     assert flown.log["loop.skipped"][-1] == flown.pair.flyer.skipped
     assert flown.log["vehicle.armed"][-1] == 1
-    assert flown.log["link.samples"][-1] <= flown.flight.pilot.heard
+    assert flown.log["link.samples"][-1] <= flown.flight.autopilot_end.received_samples
 
 
 def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flown):
@@ -161,7 +161,7 @@ def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario, step):
         pair.flyer.connect()
         pair.here.send(pair.flyer.endpoint.pack("COMMAND_LONG", {"command": 400, "param1": 1.0}))
         end = monotonic() + 10
-        while pair.vehicle.released is None and monotonic() < end:
+        while pair.vehicle.release_time is None and monotonic() < end:
             pair.here.receive(0.01)
         flight = pair.flyer.fly(wanted_real_time=False, stop=lambda: True, tell=said.append)
         end = monotonic() + 0.1

@@ -1,7 +1,6 @@
 """Buckets against sorted numbers."""
 
 import numpy as np
-import pytest
 
 from trimtab.live.real_time import BUCKETS, Histogram, bucket_end
 
@@ -18,10 +17,6 @@ def test_quantiles_are_those_of_the_numbers_to_a_bucket():
         assert exact <= found.quantile(share) <= exact * 1.033 + 1e-9
     assert found.summary().n == len(times)
     assert found.summary().longest == times.max() * 1e-9
-    assert sum(n for _, _, n in found.decades()) == len(times)
-    for low, high, n in found.decades():
-        inside = ((times * 1e-9 > low) | (low == 0)) & (times * 1e-9 <= high)
-        assert n == pytest.approx(inside.sum(), abs=0.04 * len(times))
 
 
 def test_every_time_falls_into_the_bucket_that_ends_next():

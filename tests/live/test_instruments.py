@@ -28,7 +28,7 @@ class Told:
         dialect = derive_dialect(frame, command)
         self.body = VirtualVehicle(scenario, dialect, world)
         for t in self.body.instants():
-            self.body.advance(t, fresh=True, held=True)
+            self.body.advance(t, fresh=True, is_held=True)
             if t >= ms(20):
                 break
         endpoint = Endpoint(dialect, 1, 1, unsigned=True)

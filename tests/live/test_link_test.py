@@ -18,8 +18,7 @@ from trimtab.links.open_link import open_link
 from trimtab.live import link_test
 from trimtab.live import link_test as link_echo
 from trimtab.live.clock_time import STATUS, UP, ClockMessageParser, ClockTimeExchange, Hello, echo_request, parse_hello
-from trimtab.live.link_delays import LinkTestPlan, fit_delay_model, latency_rows, link_traces
-from trimtab.live.link_test import echo_requests
+from trimtab.live.link_test import LinkTestPlan, echo_requests, fit_delay_model, latency_rows, link_traces
 
 BOOT = b"one boot"
 
@@ -102,7 +101,7 @@ def test_two_clocks_an_hour_apart_are_set_by_the_quickest(under):
     """Exact round trips; the offset is as good as the difference of the quickest round trip's two ways."""
     sky = Sky(far_boot=b"another.", ahead=36_000_000_000, spread=0.3)
     found = under(sky, LinkTestPlan(2.9, 22.0, 400, 20.0))
-    assert not found.shared
+    assert not found.has_one_clock
     np.testing.assert_allclose(found.up + found.down, np.add(sky.up, sky.down), atol=1e-7)
     shift = found.up - sky.up
     assert np.ptp(shift) < 1e-9
@@ -161,7 +160,7 @@ def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself(monkeypa
                 return Hello(BOOT, 1, 2200).pack()
             self.t += max(timeout, 1e-4)
 
-        def vouch(self):
+        def accept_sender(self):
             pass
 
         def send(self, packet):

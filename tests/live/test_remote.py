@@ -7,7 +7,7 @@ from run.stand_ins import KEY, Link, dialect, ends
 from wire.line import every
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.remote import MOST_ASKS, QUICK_ASKS, RemoteVehicle
+from trimtab.live.remote import MOST_ASKS, QUICK_ANSWERS, RemoteVehicle
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import CommandCode, CommandResult
 
@@ -69,7 +69,7 @@ def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
     assert not line.remote.is_ready
     line.beat()
     assert "clock" in line.remote.reason_not_ready()
-    line.run(ms(50) * (QUICK_ASKS - 1))
+    line.run(ms(50) * (QUICK_ANSWERS - 1))
     assert not line.remote.is_ready
     line.run(ms(60))
     assert line.remote.is_ready
@@ -105,7 +105,7 @@ def test_wrong_keys_are_named():
     line.link.heard = 3
     stranger = Endpoint(DIALECT, 1, 1, unsigned=True)
     line.beat(sender=stranger)
-    assert line.remote.heard is None
+    assert line.remote.heartbeat_time is None
     assert "unsigned or signed with another key" in line.remote.reason_not_ready()
 
 

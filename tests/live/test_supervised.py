@@ -57,7 +57,7 @@ def flight(scenario, compiled):
 def test_it_holds_goes_on_and_ends_as_it_is_asked_in_the_next_step(flight):
     step, at = flight.step, flight.step.writes
     for request, mode in (("hold", "hold"), ("resume", "flying"), ("end", "ended")):
-        flight.supervised.ask(request)
+        flight.supervised.request(request)
         assert flight.fly(5) == [mode] * 5
         assert step.inputs[step.reads["samples.pilot.t"]] == (flight.k - 5) * ms(1)
         assert step.inputs[step.reads["samples.pilot.age"]] == pytest.approx(4e-3)
@@ -67,18 +67,18 @@ def test_it_holds_goes_on_and_ends_as_it_is_asked_in_the_next_step(flight):
 
 def test_what_is_so_already_is_not_asked_again(flight):
     for _ in range(3):
-        flight.supervised.ask("hold")
+        flight.supervised.request("hold")
         assert flight.fly(2) == ["hold", "hold"]
-    flight.supervised.ask("resume")
+    flight.supervised.request("resume")
     flight.fly(1)
-    flight.supervised.ask("resume")
+    flight.supervised.request("resume")
     assert flight.fly(2) == ["flying", "flying"]
     assert flight.step.outputs[flight.step.writes["supervisor.refusals"]] == 0
 
 
 def test_news_are_told_once(flight):
     assert flight.supervised.describe_changes() == "supervisor: flying: automatic"
-    flight.supervised.ask("hold")
+    flight.supervised.request("hold")
     assert flight.supervised.describe_changes() == ""
     flight.fly(1)
     assert flight.supervised.describe_changes() == "supervisor: hold: hold request"
@@ -90,7 +90,7 @@ def test_without_a_supervisor_it_can_not_be_asked():
     assert "pilot" not in scenario.world.sensors
     step = compile_autopilot(scenario)
     supervised = CompiledSupervisor(scenario, step)
-    supervised.ask("hold")
+    supervised.request("hold")
     before = step.inputs.copy()
     supervised.set_inputs(ms(5))
     assert (step.inputs == before).all()

@@ -24,7 +24,7 @@ def small(n: int = 5, **changes) -> Log:
             "law.mode": np.arange(n, dtype=np.int32) % 2,
             "uplink.fresh": np.arange(n) % 2 == 0,
         },
-        "declared": {
+        "declarations": {
             "truth.heading": Quantity("rad", "Angle from north.", kind="angle"),
             "law.mode": Quantity("1", "Which law.", kind="mode", modes=("damp", "full turn")),
             "uplink.fresh": Quantity("1", "New.", kind="flag"),

@@ -36,7 +36,7 @@ def made(n: int = 200, **changes) -> Log:
             "rng.word": rng.integers(0, 2**32, n).astype(np.uint32),
             "law.flags": rng.random((n, 2)) < 0.5,
         },
-        "declared": {
+        "declarations": {
             "truth.heading": Quantity("rad", "Angle from north; 100 % unwrapped.", kind="angle", source="[1] eq. 2.11"),
             "law.mode": Quantity("1", "Which law.", kind="mode", modes=("damp", "turn")),
             "law.demand.FX": Quantity("N", "Surge force, µN exact.", frame="B", low=-np.inf, high=2.0),

@@ -44,7 +44,7 @@ stream = start_writer(sys.argv[1], ring, signals=SIGNALS, metadata=METADATA)
 rows = rows_of(100_000)
 print(stream.pid, flush=True)
 for k, row in enumerate(rows):
-    ring.put(row)
+    ring.write_row(row)
     if k % 100 == 0:
         print(k, flush=True)
         time.sleep(0.1)
@@ -237,12 +237,12 @@ def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
     _, hard = resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (path.stat().st_size + 100, -1))
     for row in rows[500:1000]:
         until(lambda: ring.waiting_rows < ring.rows)
-        ring.put(row)
+        ring.write_row(row)
     until(lambda: "can't be written" in capfd.readouterr().err)
     resource.prlimit(stream.pid, resource.RLIMIT_FSIZE, (hard, hard))
     for row in rows[1000:]:
         until(lambda: ring.waiting_rows < ring.rows)
-        assert ring.put(row)
+        assert ring.write_row(row)
     written = stream.close()
     assert written is not None
     assert written.whole
@@ -263,10 +263,10 @@ def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
     rows = rows_of(2000)
     stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})
     os.kill(stream.pid, signal.SIGSTOP)
-    kept = [ring.put(row) for row in rows[:600]]
+    kept = [ring.write_row(row) for row in rows[:600]]
     os.kill(stream.pid, signal.SIGCONT)
     until(lambda: ring.waiting_rows == 0)
-    ring.put(rows[600])
+    ring.write_row(rows[600])
     written = stream.close()
     assert written is not None
     assert written.dropped == ring.dropped_rows == kept.count(False) == 88

@@ -7,7 +7,7 @@ from trimtab.core.time import ms, seconds
 from trimtab.live.exchange import GroupSample
 from trimtab.live.fly import LiveAutopilot
 from trimtab.live.real_time import DISCARD_LIMIT, discard_packets
-from trimtab.live.remote import QUICK_ASKS, RemoteVehicle
+from trimtab.live.remote import QUICK_ANSWERS, RemoteVehicle
 from trimtab.live.vehicle import LiveVehicle
 from trimtab.wire.time_sync import TimeSync
 
@@ -54,7 +54,7 @@ def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
     remote = RemoteVehicle(endpoint, Line())
     heartbeat(remote, 0)
     same_messages(remote, 0)
-    for k in range(QUICK_ASKS):
+    for k in range(QUICK_ANSWERS):
         answered(remote, ms(50 * k), seconds(1) - ms(50 * k), ms(1))
     assert not remote.is_ready
     answered(remote, seconds(2), ms(1), ms(1))
@@ -66,7 +66,7 @@ def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
     stamps = []
     flyer = object.__new__(LiveAutopilot)
-    flyer.pilot = SimpleNamespace(commands=lambda _, ahead: stamps.append(ahead) or [])
+    flyer.autopilot_end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
     flyer.remote, flyer.endpoint, flyer.link = SimpleNamespace(sync=TimeSync()), None, Line()
     flyer._sent = flyer._jumps = 0
     times = [ms(20 * k) for k in range(40)]
@@ -84,12 +84,12 @@ def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_come
     """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
     for times in ((20, 40), (40, 20)):
         vehicle = object.__new__(LiveVehicle)
-        vehicle.clock, vehicle.link = SimpleNamespace(now=lambda: 0), SimpleNamespace(vouch=lambda: None)
+        vehicle.clock, vehicle.link = SimpleNamespace(now=lambda: 0), SimpleNamespace(accept_sender=lambda: None)
         vehicle.endpoint = SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data])
-        vehicle._command = SimpleNamespace(names=("COMMAND",), take=lambda m: GroupSample(m.t, [], [], 0))
-        vehicle._newest = None
+        vehicle._command = SimpleNamespace(names=("COMMAND",), assemble=lambda m: GroupSample(m.t, [], [], 0))
+        vehicle._newest_command = None
         vehicle._handle_data(times)
-        assert vehicle._newest.t == 40
+        assert vehicle._newest_command.t == 40
 
 
 def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
@@ -100,7 +100,7 @@ def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
 def test_silence_is_told_once_and_so_is_its_end():
     flyer, said = object.__new__(LiveAutopilot), []
     flyer.endpoint = SimpleNamespace(counts=SimpleNamespace(accepted=0))
-    flyer._accepted, flyer._heard, flyer._silent = 0, 0, False
+    flyer._accepted, flyer._receive_time, flyer._silent = 0, 0, False
     for k in range(100):
         flyer.endpoint.counts.accepted += k < 20 or k > 80
         flyer._report_silence(ms(10 * k), None, said.append)

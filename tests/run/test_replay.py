@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import leaves, replace
+from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.native.compiler import find_compiler
-from trimtab.run.program import describe_scenario
 from trimtab.run.replay import describe_replay, first_bit_difference, replay
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
@@ -151,7 +150,7 @@ def test_what_jax_recorded_jax_repeats(tmp_path):
 @compiled
 def test_another_class_of_machine_may_round_otherwise(flight):
     log, scenario = flight
-    elsewhere = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "machine": "other"}, log.final)
+    elsewhere = Log(log.t, log.ticks, log.signals, log.declarations, {**log.metadata, "machine": "other"}, log.final)
     found = replay(flipped(elsewhere, "law.demand.FX", 300, 0), scenario, backend="c")
     assert (found.strict, found.exact, found.equal) == (False, False, True)
 
@@ -174,13 +173,13 @@ def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
     log, scenario = flight
     rows = np.repeat(np.arange(len(log)), 2)
     ticks = log.ticks[rows] + np.tile([0, 1234], len(log))
-    fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declared, log.metadata)
+    fine = Log(ticks * 1e-7, ticks, {p: v[rows] for p, v in log.signals.items()}, log.declarations, log.metadata)
     found = replay(fine, scenario, backend="c")
     assert found.exact
     assert len(found.replayed_log) == len(log)
     coarse = {p: v[::2] for p, v in log.signals.items()}
     with pytest.raises(InputError, match="--log-period '1 ms'"):
-        replay(Log(log.t[::2], log.ticks[::2], coarse, log.declared, log.metadata), scenario, backend="c")
+        replay(Log(log.t[::2], log.ticks[::2], coarse, log.declarations, log.metadata), scenario, backend="c")
 
 
 @compiled
@@ -190,7 +189,7 @@ def test_of_a_flight_the_steps_before_the_first_gap_are_replayed(flight):
     kept = np.delete(np.arange(len(log)), slice(400, 450))
     signals = {p: v[kept] for p, v in log.signals.items()}
     signals["log.dropped"] = np.where(np.arange(len(kept)) < 400, 0, 50)
-    found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declared, log.metadata), scenario, backend="c")
+    found = replay(Log(log.t[kept], log.ticks[kept], signals, log.declarations, log.metadata), scenario, backend="c")
     assert found.exact
     assert len(found.replayed_log) == 400
     assert "lacks steps after 0.399 s" in found.end_reason
@@ -234,35 +233,3 @@ def test_bits_are_compared_as_a_log_keeps_them():
     found = first_bit_difference(one, later)
     assert found is not None
     assert (found.t, found.path, found.recorded, found.replayed) == (2e-7, "a.n", 3.0, 0.0)
-
-
-def test_every_setting_of_the_recorded_scenario_is_as_it_was(tmp_path):
-    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
-    vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
-    scenario = replace(scenario, world=replace(scenario.world, vehicle=vehicle), duration=ms(10))
-    log = read_mcap(
-        write_mcap(
-            Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, describe_scenario(scenario)),
-            tmp_path / "run.mcap",
-        )
-    )
-    again = rebuild_scenario(log)
-    here, there = (list(leaves(s)) for s in (again, scenario))
-    assert [p for p, _, _ in here] == [p for p, _, _ in there]
-    for (path, a, _), (_, b, _) in zip(here, there, strict=True):
-        assert np.array_equal(np.asarray(a), np.asarray(b)), path
-        assert isinstance(a, str | tuple | bool) == isinstance(b, str | tuple | bool), path
-
-
-def test_a_scenario_that_is_built_otherwise_is_refused(flight):
-    log, _ = flight
-    parts = {**log.metadata["parts"], "autopilot.law": "AnotherLaw"}
-    other = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "parts": parts}, log.final)
-    with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
-        rebuild_scenario(other)
-    gone = Log(log.t, log.ticks, log.signals, log.declared, {**log.metadata, "scenario": "hovercraft/gone"}, log.final)
-    with pytest.raises(InputError, match=r"--scenario file\.py:function"):
-        rebuild_scenario(gone)
-    assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
-    with pytest.raises(InputError, match="does not say its scenario"):
-        rebuild_scenario(Log(log.t, log.ticks, log.signals))

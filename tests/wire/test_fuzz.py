@@ -7,7 +7,6 @@ from wire.line import KEY, Clock
 from wire.test_parameters import parameters
 
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.minimal import MinimalEndpoint
 from trimtab.wire.station import Station
 
 QUICK, LONG = 200_000, 10_000_000
@@ -125,17 +124,3 @@ def check(dialect, total, signed, datagrams):
         assert heard >= attack.count  # each true packet comes alone, and is taken
     else:
         assert heard > 0.9 * attack.count
-
-
-def test_the_minimal_framing_takes_any_bytes():
-    rng = random.Random(5)
-    for end in ("vehicle", "ground"):
-        open_end, closed = MinimalEndpoint(end, loopback=True), MinimalEndpoint(end)
-        for _ in range(300):
-            data = bytes(rng.choice([0xA5, 1, 2, 3, 4, 5, 6, rng.randrange(256)]) for _ in range(rng.randrange(300)))
-            taken = open_end.feed(data)
-            assert [m for m in closed.feed(data) if type(m).__name__ in ("ServoCommand", "ModeLift")] == []
-            assert all(type(m).__module__.endswith("minimal") for m in taken)
-            assert len(open_end._rest) <= 258
-        assert open_end.accepted > 100
-        assert (closed.refused > 100) == (end == "vehicle")

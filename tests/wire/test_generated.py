@@ -117,8 +117,8 @@ def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkey
 
 def test_two_processes_may_make_it_at_once(tmp_path):
     """Each finds the file whole or makes it; nothing is left beside it."""
-    code = "import sys; from wire.conftest import made; from trimtab.wire.generated import python_module;"
-    code += "print(python_module(made()).MAVLINK_MSG_ID_SAMPLE_EVERY)"
+    code = "import sys; from wire.conftest import made; from trimtab.wire.generated import load_python_module;"
+    code += "print(load_python_module(made()).MAVLINK_MSG_ID_SAMPLE_EVERY)"
     here = os.environ | {"TRIMTAB_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
     both = [subprocess.Popen([sys.executable, "-c", code], env=here, stdout=subprocess.PIPE) for _ in range(2)]
     said = {p.communicate(timeout=100)[0] for p in both}

@@ -10,7 +10,7 @@ from wire.line import KEY, NOW, bit_by_bit, by_hand, heartbeat, stamp_at
 
 from trimtab.core.errors import InputError
 from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.mavlink import Endpoint, checksum
 
 VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
 """t, then what is left of SAMPLE_EVERY by size: real, angle, time, vector, count, word, valid, flag."""
@@ -22,6 +22,16 @@ def test_packs_what_the_format_says(dialect, pair, clock):
     payload = struct.pack("<qddqdddiIBB", *VALUES)
     expected = by_hand(definition, payload, 0, 1, 1, KEY.secret, 0, stamp_at(clock.now))
     assert a.pack("SAMPLE_EVERY", VALUES) == expected
+
+
+def test_the_checksum_is_the_published_one():
+    """The catalogue of parametrised CRC algorithms: CRC-16/MCRF4XX of "123456789" is 0x6F91."""
+    assert checksum(b"12345678", ord("9")) == (0x6F91).to_bytes(2, "little")
+
+
+@given(st.binary(max_size=300), st.integers(0, 255))
+def test_the_checksum_is_its_definition_bit_by_bit(data, extra):
+    assert checksum(data, extra) == bit_by_bit(data + bytes([extra])).to_bytes(2, "little")
 
 
 @given(st.lists(st.floats(), min_size=5, max_size=5), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**32 - 1))

@@ -50,7 +50,7 @@ def test_the_file_is_owner_only_and_written_seldom(tmp_path, clock, monkeypatch)
 def test_kept_ahead_of_time_no_packet_waits_for_the_disk(tmp_path, clock, monkeypatch):
     stamps = Stamps(tmp_path / "a.time", clock)
     stamps.store_ahead()
-    monkeypatch.setattr(stamps, "_write", lambda: pytest.fail("a packet waited"))
+    monkeypatch.setattr(stamps, "_write_store", lambda: pytest.fail("a packet waited"))
     for _ in range(9):
         clock.now += 1
         stamps.next_stamp()

@@ -15,7 +15,7 @@ import click
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link
-from trimtab.live.link_delays import Delays, LinkTestPlan, fit_delay_model, latency_rows, link_traces
+from trimtab.live.link_test import Delays, LinkTestPlan, fit_delay_model, latency_rows, link_traces
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
 """Up and down in kb/s, those of the source's table 5.1."""

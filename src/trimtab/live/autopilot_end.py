@@ -11,6 +11,7 @@ from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.live.exchange import GroupSample, MessageGroup, command_group, sample_groups
+from trimtab.live.flight_log import LogSource
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import message_structures
 from trimtab.wire.definitions import Message
@@ -41,49 +42,49 @@ class AutopilotEnd:
         self.sensors: dict[str, MessageGroup] = sample_groups(dialect, lambda p: step.reads[p])
         self._command = command_group(dialect, lambda p: step.writes[p])
         self._sensor_of = {name: sensor for sensor, g in self.sensors.items() for name in g.names}
-        self._waiting: dict[str, deque[GroupSample]] = {s: deque(maxlen=LONGEST_QUEUE) for s in self.sensors}
-        self._at: dict[str, tuple[Any, ...]] = {
+        self._queues: dict[str, deque[GroupSample]] = {s: deque(maxlen=LONGEST_QUEUE) for s in self.sensors}
+        self._slots: dict[str, tuple[Any, ...]] = {
             s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh")) for s in self.sensors
         }
-        self._last: dict[str, int] = {}
-        self._now: Any = step.reads["t"]
-        self._standing = dict.fromkeys(self.sensors, 0)
+        self._last_times: dict[str, int] = {}
+        self._time_slot: Any = step.reads["t"]
+        self._backlogs = dict.fromkeys(self.sensors, 0)
         estimator = scenario.autopilot.estimator
         self._any_order = estimator.listens if optional_member(estimator, "ANY_ORDER") else ()
-        self.overflowed = self.heard = self.strange = self.overtaken = 0
-        """Samples dropped because too many waited or for too long, heard, dropped because of their times; late ones."""
+        self.dropped_samples = self.received_samples = self.implausible_samples = self.overtaken_samples = 0
+        """Dropped because too many waited or for too long; received; dropped because of their times; late ones."""
 
     def handle_message(self, message: Message) -> bool:
         """Keep a message for the next step if it is a part of a sample; tells whether it was."""
         sensor = self._sensor_of.get(message.name)
         if sensor is None:
             return False
-        taken = self.sensors[sensor].assemble(message)
-        if taken is not None and self._is_new_sample(sensor, taken.t):
-            waiting = self._waiting[sensor]
-            self.overflowed += len(waiting) == LONGEST_QUEUE
-            self.heard += 1
-            waiting.append(taken)
+        sample = self.sensors[sensor].assemble(message)
+        if sample is not None and self._is_new_sample(sensor, sample.t):
+            queue = self._queues[sensor]
+            self.dropped_samples += len(queue) == LONGEST_QUEUE
+            self.received_samples += 1
+            queue.append(sample)
         return True
 
     def _is_new_sample(self, sensor: str, t: int) -> bool:
         """Whether a sample of time t is one that was neither sent twice nor overtaken."""
-        before = self._last.get(sensor)
+        before = self._last_times.get(sensor)
         if before is not None and 0 < before - t <= LONGEST_OVERTAKING:
-            self.overtaken += 1
+            self.overtaken_samples += 1
             return sensor in self._any_order
-        self._last[sensor] = t
+        self._last_times[sensor] = t
         return t != before
 
     @property
     def queue_length(self) -> int:
         """Samples that wait for a step."""
-        return sum(map(len, self._waiting.values()))
+        return sum(map(len, self._queues.values()))
 
     def drop_samples(self) -> None:
         """Drop what waits: it is of a time when nobody flew."""
-        for waiting in self._waiting.values():
-            waiting.clear()
+        for queue in self._queues.values():
+            queue.clear()
 
     def fly_period(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
         """One control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
@@ -93,28 +94,34 @@ class AutopilotEnd:
     def set_inputs(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
         """What a period's step reads: see `fly`, which then makes the step."""
         inputs = self.step.inputs
-        inputs[self._now] = t
-        for sensor, waiting in self._waiting.items():
-            time, age, fresh = self._at[sensor]
-            inputs[fresh] = bool(waiting) and self._set_sample(sensor, waiting, t, to_local)
+        inputs[self._time_slot] = t
+        for sensor, queue in self._queues.items():
+            time, age, fresh = self._slots[sensor]
+            inputs[fresh] = bool(queue) and self._set_sample(sensor, queue, t, to_local)
             inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
 
     def _set_sample(
-        self, sensor: str, waiting: deque[GroupSample], t: int, to_local: Callable[[int], int] | None
+        self, sensor: str, queue: deque[GroupSample], t: int, to_local: Callable[[int], int] | None
     ) -> bool:
         """Give the step the sample that has waited longest; whether it can be believed."""
-        taken = waiting.popleft()
-        self._standing[sensor] = self._standing[sensor] + 1 if waiting else 0
-        if self._standing[sensor] > LONGEST_BACKLOG:
-            self.overflowed += len(waiting)
-            taken = waiting.pop()
-            waiting.clear()
-        local = taken.t if to_local is None else to_local(taken.t)
+        sample = queue.popleft()
+        self._backlogs[sensor] = self._backlogs[sensor] + 1 if queue else 0
+        if self._backlogs[sensor] > LONGEST_BACKLOG:
+            self.dropped_samples += len(queue)
+            sample = queue.pop()
+            queue.clear()
+        local = sample.t if to_local is None else to_local(sample.t)
         if to_local is not None and abs(t - local) > LARGEST_TIME_DIFFERENCE:
-            self.strange += 1
+            self.implausible_samples += 1
             return False
-        taken.write(self.step.inputs, local - taken.t)
+        sample.write(self.step.inputs, local - sample.t)
         return True
+
+    def log_sources(self) -> list[LogSource]:
+        """What a row of the autopilot's log has of its step."""
+        step = self.step
+        inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
+        return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 
     @property
     def has_command(self) -> bool:

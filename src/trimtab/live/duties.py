@@ -1,12 +1,10 @@
 """What a vehicle's firmware does besides flying: who may command it, and what it does when nobody does.
 
-Source: docs page, Vehicle.
-
-What ground stations ask of the autopilot, passed on by the vehicle: hold, resume, end; and what the autopilot does.
+It also passes on what ground stations ask of the autopilot: hold, resume, end; and tells what the autopilot does.
 
 The autopilot's heartbeat, of an onboard computer, has its supervisor's mode as custom mode; one without a supervisor
-has none, and can't be asked. A request is sent again each 100 ms until it is acknowledged.
-Source: docs page, Station.
+has none, and can't be pending. A request is sent again each 100 ms until it is acknowledged.
+Source: docs pages, Vehicle and Station.
 """
 
 from collections.abc import Callable
@@ -52,8 +50,11 @@ SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e100
-"""Between limits that are further apart there is no place for a stick: such a vehicle can't be flown by hand."""
+"""Limits of a command that are further apart are none: nothing is known of it, and no stick has a place in it."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
+RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
+"""Until a request is sent again, and not any more; without heartbeats for so long the autopilot is gone."""
+NO_AUTOPILOT_PROBLEM = "no autopilot with a supervisor is heard"
 
 
 class CommandSource(NamedTuple):
@@ -85,32 +86,29 @@ class Duties:
         self._in = _slot_indices(world.reads, shared, len(world.inputs))
         self._world, self.uplink = world, uplink
         self._first = self.step if uplink is None else uplink
-        self._first_at = _input_slots(self._first)
+        self._first_slots = _input_slots(self._first)
         if uplink is not None:
-            passed = [p for p in uplink.writes if p in self._inputs]
-            self._passed = _slot_indices(uplink.writes, passed, len(uplink.outputs))
-            self._given = _slot_indices(self._inputs, passed, len(self.step.inputs))
-        self._low, self._high = (
-            np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)])
-            for r in (failsafe.low, failsafe.high)
-        )
+            paths = [p for p in uplink.writes if p in self._inputs]
+            self._uplink_slots = _slot_indices(uplink.writes, paths, len(uplink.outputs))
+            self._failsafe_slots = _slot_indices(self._inputs, paths, len(self.step.inputs))
+        self._low, self._range = command_ranges(failsafe)
         paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
         self._manual = _slot_indices(self._inputs, paths, len(self.step.inputs))
-        self._by_hand = bool((self._high - self._low < WIDEST_RANGE).all())
+        self._has_sticks = bool(np.isfinite(self._range).all())
         self._radio_at: int | None = None
-        self._arm = self._disarm = self._asked_manual = self._switch = False
+        self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
 
     def slot(self, path: str) -> Any:
         """Where a number of the newest command stands in the inputs of what it comes to first."""
-        return self._first_at[path]
+        return self._first_slots[path]
 
-    def ask(self, event: VehicleEvent, now: int) -> None:
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Keep a request for the next step."""
         if isinstance(event, ArmRequest):
             self._arm, self._disarm = event.arm, not event.arm
         elif isinstance(event, ModeRequest):
-            self._asked_manual = event.mode == MANUAL_MODE
+            self._is_manual_mode = event.mode == MANUAL_MODE
         elif isinstance(event, ReceiverChannels):
             self._apply_pulses(np.array(event.pulses), now)
         elif isinstance(event, JoystickAxes):
@@ -120,24 +118,23 @@ class Duties:
         share = (pulses[: len(self._manual)] - LOW_PULSE) / (HIGH_PULSE - LOW_PULSE)
         self._apply_manual_command(share, now)
         if len(pulses) > SWITCH and np.isfinite(pulses[SWITCH]):
-            self._switch = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
+            self._is_switched = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
 
     def _apply_joystick(self, sticks: Any, now: int) -> None:
         self._apply_manual_command((sticks[: len(self._manual)] + 1) / 2, now)
 
     def _apply_manual_command(self, share: Any, now: int) -> None:
-        if self._by_hand and len(share) == len(self._manual) and np.isfinite(share).all():
-            wanted = self._low + np.clip(share, 0, 1) * (self._high - self._low)
-            self.step.inputs[self._manual] = wanted
+        if self._has_sticks and len(share) == len(self._manual) and np.isfinite(share).all():
+            self.step.inputs[self._manual] = self._low + np.clip(share, 0, 1) * self._range
             self._radio_at = now
 
-    def act(self, t: int, taken: GroupSample | None) -> bool:
+    def act(self, t: int, command: GroupSample | None) -> bool:
         """Decide at integer time t, with the newest command if a new one came; returns whether the mode is another."""
-        self._receive_command(t, taken)
+        self._receive_command(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
         inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
-        inputs[at["takeover"]] = self._asked_manual or self._switch
+        inputs[at["takeover"]] = self._is_manual_mode or self._is_switched
         inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
         self._arm = self._disarm = False
         self.step.step()
@@ -146,17 +143,17 @@ class Duties:
         self.mode = CommandSource(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
         return self.mode != before
 
-    def _receive_command(self, t: int, taken: GroupSample | None) -> None:
+    def _receive_command(self, t: int, command: GroupSample | None) -> None:
         """The newest command into the failsafe's inputs, through the uplink if there is one."""
-        inputs, at = self._first.inputs, self._first_at
-        if taken is not None:
-            taken.write(inputs)
+        inputs, at = self._first.inputs, self._first_slots
+        if command is not None:
+            command.write(inputs)
         inputs[at["t"]] = t
-        inputs[at["command.fresh"]] = taken is not None
+        inputs[at["command.fresh"]] = command is not None
         inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
         if self.uplink is not None:
             self.uplink.step()
-            self.step.inputs[self._given] = self.uplink.outputs[self._passed]
+            self.step.inputs[self._failsafe_slots] = self.uplink.outputs[self._uplink_slots]
 
     @property
     def is_commanded(self) -> bool:
@@ -167,7 +164,7 @@ class Duties:
     def status(self) -> Status:
         """As the vehicle tells it."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
-        mode = MANUAL_MODE if self._asked_manual or self._switch else COMPUTER_MODE
+        mode = MANUAL_MODE if self._is_manual_mode or self._is_switched else COMPUTER_MODE
         return Status(mode=mode, armed=self.is_commanded, state=state)
 
 
@@ -176,14 +173,17 @@ def _input_slots(step: CompiledBlock) -> dict[str, Any]:
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
+def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
+    """Lowest value and range of each number of a command; the range is NaN where there is none."""
+    low, high = (
+        np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)]) for r in (failsafe.low, failsafe.high)
+    )
+    return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)
+
+
 def _slot_indices(where: Any, paths: list[str], size: int) -> Any:
     every = np.arange(size)
     return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
-
-
-RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
-"""Until a request is sent again, and not any more; without heartbeats for so long the autopilot is gone."""
-NO_AUTOPILOT_PROBLEM = "no autopilot with a supervisor is heard"
 
 
 class _PendingRequest(NamedTuple):
@@ -199,7 +199,7 @@ class FlightRequests:
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
         """tell: is given lines for people."""
         self._endpoint, self._tell = endpoint, tell
-        self._heard: int | None = None
+        self._heartbeat_time: int | None = None
         self._autopilot, self._mode = 0, 0
         self._pending: _PendingRequest | None = None
 
@@ -218,17 +218,17 @@ class FlightRequests:
             return
         if not self._is_autopilot_present(now) or mode != self._mode:
             self._tell(f"autopilot: {supervisor.MODES[mode]}")
-        self._heard, self._autopilot, self._mode = now, message.component, mode
+        self._heartbeat_time, self._autopilot, self._mode = now, message.component, mode
 
     def _handle_acknowledgement(self, message: Message) -> None:
-        asked = self._pending
-        if asked is None or message.get("command") != FLIGHT_COMMANDS[asked.request].command:
+        pending = self._pending
+        if pending is None or message.get("command") != FLIGHT_COMMANDS[pending.request].command:
             return
         self._pending = None
         if message.get("result") != CommandResult.ACCEPTED:
-            self._tell(f"autopilot: {asked.request} refused")
+            self._tell(f"autopilot: {pending.request} refused")
 
-    def ask(self, event: VehicleEvent, now: int) -> None:
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Begin to pass a request on; a newer one takes the place of an older."""
         if isinstance(event, FlightRequest):
             self._pending = _PendingRequest(event.request, now, now, 0)
@@ -247,20 +247,20 @@ class FlightRequests:
         return self._pending is not None and self._pending.request == HOLD
 
     def _is_autopilot_present(self, now: int) -> bool:
-        return self._heard is not None and now - self._heard <= AUTOPILOT_TIMEOUT
+        return self._heartbeat_time is not None and now - self._heartbeat_time <= AUTOPILOT_TIMEOUT
 
     def due(self, now: int) -> list[bytes]:
         """What is to be sent by now."""
-        asked = self._pending
-        if asked is None or now < asked.next:
+        pending = self._pending
+        if pending is None or now < pending.next:
             return []
-        if now - asked.since > REQUEST_TIMEOUT:
+        if now - pending.since > REQUEST_TIMEOUT:
             self._pending = None
-            self._tell(f"autopilot: {asked.request}: no answer")
+            self._tell(f"autopilot: {pending.request}: no answer")
             return []
-        self._pending = asked._replace(next=now + RESEND_PERIOD, sent=asked.sent + 1)
-        command, first, second = FLIGHT_COMMANDS[asked.request]
-        fields = {"command": command, "param1": first, "param2": second, "confirmation": asked.sent}
+        self._pending = pending._replace(next=now + RESEND_PERIOD, sent=pending.sent + 1)
+        command, first, second = FLIGHT_COMMANDS[pending.request]
+        fields = {"command": command, "param1": first, "param2": second, "confirmation": pending.sent}
         to = {"target_system": self._endpoint.system, "target_component": self._autopilot}
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
@@ -269,4 +269,4 @@ class FlightRequests:
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM
-        return status._replace(mode=mode, autopilot_problem=why, closed={HOLD_MODE: why} if why else {})
+        return status._replace(mode=mode, autopilot_problem=why, closed_modes={HOLD_MODE: why} if why else {})

@@ -1,17 +1,20 @@
-"""Numbers of a compiled step as messages of the wire, and back.
+"""What crosses a line: numbers of a compiled step as messages and back, and a question until its answer comes.
 
 Source: docs page, Exchange.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from time import monotonic
+from typing import Any, NamedTuple, TypeVar
 
+from trimtab.core.interfaces import Link
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
 
 MOST_INCOMPLETE = 8
 """Times of which parts may wait for the others: on some lines packets overtake one another."""
+T = TypeVar("T")
 Where = Callable[[str], int | slice]
 """Path of a leaf -> where its numbers stand in a vector."""
 
@@ -62,13 +65,13 @@ class MessageGroup:
             return GroupSample(time, layout.slots, message.values, layout.time)
         if time not in self._parts and len(self._parts) == MOST_INCOMPLETE:
             del self._parts[next(iter(self._parts))]
-        held = self._parts.setdefault(time, {})
-        held[message.name] = message.values
-        if len(held) < len(self.names):
+        parts = self._parts.setdefault(time, {})
+        parts[message.name] = message.values
+        if len(parts) < len(self.names):
             return None
         del self._parts[time]
         slots = [s for n in self.names for s in self._layouts[n].slots]
-        values = tuple(v for n in self.names for v in held[n])
+        values = tuple(v for n in self.names for v in parts[n])
         return GroupSample(time, slots, values, self._layouts[self.names[0]].time)
 
 
@@ -95,3 +98,37 @@ def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
 def command_group(dialect: Dialect, where: Where) -> MessageGroup:
     """The command's group."""
     return MessageGroup(dialect, COMMAND, where)
+
+
+def receive_messages(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
+    """What has come and was accepted; who sent it may be answered."""
+    messages = endpoint.feed(link.receive(timeout))
+    if messages:
+        link.accept_sender()
+    return messages
+
+
+def request_answer(
+    link: Link,
+    endpoint: Endpoint,
+    packets: Callable[[], Iterable[bytes]],
+    answer: Callable[[Message], T | None],
+    *,
+    patience: float,
+    resend_period: float,
+) -> T | None:
+    """Send packets, made anew each time, until a message is their answer; None after `patience` seconds.
+
+    answer: what a message says; None where it is no answer.
+    """
+    deadline = monotonic() + patience
+    while monotonic() < deadline:
+        for packet in packets():
+            link.send(packet)
+        resend_time = monotonic() + resend_period
+        while (left := resend_time - monotonic()) > 0:
+            for message in receive_messages(link, endpoint, left):
+                result = answer(message)
+                if result is not None:
+                    return result
+    return None

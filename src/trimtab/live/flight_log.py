@@ -11,8 +11,11 @@ import numpy as np
 
 from trimtab.compiler.structs import Member
 from trimtab.core.record import Quantity
+from trimtab.core.time import to_seconds
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
+from trimtab.loop.scenario import Scenario
+from trimtab.run.program import describe_scenario
 
 ROWS = 16384
 """Rows that the ring holds: how long the disk may keep the writer waiting."""
@@ -28,6 +31,12 @@ class LogSource(NamedTuple):
     name: Callable[[str], str | None]
 
 
+def describe_flight(scenario: Scenario, side: str, seed: int, log_period: int) -> dict[str, Any]:
+    """What a flight's log says of it. side: "autopilot" or "vehicle"."""
+    about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
+    return describe_scenario(scenario) | about
+
+
 class FlightLog:
     """Rows into a ring: a few microseconds each, and never a wait."""
 
@@ -38,7 +47,7 @@ class FlightLog:
         own: Mapping[str, tuple[str, Quantity]],
         metadata: Mapping[str, Any],
     ) -> None:
-        """Start the writer's process. own: path -> (type, declaration) of numbers given with each row."""
+        """Start the writer's process. own: path -> (type, declaration) of the numbers that come with each row."""
         signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
         stop = 1

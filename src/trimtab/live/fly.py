@@ -2,12 +2,9 @@
 
 One thread: it waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
 a row to the log's process. Nothing in it waits for a disk, a console or a network.
-Source: docs page, Fly.
 
-The supervisor in a compiled autopilot: what it has decided, and what it is asked in flight.
-
-A request goes into the frame, as the sample that the supervisor reads; so the flight's log has it, and a replay repeats
-it.
+What the supervisor is asked in flight goes into the frame, as the sample that it reads; so the flight's log has it, and
+a replay repeats it.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -21,8 +18,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity
 from trimtab.core.time import SECONDS_PER_UNIT, UNITS_PER_SECOND, ms, seconds, to_seconds
-from trimtab.live.autopilot_end import AutopilotEnd, frame_log_path, scenario_dialect
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource
+from trimtab.live.autopilot_end import AutopilotEnd, scenario_dialect
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, describe_flight
 from trimtab.live.real_time import NS, Deadlines, RealTimeGrant, discard_packets, real_time
 from trimtab.live.remote import RemoteVehicle
 from trimtab.logs.stream import LogFileSummary
@@ -30,71 +27,11 @@ from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, REQUESTS
 from trimtab.run.blocks import compile_autopilot
-from trimtab.run.program import describe_scenario
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
 REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
 """Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
-
-
-class _CodeNames(NamedTuple):
-    at: int
-    names: tuple[str, ...]
-
-
-class _RequestSlots(NamedTuple):
-    request: int
-    t: int
-    age: int
-    fresh: int
-    valid: int
-
-
-class CompiledSupervisor:
-    """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
-
-    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
-        self._step = step
-        declared = {m.path: m.declaration for m in step.text.outputs}
-        paths = ("supervisor.mode", "supervisor.cause")
-        self._watched = [_CodeNames(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
-        self._decided: tuple[int, ...] = ()
-        supervisor = scenario.autopilot.supervisor
-        sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
-        fields = ("value.request", "t", "age", "fresh", "valid")
-        places = [step.reads[path] for path in (f"{sample}.{f}" for f in fields) if path in step.reads]
-        self._place = _RequestSlots(*places) if len(places) == len(fields) and self._watched else None
-        self._wanted: str | None = None
-
-    @property
-    def mode(self) -> int | None:
-        """The supervisor's, by its number; None where there is none, or it can't be asked."""
-        return None if self._place is None else int(self._step.outputs[self._watched[0].at])
-
-    def ask(self, request: str) -> None:
-        """Make a request in the next step, unless it would change nothing."""
-        self._wanted = None if self.mode in (None, REQUEST_MODES[request]) else request
-
-    def set_inputs(self, t: int) -> None:
-        """What the step at integer time t reads of requests."""
-        if self._place is None:
-            return
-        inputs, at = self._step.inputs, self._place
-        inputs[at.fresh] = self._wanted is not None
-        if self._wanted is not None:
-            inputs[at.request], inputs[at.t], inputs[at.valid] = REQUESTS.index(self._wanted), t, True
-            self._wanted = None
-        inputs[at.age] = (t - inputs[at.t]) * SECONDS_PER_UNIT
-
-    def describe_changes(self) -> str:
-        """What it has decided since this was last asked, for people; empty for nothing."""
-        found = tuple(int(self._step.outputs[one.at]) for one in self._watched)
-        if found == self._decided:
-            return ""
-        self._decided = found
-        return "supervisor: " + ": ".join(one.names[k] for one, k in zip(self._watched, found, strict=True))
 
 
 LONGEST_DELAY = seconds("0.5")
@@ -128,8 +65,67 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
 """What a row of a flight's log has besides frame and outputs."""
 
 
+class _CodeNames(NamedTuple):
+    at: int
+    names: tuple[str, ...]
+
+
+class _RequestSlots(NamedTuple):
+    request: int
+    t: int
+    age: int
+    fresh: int
+    valid: int
+
+
+class CompiledSupervisor:
+    """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
+
+    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
+        """step: the compiled autopilot of this scenario."""
+        self._step = step
+        declared = {m.path: m.declaration for m in step.text.outputs}
+        paths = ("supervisor.mode", "supervisor.cause")
+        self._codes = [_CodeNames(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
+        self._last_codes: tuple[int, ...] = ()
+        supervisor = scenario.autopilot.supervisor
+        sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
+        fields = ("value.request", "t", "age", "fresh", "valid")
+        places = [step.reads[path] for path in (f"{sample}.{f}" for f in fields) if path in step.reads]
+        self._slots = _RequestSlots(*places) if len(places) == len(fields) and self._codes else None
+        self._request: str | None = None
+
+    @property
+    def mode(self) -> int | None:
+        """The supervisor's, by its number; None where there is none, or it can't be asked."""
+        return None if self._slots is None else int(self._step.outputs[self._codes[0].at])
+
+    def request(self, request: str) -> None:
+        """Make a request in the next step, unless it would change nothing."""
+        self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
+
+    def set_inputs(self, t: int) -> None:
+        """What the step at integer time t reads of requests."""
+        if self._slots is None:
+            return
+        inputs, at = self._step.inputs, self._slots
+        inputs[at.fresh] = self._request is not None
+        if self._request is not None:
+            inputs[at.request], inputs[at.t], inputs[at.valid] = REQUESTS.index(self._request), t, True
+            self._request = None
+        inputs[at.age] = (t - inputs[at.t]) * SECONDS_PER_UNIT
+
+    def describe_changes(self) -> str:
+        """What it has decided since this was last asked, for people; empty for nothing."""
+        codes = tuple(int(self._step.outputs[one.at]) for one in self._codes)
+        if codes == self._last_codes:
+            return ""
+        self._last_codes = codes
+        return "supervisor: " + ": ".join(one.names[k] for one, k in zip(self._codes, codes, strict=True))
+
+
 class LiveFlightSummary(NamedTuple):
-    """What became of a flight. armed: when the vehicle first said so (100 ns), None if never."""
+    """What became of a flight. arming_time: when the vehicle first said that it is armed (100 ns), None if never."""
 
     t: int
     arming_time: int | None
@@ -157,13 +153,13 @@ class LiveAutopilot:
         dialect = scenario_dialect(scenario)
         self.scenario, self.link, self.seed = add_pilot_sensor(scenario), link, seed
         self.endpoint = endpoint(dialect)
-        self.pilot = AutopilotEnd(scenario, dialect, step or compile_autopilot(self.scenario, seed=seed))
-        self.supervised = CompiledSupervisor(self.scenario, self.pilot.step)
+        self.autopilot_end = AutopilotEnd(scenario, dialect, step or compile_autopilot(self.scenario, seed=seed))
+        self.supervised = CompiledSupervisor(self.scenario, self.autopilot_end.step)
         self.remote = RemoteVehicle(self.endpoint, link)
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
-        self.armed_at: int | None = None
-        self._sent = self._jumps = self._accepted = self._heard = 0
+        self.arming_time: int | None = None
+        self._sent = self._jumps = self._accepted = self._receive_time = 0
         self._silent = False
 
     def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
@@ -186,7 +182,7 @@ class LiveAutopilot:
     def _handle_data(self, data: bytes) -> None:
         now = monotonic_ns() // NS
         for message in self.endpoint.feed(data):
-            if not self.pilot.handle_message(message):
+            if not self.autopilot_end.handle_message(message):
                 self.remote.handle_message(message, now)
 
     def fly(
@@ -208,47 +204,47 @@ class LiveAutopilot:
             tell: is given lines for people.
         """
         length = self.scenario.duration if duration is None else duration
-        book = self._open_log(log) if log else None
-        self.remote.tell = lambda text: self._report(text, book, tell)
+        flight_log = self._open_log(log) if log else None
+        self.remote.tell = lambda text: self._report(text, flight_log, tell)
         discard_packets(self.link)
-        self.pilot.drop_samples()
+        self.autopilot_end.drop_samples()
         try:
             with real_time(wanted_real_time) as granted:
                 try:
-                    t = self._run_loop(length, book, stop, tell)
+                    t = self._run_loop(length, flight_log, stop, tell)
                 finally:
-                    if self.armed_at is not None or self.remote.is_asking:  # else it is none of this end's business
+                    if self.arming_time is not None or self.remote.is_asking:  # else it is none of this end's business
                         self._disarm()
         finally:
-            written = book.close() if book else None
-        if book is not None and written is None:
+            summary = flight_log.close() if flight_log else None
+        if flight_log is not None and summary is None:
             tell(WRITER_DIED)
-        return LiveFlightSummary(t, self.armed_at, granted, self.deadlines, self.pilot, self.remote, written)
+        return LiveFlightSummary(t, self.arming_time, granted, self.deadlines, self.autopilot_end, self.remote, summary)
 
     def _run_loop(
-        self, length: int, book: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]
+        self, length: int, flight_log: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]
     ) -> int:
         period = self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
         kept = self.deadlines = Deadlines(period)
-        self._heard = kept.start // NS
+        self._receive_time = kept.start // NS
         k = t = 0
-        while not stop() and (self.armed_at is None or t - self.armed_at < length):
+        while not stop() and (self.arming_time is None or t - self.arming_time < length):
             t = k * period
             woke = self._receive_until(k)
             now = kept.start // NS + t
             ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
-            self.pilot.set_inputs(t, self._to_local)
+            self.autopilot_end.set_inputs(t, self._to_local)
             self.supervised.set_inputs(t)
             began = monotonic_ns()
-            self.pilot.step.step()
+            self.autopilot_end.step.step()
             stepped = monotonic_ns()
             if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send_command(t, ahead)
             self._update_line(t, now)
-            self._report_silence(now, book, tell)
-            if book is not None:
-                book.write_row(t, self._own_signals(now, woke - kept.start - t * NS, stepped - began))
+            self._report_silence(now, flight_log, tell)
+            if flight_log is not None:
+                flight_log.write_row(t, self._own_signals(now, woke - kept.start - t * NS, stepped - began))
             kept.record_period(k, woke, began, stepped)
             k = self._next_period(k)
         return t
@@ -258,14 +254,14 @@ class LiveAutopilot:
         if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
             ahead = self._sent + 1 - t
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
-        for packet in self.pilot.command_packets(self.endpoint, ahead):
+        for packet in self.autopilot_end.command_packets(self.endpoint, ahead):
             self.link.send(packet)
 
     def _disarm(self) -> None:
         """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
         self.remote.disarm()
-        given_up = monotonic_ns() + DISARM_TIMEOUT * NS
-        while self.remote.is_asking and monotonic_ns() < given_up:
+        deadline = monotonic_ns() + DISARM_TIMEOUT * NS
+        while self.remote.is_asking and monotonic_ns() < deadline:
             data = self.link.receive(0.02)
             if data is not None:
                 self._handle_data(data)
@@ -277,14 +273,14 @@ class LiveAutopilot:
 
     def _receive_until(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
-        taken = 0
+        packets = 0
         while True:
             left = self.deadlines.remaining(k)
             data = self.link.receive(max(left, 0.0))
             if data is not None:
                 self._handle_data(data)
-            taken += 1
-            if left <= 0 and (data is None or taken > MOST_PACKETS):
+            packets += 1
+            if left <= 0 and (data is None or packets > MOST_PACKETS):
                 return monotonic_ns()
 
     def _next_period(self, k: int) -> int:
@@ -298,9 +294,9 @@ class LiveAutopilot:
 
     def _update_line(self, t: int, now: int) -> None:
         """Arm when there is something to fly with; keep the line."""
-        if self.armed_at is None and self.remote.armed:
-            self.armed_at = t
-        elif self.armed_at is None and self.pilot.has_command:
+        if self.arming_time is None and self.remote.armed:
+            self.arming_time = t
+        elif self.arming_time is None and self.autopilot_end.has_command:
             self.remote.arm()
         self._report_supervisor()
         self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
@@ -309,21 +305,21 @@ class LiveAutopilot:
         """Say what the supervisor has decided, and pass it what it is asked."""
         self.remote.mode = self.supervised.mode
         if self.remote.requests:
-            self.supervised.ask(self.remote.requests.popleft())
+            self.supervised.request(self.remote.requests.popleft())
         news = self.supervised.describe_changes()
         if news:
             self.remote.tell(news)
 
-    def _report_silence(self, now: int, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _report_silence(self, now: int, flight_log: FlightLog | None, tell: Callable[[str], None]) -> None:
         """Say when nothing comes any more, and when it does again."""
-        accepted, silence = self.endpoint.counts.accepted, now - self._heard
+        accepted, silence = self.endpoint.counts.accepted, now - self._receive_time
         if accepted != self._accepted:
             if self._silent:
-                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", book, tell)
-            self._accepted, self._heard, self._silent = accepted, now, False
+                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", flight_log, tell)
+            self._accepted, self._receive_time, self._silent = accepted, now, False
         elif silence >= SILENCE and not self._silent:
             self._silent = True
-            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s", book, tell)
+            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s", flight_log, tell)
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
         remote, kept, counts = self.remote, self.deadlines, self.endpoint.counts
@@ -332,9 +328,9 @@ class LiveAutopilot:
             step * 1e-9,
             kept.own + kept.scheduler,
             self.skipped,
-            self.pilot.heard,
-            self.pilot.overtaken,
-            (now - self._heard) / UNITS_PER_SECOND,
+            self.autopilot_end.received_samples,
+            self.autopilot_end.overtaken_samples,
+            (now - self._receive_time) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
             counts.refusals,
             counts.lost,
@@ -344,19 +340,11 @@ class LiveAutopilot:
             remote.armed,
         )
 
-    def _report(self, text: str, book: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _report(self, text: str, flight_log: FlightLog | None, tell: Callable[[str], None]) -> None:
         tell(text)
-        if book:
-            book.write_event(text)
+        if flight_log:
+            flight_log.write_event(text)
 
     def _open_log(self, path: Path) -> FlightLog:
-        step = self.pilot.step
-        sources = [
-            LogSource(step.inputs, step.text.inputs, frame_log_path),
-            LogSource(step.outputs, step.text.outputs, lambda p: p),
-        ]
-        about = {"side": "autopilot", "seed": self.seed, "run": 0, "backend": "c"}
-        period = to_seconds(self.scenario.autopilot.period)
-        return FlightLog(
-            path, sources, OWN_SIGNALS, describe_scenario(self.scenario) | about | {"log_period_s": period}
-        )
+        about = describe_flight(self.scenario, "autopilot", self.seed, self.scenario.autopilot.period)
+        return FlightLog(path, self.autopilot_end.log_sources(), OWN_SIGNALS, about)

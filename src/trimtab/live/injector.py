@@ -3,21 +3,25 @@
 Source: docs page, Faults.
 """
 
-from collections.abc import Mapping
-from time import monotonic, monotonic_ns
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from time import monotonic_ns
+from typing import NamedTuple, TypeVar
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import leaves
+from trimtab.live.exchange import request_answer
 from trimtab.loop.fault_text import add_dormant_faults, parse_fault
 from trimtab.loop.faults import Fault
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import replace_links
+from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
 
-PATIENCE, RESEND_PERIOD, RECEIVE_TIMEOUT = 10.0, 0.3, 0.05
+T = TypeVar("T")
+PATIENCE, RESEND_PERIOD = 10.0, 0.3
+"""Seconds until no answer is expected any more, and until a question is sent again."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
 """What is sent of a fault; the word last, for then it acts."""
 
@@ -47,22 +51,22 @@ def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
     return {path: name for name, (path, _) in table.items()}
 
 
-def plan_fault(scenario: Scenario, text: str, known: Mapping[str, str] | None = None) -> FaultPlan:
+def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = None) -> FaultPlan:
     """What to set for a fault written as text; refused where it can't be set while it flies.
 
     Args:
         scenario: as the vehicle was asked to fly it.
         text: see the docs page, Faults.
-        known: the names as `fault_parameter_names` gives them, if it has been asked.
+        names: as `fault_parameter_names` gives them, if it has been asked.
     """
     where, fault = parse_fault(scenario, text)
     if fault.watch:
         fix = "leave the condition out, or start the vehicle with  --fault"
         raise InputError(f"fault {text!r}", "a condition can't be set while it flies", fix=fix)
     before = f"world.{where.replace('sensor:', 'sensors.')}.fault"
-    names = known or fault_parameter_names(scenario)
-    wanted = {n: float(value) for n, value, _ in leaves(fault) if n in FAULT_NUMBERS}
-    return FaultPlan(fault, {names[f"{before}.{n}"]: wanted[n] for n in FAULT_NUMBERS})
+    names = names or fault_parameter_names(scenario)
+    numbers = {n: float(value) for n, value, _ in leaves(fault) if n in FAULT_NUMBERS}
+    return FaultPlan(fault, {names[f"{before}.{n}"]: numbers[n] for n in FAULT_NUMBERS})
 
 
 class Injector:
@@ -78,16 +82,12 @@ class Injector:
             self.set(name, value if k else float(start))
         return Injection(plan.fault, start)
 
-    def _request(self, what: str, packet: Any, answer: Any) -> Any:
-        given_up = monotonic() + PATIENCE
-        while monotonic() < given_up:
-            self.link.send(packet())
-            again = monotonic() + RESEND_PERIOD
-            while (left := again - monotonic()) > 0:
-                for message in self.endpoint.feed(self.link.receive(min(left, RECEIVE_TIMEOUT))):
-                    found = answer(message)
-                    if found is not None:
-                        return found
+    def _request(self, what: str, packet: Callable[[], bytes], answer: Callable[[Message], T | None]) -> T:
+        result = request_answer(
+            self.link, self.endpoint, lambda: [packet()], answer, patience=PATIENCE, resend_period=RESEND_PERIOD
+        )
+        if result is not None:
+            return result
         counts = self.endpoint.counts
         problem = f"no vehicle answers ({what}); frames taken {counts.accepted}, refused {counts.refusals}"
         raise InputError("--link", problem, fix="give its address, its scenario and settings, and its key")
@@ -95,7 +95,7 @@ class Injector:
     def read_vehicle_time(self) -> int:
         """The vehicle's clock now (100 ns), to half a round trip."""
 
-        def answer(message: Any) -> int | None:
+        def answer(message: Message) -> int | None:
             mine = message.name == "TIMESYNC" and message.get("tc1") > 0
             return message.get("tc1") // 100 if mine else None
 
@@ -105,10 +105,9 @@ class Injector:
         """Set a parameter, until the vehicle has said that it holds."""
         fields = {"param_id": name, "param_value": value, "param_type": 9, "target_system": 1, "target_component": 1}
 
-        def answer(message: Any) -> bool | None:
+        def answer(message: Message) -> bool | None:
             if message.name != "PARAM_VALUE" or message.get("param_id") != name:
                 return None
-            held = message.get("param_value")
-            return True if abs(held - value) <= 1e-6 * abs(value) else None
+            return True if abs(message.get("param_value") - value) <= 1e-6 * abs(value) else None
 
         self._request(name, lambda: self.endpoint.pack("PARAM_SET", fields), answer)

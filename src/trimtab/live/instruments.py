@@ -14,6 +14,7 @@ from trimtab.actuators.failsafe import Failsafe
 from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
+from trimtab.live.duties import RADIO_TIMEOUT, command_ranges
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.run.blocks import motion_block
 from trimtab.wire import telemetry
@@ -23,9 +24,6 @@ from trimtab.wire.streams import Streams, TelemetryStream
 from trimtab.wire.telemetry import Health, VehicleMotion
 
 QUICK, MEDIUM, SLOW = ms(250), ms(500), seconds(1)
-WIDEST_SPAN = 1e100
-"""A range of a command that is wider is none: nothing is known of it."""
-RADIO_SILENT = ms(500)
 FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
@@ -42,11 +40,11 @@ class Instruments:
         self._commanded = _command_slots(failsafe, body.world.reads)
         self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self._pulses: tuple[float, ...] = ()
-        self._pulses_at = -2 * RADIO_SILENT
+        self._pulse_time = -2 * RADIO_TIMEOUT
 
     def telemetry_streams(self) -> Streams:
         """Everything it tells, at the rates of a slow line."""
-        told: dict[str, TelemetryStream] = {
+        streams: dict[str, TelemetryStream] = {
             "ATTITUDE": TelemetryStream(lambda now: telemetry.attitude(now, self.vehicle_motion()), QUICK),
             "LOCAL_POSITION_NED": TelemetryStream(
                 lambda now: telemetry.local_position(now, self.vehicle_motion()), QUICK
@@ -59,13 +57,13 @@ class Instruments:
             "SYSTEM_TIME": TelemetryStream(lambda now: telemetry.system_time(now, time.time()), SLOW),
         }
         if self._imu is not None:
-            told["HIGHRES_IMU"] = TelemetryStream(self._inertial_fields, MEDIUM)
-        return Streams(self._endpoint, told)
+            streams["HIGHRES_IMU"] = TelemetryStream(self._inertial_fields, MEDIUM)
+        return Streams(self._endpoint, streams)
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Take note of what the safety pilot's receiver says."""
         if isinstance(event, ReceiverChannels):
-            self._pulses, self._pulses_at = event.pulses, now
+            self._pulses, self._pulse_time = event.pulses, now
 
     def vehicle_motion(self) -> VehicleMotion:
         """How it moves now."""
@@ -81,7 +79,7 @@ class Instruments:
         return telemetry.servo_outputs(now, ((self._body.world.inputs[at] - low) / span).tolist())
 
     def _receiver_fields(self, now: int) -> Mapping[str, Any] | None:
-        return telemetry.receiver_channels(now, self._pulses) if now - self._pulses_at <= RADIO_SILENT else None
+        return telemetry.receiver_channels(now, self._pulses) if now - self._pulse_time <= RADIO_TIMEOUT else None
 
     def _inertial_fields(self, now: int) -> Mapping[str, Any] | None:
         assert self._imu is not None
@@ -102,7 +100,7 @@ class Instruments:
             if sensor is not None:
                 has |= kind
                 well |= kind if outputs[sensor.valid] else Health(0)
-        if now - self._pulses_at <= RADIO_SILENT:
+        if now - self._pulse_time <= RADIO_TIMEOUT:
             has, well = has | Health.RECEIVER, well | Health.RECEIVER
         return telemetry.system_health(has, well, counts.lost, counts.accepted, counts.refusals)
 
@@ -135,8 +133,5 @@ def _command_slots(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, A
     """Where the numbers that the actuators are given stand, their lowest value and their range; NaN for none."""
     every = np.arange(1 + max(at.stop if isinstance(at, slice) else at for at in reads.values()))
     at = [np.atleast_1d(every[reads[f"command.value.{p}"]]) for p, _, _ in leaves(failsafe.safe)]
-    low, high = (
-        np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)]) for r in (failsafe.low, failsafe.high)
-    )
-    span = high - low
-    return np.concatenate(at), low, np.where((span > 0) & (span < WIDEST_SPAN), span, np.nan)
+    low, span = command_ranges(failsafe)
+    return np.concatenate(at), low, np.where(span > 0, span, np.nan)

@@ -5,20 +5,23 @@ A request carries the sender's time; the far end appends its timer and echoes it
     uplink = timer - t0,    downlink = now - t0 - uplink
 
 and with two the offset between them is taken from the quickest round trips, as if those took as long up as down.
+What is found: the table's figures, recordings to replay, and a channel model with the same moments.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
-
-The far end of a link test: echoes requests with its timer appended, and makes the load it is asked for.
 """
 
 import random
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from trimtab.core.interfaces import Link
-from trimtab.core.time import to_seconds
+from trimtab.core.time import ms, to_seconds
+from trimtab.links.bluetooth import BELOW_MIN_MS, SEND_PERIODS, Latencies
+from trimtab.links.fifo import required_slots
+from trimtab.links.latency import gamma_table
+from trimtab.links.latency_trace import Trace
 from trimtab.live.clock_time import (
     LOAD_DOWN,
     STATUS,
@@ -30,7 +33,6 @@ from trimtab.live.clock_time import (
     echo_request,
     parse_hello,
 )
-from trimtab.live.link_delays import Delays, LinkTestPlan, clock_offset
 
 MOST_LOAD = 125_000
 """Bytes per second that it will send, whoever asks."""
@@ -38,6 +40,46 @@ LOAD_TIMEOUT = 3.0
 """Seconds for which it sends load after the last request for it."""
 BURST = 4
 """Messages of load at once, at most, after a delay of the machine's own."""
+HELLO_PERIOD = 0.5
+"""Seconds between two hellos to the far end."""
+BITS_PER_BYTE = 10
+"""On a serial line, with start and stop bit; the source's rates count them."""
+QUICKEST_SHARE = 0.05
+"""Share of the round trips from which the offset of two clocks is taken."""
+LEAST_SD = 1e-5
+"""Spread (s) of a model of a link that has none."""
+
+
+class LinkTestPlan(NamedTuple):
+    """What to measure: load in kb/s each way (all that is sent, ten bits a byte), requests, and how many a second."""
+
+    up: float
+    down: float
+    requests: int = 300
+    rate: float = 10.0
+    patience: float = 3.0
+    """Seconds to wait for the last replies; ten times that for the first sign of life."""
+    seed: int = 0
+
+
+class Delays(NamedTuple):
+    """What was measured, in s; one entry a request in the order sent, NaN where no reply came."""
+
+    plan: LinkTestPlan
+    send_times: np.ndarray[Any, Any]
+    up: np.ndarray[Any, Any]
+    down: np.ndarray[Any, Any]
+    lost_up: int
+    """Requests that did not arrive; the others without a reply were lost on the way down."""
+    has_one_clock: bool
+    """Measured with one clock; else only the sum of up and down is certain."""
+    data_rates: tuple[float, float]
+    """kb/s that were sent, and that arrived."""
+
+    @property
+    def has_reply(self) -> np.ndarray[Any, Any]:
+        """Which requests were."""
+        return np.isfinite(self.up)
 
 
 def monotonic_time() -> int:
@@ -107,11 +149,6 @@ def echo_requests(
         if pace.due(time.monotonic()):
             link.send(LOAD_DOWN)
     return echoed
-
-
-HELLO_EVERY = 0.5
-BITS_PER_BYTE = 10
-"""On a serial line, with start and stop bit; the source's rates count them."""
 
 
 class DelayExchange(Protocol):
@@ -196,7 +233,7 @@ class _DelayMeasurement:
             if t >= hello_at:
                 self._link.send(self._hello)
                 pace.count_bytes(len(self._hello), t)
-                hello_at += HELLO_EVERY
+                hello_at += HELLO_PERIOD
             if pace.due(t):
                 self._link.send(self._exchange.pack_load())
             self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
@@ -231,3 +268,67 @@ class _DelayMeasurement:
             up = up - clock_offset(up[came], trip[came])
         lost_up = max(len(left) - max(self._exchange.heard, len(answered)), 0)
         return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, carried)
+
+
+def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
+    """How far the far clock is ahead (s), were the quickest round trips as quick up as down."""
+    quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
+    return float(np.median((up - trip / 2)[quickest]))
+
+
+def link_traces(delays: Delays) -> dict[str, Trace]:
+    """Recordings of both ways, for LatencyTrace; of those without a reply, which were lost on which way is not known.
+
+    They count as lost up at even distances, as many as the far end has missed.
+    """
+    missing = np.flatnonzero(~delays.has_reply)
+    lost_up = np.zeros(len(delays.send_times), bool)
+    count = min(delays.lost_up, len(missing))
+    lost_up[missing[((np.arange(count) + 0.5) * len(missing) / max(count, 1)).astype(int)]] = True
+    mean = float(np.nanmean(delays.up)) if delays.has_reply.any() else 0.0
+    up, down = np.maximum(delays.up, 0.0), np.maximum(delays.down, 0.0)
+    arrived_up = ~lost_up
+    left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
+    order = np.argsort(left, kind="stable")
+    fell = ~delays.has_reply[arrived_up][order]
+    # a request that was answered late or never did arrive: the mean stands for its unknown uplink
+    upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
+    return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
+
+
+def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
+    """Mean, standard deviation, smallest and largest in ms, of those that are not NaN; a row of the source's table."""
+    delays_ms = 1e3 * seconds[np.isfinite(seconds)]
+    sd = float(delays_ms.std(ddof=1)) if len(delays_ms) > 1 else 0.0
+    return Latencies(float(delays_ms.mean()), sd, float(delays_ms.min()), float(delays_ms.max()))
+
+
+def latency_rows(delays: Delays) -> dict[str, Latencies]:
+    """The rows "up", "down" and "round trip" of the source's table."""
+    rows = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
+    return {path: summarise_latencies(seconds) for path, seconds in rows.items()}
+
+
+class DelayModel(NamedTuple):
+    """A shifted gamma distribution of latencies (s) with the moments that were measured, and the share lost."""
+
+    mean: float
+    sd: float
+    shift: float
+    loss: float
+
+    def settings(self, path: str) -> list[str]:
+        """As settings of `trimtab run` for a scenario with links=measured; path: "up" or "down"."""
+        table, period = np.round(gamma_table(self.mean, self.sd, self.shift), 6), SEND_PERIODS[path]
+        where = f"world.{path}link"
+        values = ",".join(f"{value:.6g}" for value in table)
+        slots = required_slots(float(table[-1]), period, ms(1))
+        return [f"{where}.latency=[{values}]", f"{where}.loss={self.loss:.4g}", f"{where}.capacity={slots}"]
+
+
+def fit_delay_model(trace: Trace) -> DelayModel:
+    """Of one way: the distribution starts 2 ms below the smallest latency, as that of the source's table here."""
+    row = summarise_latencies(trace.latency_s[~trace.lost])
+    shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
+    mean = max(row.mean_ms / 1e3, shift + LEAST_SD)
+    return DelayModel(mean, max(row.sd_ms / 1e3, LEAST_SD), shift, float(trace.lost.mean()))

@@ -109,17 +109,6 @@ class Histogram:
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
-    def decades(self) -> list[tuple[float, float, int]]:
-        """(from, to, count) over times doubling from 1 us on: for a table or a picture."""
-        edges = [0.0, *(1e-6 * 2**k for k in range(24)), float("inf")]
-        found = [0] * (len(edges) - 1)
-        for bucket, count in enumerate(self.counts):
-            if count:
-                middle = bucket_end(bucket) * 1e-9
-                found[max(i for i, e in enumerate(edges[:-1]) if middle > e or i == 0)] += count
-        rows = zip(edges, edges[1:], found, strict=False)
-        return [(low, high, count) for low, high, count in rows if count]
-
 
 def bucket_end(bucket: int) -> int:
     """The longest time (ns) that falls into a bucket."""

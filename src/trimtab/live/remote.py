@@ -23,7 +23,7 @@ MOST_ASKS = 4
 MOST_REQUESTS = 8
 HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
-QUICK_ASKS = 8
+QUICK_ANSWERS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
 QUICK_ROUND_TRIP = ms(300)
 """At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
@@ -38,7 +38,7 @@ class RemoteVehicle:
         self.tell: Callable[[str], None] = lambda _: None
         self.armed = False
         self.system = self.component = 0
-        self.heard: int | None = None
+        self.heartbeat_time: int | None = None
         """When the vehicle's last heartbeat came."""
         self.misfit = ""
         """Why its messages can't be understood; empty while nothing speaks against it."""
@@ -46,20 +46,20 @@ class RemoteVehicle:
         """What this end's supervisor does, told in heartbeats; None: there is none that could be asked."""
         self.requests: deque[str] = deque(maxlen=MOST_REQUESTS)
         """What a ground station wants of the supervisor, as the vehicle passed it on."""
-        self._told: int | None = None
+        self._last_mode: int | None = None
         self._next = dict.fromkeys(("heartbeat", "sync", "ask", "version"), 0)
-        self._wants: float | None = None
-        self._asks = self._jumps = 0
+        self._arming_request: float | None = None
+        self._clock_answers = self._jumps = 0
         self._version_asks, self._compared = 0, False
 
     @property
     def is_ready(self) -> bool:
         """Whether there is a vehicle whose clock is known."""
-        return self.heard is not None and self._is_clock_known and self._compared and not self.misfit
+        return self.heartbeat_time is not None and self._is_clock_known and self._compared and not self.misfit
 
     @property
     def _is_clock_known(self) -> bool:
-        return self._asks >= QUICK_ASKS and self.sync.shortest <= QUICK_ROUND_TRIP
+        return self._clock_answers >= QUICK_ANSWERS and self.sync.shortest <= QUICK_ROUND_TRIP
 
     def reason_not_ready(self) -> str:
         """Why it is not ready, for people."""
@@ -96,30 +96,30 @@ class RemoteVehicle:
             self._compare_dialects(bytes(message.get("flight_custom_version")))
 
     def _handle_heartbeat(self, message: Message, now: int) -> None:
-        if self.heard is None:
+        if self.heartbeat_time is None:
             self.system, self.component = message.system, message.component
         if (message.system, message.component) != (self.system, self.component):
             return
         armed = bool(message.get("base_mode") & ModeFlag.ARMED)
         if self.armed and not armed:
             self.tell("the vehicle is not armed any more")
-        self.heard, self.armed = now, armed
+        self.heartbeat_time, self.armed = now, armed
 
     def _handle_time_sync(self, message: Message, now: int) -> None:
         if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             return
         if self.sync.jumps != self._jumps:  # it was started anew, say
-            self._jumps, self._asks = self.sync.jumps, 0
+            self._jumps, self._clock_answers = self.sync.jumps, 0
             self.tell("the vehicle's clock is another now")
-        self._asks = min(self._asks + 1, QUICK_ASKS)
+        self._clock_answers = min(self._clock_answers + 1, QUICK_ANSWERS)
 
     def _handle_acknowledgement(self, message: Message) -> None:
         ours = ("target_system", self._endpoint.system), ("target_component", self._endpoint.component)
         if any(message.get(field) not in (0, own) for field, own in ours):
             return
         command, accepted = message.get("command"), message.get("result") == CommandResult.ACCEPTED
-        if command == CommandCode.ARM and accepted and self._wants is not None:
-            self.armed, self._wants = bool(self._wants), None
+        if command == CommandCode.ARM and accepted and self._arming_request is not None:
+            self.armed, self._arming_request = bool(self._arming_request), None
         elif command == CommandCode.REQUEST_MESSAGE and not accepted:
             self._compared = True
 
@@ -146,17 +146,17 @@ class RemoteVehicle:
 
     def due(self, now: int) -> None:
         """Send what is to be sent by now."""
-        if now >= self._next["heartbeat"] or self.mode != self._told:
-            self._next["heartbeat"], self._told = now + HEARTBEAT_PERIOD, self.mode
+        if now >= self._next["heartbeat"] or self.mode != self._last_mode:
+            self._next["heartbeat"], self._last_mode = now + HEARTBEAT_PERIOD, self.mode
             mode = {} if self.mode is None else {"base_mode": ModeFlag.CUSTOM, "custom_mode": self.mode}
             self._link.send(self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode))
         if now >= self._next["sync"]:
             self._next["sync"] = now + (SYNC_SLOW if self._is_clock_known else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
-        if self._wants is not None and now >= self._next["ask"]:
-            self._next["ask"] = now + (ASK_PERIOD if self._wants else DISARM_PERIOD)
-            self._send_command(CommandCode.ARM, self._wants)
-        if self.heard is not None and not self._compared and now >= self._next["version"]:
+        if self._arming_request is not None and now >= self._next["ask"]:
+            self._next["ask"] = now + (ASK_PERIOD if self._arming_request else DISARM_PERIOD)
+            self._send_command(CommandCode.ARM, self._arming_request)
+        if self.heartbeat_time is not None and not self._compared and now >= self._next["version"]:
             self._next["version"] = now + ASK_PERIOD
             self._version_asks += 1
             self._compared = self._version_asks > MOST_ASKS
@@ -165,16 +165,16 @@ class RemoteVehicle:
     @property
     def is_asking(self) -> bool:
         """Whether it has been asked to arm or disarm and has not answered yet."""
-        return self._wants is not None
+        return self._arming_request is not None
 
     def arm(self) -> None:
         """Ask the vehicle to arm, again and again until it has answered."""
-        if self._wants is None and not self.armed:
-            self._wants, self._next["ask"] = 1.0, 0
+        if self._arming_request is None and not self.armed:
+            self._arming_request, self._next["ask"] = 1.0, 0
 
     def disarm(self) -> None:
         """Ask the vehicle to disarm, again and again until it has answered."""
-        self._wants, self._next["ask"] = 0.0, 0
+        self._arming_request, self._next["ask"] = 0.0, 0
 
     def _send_command(self, command: CommandCode, first: float) -> None:
         fields = {"command": command, "param1": first, "target_system": self.system, "target_component": 0}

@@ -5,9 +5,7 @@ Source: docs page, Vehicle.
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.interfaces import Link
@@ -16,14 +14,13 @@ from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
 from trimtab.live.exchange import GroupSample
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource, describe_flight
 from trimtab.live.instruments import Instruments
 from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import choose_failsafe, compile_world, uplink_block
-from trimtab.run.program import describe_scenario
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
@@ -45,7 +42,7 @@ DISARM_DELAY = ms(50)
 
 
 class VehicleSummary(NamedTuple):
-    """What became of a virtual vehicle. released: when it was first armed (100 ns), None if never."""
+    """What became of a virtual vehicle. release_time: when it was first armed (100 ns), None if never."""
 
     t: int
     release_time: int | None
@@ -62,7 +59,7 @@ class LiveVehicle:
         self, scenario: Scenario, link: Link, endpoint: Callable[[Dialect], Endpoint], *, seed: int = 0
     ) -> None:
         """Compile it. endpoint: makes the vehicle's end for a dialect."""
-        self.scenario, self.link = scenario, link
+        self.scenario, self.link, self.seed = scenario, link, seed
         uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
         world, frame, command = compile_world(bare, seed=seed)
         dialect = derive_dialect(frame, command)
@@ -79,11 +76,11 @@ class LiveVehicle:
         self.station = Station(self.endpoint, parameters, STATION_MODES, vehicle=kind, streams=streams)
         self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
         self.clock = WallClock()
-        self.late = Histogram()
-        self.released: int | None = None
-        self._newest: GroupSample | None = None
-        self._book: FlightLog | None = None
-        self._people: Callable[[str], None] = lambda _: None
+        self.lateness = Histogram()
+        self.release_time: int | None = None
+        self._newest_command: GroupSample | None = None
+        self._flight_log: FlightLog | None = None
+        self._tell: Callable[[str], None] = lambda _: None
 
     def _handle_data(self, data: bytes) -> None:
         now, messages = self.clock.now(), self.endpoint.feed(data)
@@ -91,9 +88,9 @@ class LiveVehicle:
             self.link.accept_sender()
         for message in messages:
             if message.name in self._command.names:
-                taken = self._command.assemble(message)
-                if taken is not None and (self._newest is None or taken.t >= self._newest.t):
-                    self._newest = taken
+                command = self._command.assemble(message)
+                if command is not None and (self._newest_command is None or command.t >= self._newest_command.t):
+                    self._newest_command = command
                 continue
             self.requests.handle_message(message, now)
             handled = self.station.handle_message(message, now)
@@ -103,8 +100,8 @@ class LiveVehicle:
                 if isinstance(event, ParameterChange):
                     self._set_parameter(event)
                 else:
-                    self.duties.ask(event, now)
-                    self.requests.ask(event, now)
+                    self.duties.handle_event(event, now)
+                    self.requests.handle_event(event, now)
                     self.instruments.handle_event(event, now)
 
     def _set_parameter(self, event: ParameterChange) -> None:
@@ -116,9 +113,9 @@ class LiveVehicle:
     def _report(self, text: str) -> None:
         """A line into the log and to people."""
         now = self.clock.now()
-        self._people(f"{now * 1e-7:9.3f} s  {text}")
-        if self._book is not None:
-            self._book.write_event(text)
+        self._tell(f"{now * 1e-7:9.3f} s  {text}")
+        if self._flight_log is not None:
+            self._flight_log.write_event(text)
 
     def serve(
         self,
@@ -140,18 +137,18 @@ class LiveVehicle:
             stop: asked at every instant.
             tell: is given lines for people.
         """
-        self._people = tell
-        book = self._book = self._open_log(log) if log else None
+        self._tell = tell
+        flight_log = self._flight_log = self._open_log(log, log_period) if log else None
         discard_packets(self.link)
         try:
             with real_time(wanted_real_time):
                 self._run_loop(duration, log_period, stop)
         finally:
-            self._book = None
-            written = book.close(self._final_truth()) if book else None
-        if book is not None and written is None:
+            self._flight_log = None
+            summary = flight_log.close(self.body.final_truth()) if flight_log else None
+        if flight_log is not None and summary is None:
             tell(WRITER_DIED)
-        return VehicleSummary(self.body.t, self.released, *self.duties.mode, self.late, written)
+        return VehicleSummary(self.body.t, self.release_time, *self.duties.mode, self.lateness, summary)
 
     def _run_loop(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
         self.clock, last = WallClock(), None
@@ -160,7 +157,7 @@ class LiveVehicle:
             if why:
                 self._report(why)
                 last = t + (DISARM_DELAY if self.duties.is_commanded else 0)
-                self.duties.ask(ArmRequest(False, (self.endpoint.system, self.endpoint.component)), t)
+                self.duties.handle_event(ArmRequest(False, (self.endpoint.system, self.endpoint.component)), t)
             if last is not None and t >= last:
                 break
             self._run_instant(t, log_period)
@@ -169,31 +166,31 @@ class LiveVehicle:
         """Why it is to end now; empty: it isn't."""
         if stop():
             return "ended by request"
-        over = duration is not None and self.released is not None and t - self.released >= duration
+        over = duration is not None and self.release_time is not None and t - self.release_time >= duration
         return "ended, its time is over" if over else ""
 
     def _run_instant(self, t: int, log_period: int) -> None:
-        book = self._book
+        flight_log = self._flight_log
         woke = self.clock.wait(t, self.link, self._handle_data)
         late = woke - self.clock.start - t * NS
-        self.late.add(late)
-        self.body.advance(t, fresh=True, held=self.released is None)
+        self.lateness.add(late)
+        self.body.advance(t, fresh=True, is_held=self.release_time is None)
         for packet in self.body.sample_packets(self.endpoint, self.body.changed_sensors()):
             self.link.send(packet)
-        if book is not None and t and self.body.row_t % log_period == 0:
-            counts = self.endpoint.counts
-            own = (self.released is None, late * 1e-9, counts.refusals, counts.lost, counts.checksum, counts.garbage)
-            book.write_row(self.body.row_t, own)
-        taken, self._newest = self._newest, None
-        if self.duties.act(t, taken):
+        if flight_log is not None and t and self.body.row_t % log_period == 0:
+            counts, is_held = self.endpoint.counts, self.release_time is None
+            own = (is_held, late * 1e-9, counts.refusals, counts.lost, counts.checksum, counts.garbage)
+            flight_log.write_row(self.body.row_t, own)
+        command, self._newest_command = self._newest_command, None
+        if self.duties.act(t, command):
             self._announce_mode(t)
         self.station.status = self.requests.status(self.duties.status, t)
         for packet in self.station.due(t) + self.requests.due(t):
             self.link.send(packet)
 
     def _announce_mode(self, t: int) -> None:
-        if self.released is None and self.duties.is_commanded:
-            self.released = t
+        if self.release_time is None and self.duties.is_commanded:
+            self.release_time = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
         self._announce(severity, text)
@@ -203,19 +200,13 @@ class LiveVehicle:
         self.station.queue_text(severity, text)
         self._report(text)
 
-    def _open_log(self, path: Path) -> FlightLog:
-        world, failsafe = self.body.world, self.duties.step
+    def _open_log(self, path: Path, log_period: int) -> FlightLog:
+        failsafe = self.duties.step
         sources = [
-            LogSource(self.body.row, world.text.outputs, lambda p: p),
+            *self.body.log_sources(),
             LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}"),
         ]
-        return FlightLog(
-            path, sources, OWN_SIGNALS, describe_scenario(self.scenario) | {"side": "vehicle", "backend": "c"}
-        )
-
-    def _final_truth(self) -> dict[str, Any]:
-        world = self.body.world
-        return {p: np.array(world.outputs[at]) for p, at in world.writes.items() if p.startswith("truth.")}
+        return FlightLog(path, sources, OWN_SIGNALS, describe_flight(self.scenario, "vehicle", self.seed, log_period))
 
 
 def format_value(declared: Quantity, value: float) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.live.exchange import MessageGroup, command_group, sample_groups
+from trimtab.live.flight_log import LogSource
 from trimtab.loop.scenario import Scenario
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
@@ -20,7 +21,7 @@ NO_TIME = np.iinfo(np.int64).min
 
 
 class VirtualVehicle:
-    """A compiled world; it knows nothing of clocks and transports. The first `turn` is at time 0."""
+    """A compiled world; it knows nothing of clocks and transports. The first `advance` is to time 0."""
 
     def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
         """world: the compiled world of this scenario."""
@@ -28,53 +29,61 @@ class VirtualVehicle:
         self.command: MessageGroup = command_group(dialect, lambda p: world.reads[p])
         self.samples: dict[str, MessageGroup] = sample_groups(dialect, lambda p: world.writes[f"downlink{p[7:]}"])
         reads, writes = world.reads, world.writes
-        self._turn: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "is_held", "fresh"))
-        self._seen: dict[str, tuple[Any, Any]] = {
+        self._input_slots: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "is_held", "fresh"))
+        self._sample_slots: dict[str, tuple[Any, Any]] = {
             s: (writes[f"downlink.{s}.t"], writes[f"downlink.{s}.valid"]) for s in self.samples
         }
-        self._sent: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
+        self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
         """What was at `row_t`, the instant before t, acting included: as a log of `simulate` has it."""
-        self._acting = np.concatenate(
+        self._actuation_slots = np.concatenate(
             [
                 np.atleast_1d(np.arange(len(world.outputs))[at])
                 for p, at in writes.items()
                 if p.startswith(ACTUATION_PREFIXES)
             ]
         )
-        self._seen_then: Any = np.zeros(len(world.outputs))
-        self._began = False
+        self._last_outputs: Any = np.zeros(len(world.outputs))
+        self._has_begun = False
 
     def instants(self) -> Iterator[int]:
-        """When a turn is due, from 0 on without end."""
+        """When it is to advance, from 0 on without end."""
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
-    def advance(self, t: int, *, fresh: bool, held: bool = False) -> None:
-        """On to integer time t, with the command that stands in the world's inputs, issued at the last turn.
+    def advance(self, t: int, *, fresh: bool, is_held: bool = False) -> None:
+        """On to integer time t, with the command that stands in the world's inputs, issued at the last instant.
 
-        fresh: that command is a new one.  held: the vehicle is held, its true state stays as it is.
+        fresh: that command is a new one.  is_held: the vehicle is held, its true state stays as it is.
         """
         inputs = self.world.inputs
-        at_t, at_h, at_first, at_held, at_fresh = self._turn
+        at_t, at_h, at_first, at_held, at_fresh = self._input_slots
         inputs[at_t], inputs[at_h] = self.t, t - self.t
-        inputs[at_first], inputs[at_held], inputs[at_fresh] = not self._began, held, fresh
+        inputs[at_first], inputs[at_held], inputs[at_fresh] = not self._has_begun, is_held, fresh
         self.world.step()
         outputs, row = self.world.outputs, self.row
-        row[:] = self._seen_then
-        row[self._acting] = outputs[self._acting]
-        self._seen_then[:] = outputs
-        self.row_t, self.t, self._began = self.t, t, True
+        row[:] = self._last_outputs
+        row[self._actuation_slots] = outputs[self._actuation_slots]
+        self._last_outputs[:] = outputs
+        self.row_t, self.t, self._has_begun = self.t, t, True
+
+    def log_sources(self) -> list[LogSource]:
+        """What a row of the vehicle's log has of its world."""
+        return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
+
+    def final_truth(self) -> dict[str, Any]:
+        """The state now, which is the last one of a log that ends."""
+        return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:
         """The sensors whose sample has changed since this was last asked."""
-        outputs, found = self.world.outputs, list[str]()
-        for sensor, (time, valid) in self._seen.items():
-            if outputs[valid] and outputs[time] != self._sent[sensor]:
-                self._sent[sensor] = outputs[time]
-                found.append(sensor)
-        return found
+        outputs, sensors = self.world.outputs, list[str]()
+        for sensor, (time, valid) in self._sample_slots.items():
+            if outputs[valid] and outputs[time] != self._sent_times[sensor]:
+                self._sent_times[sensor] = outputs[time]
+                sensors.append(sensor)
+        return sensors
 
     def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
         """The packets of these sensors' samples, as they are now."""

@@ -37,7 +37,7 @@ class Log:
         ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They are what
             counts: t is kept as exactly ``core.time.to_seconds(ticks)``.
         signals: path -> array (n,) or (n, k), boolean, integer or float, kept in its own type.
-        declared: path -> what the quantity is: unit, meaning, frame, kind, names of the modes.
+        declarations: path -> what the quantity is: unit, meaning, frame, kind, names of the modes.
         metadata: what can be written as JSON: version, scenario, seed, run, backend, duration_s, parameters, ...
         final: path -> value at the end of the run, after the last step, where signals end one step earlier.
     """
@@ -60,7 +60,7 @@ class Log:
             ("ticks", ticks),
             ("t", _freeze(to_seconds(ticks))),
             ("signals", MappingProxyType(held)),
-            ("declared", MappingProxyType(dict(self.declarations))),
+            ("declarations", MappingProxyType(dict(self.declarations))),
             ("metadata", MappingProxyType(to_plain("log.metadata", dict(self.metadata)))),
             ("final", MappingProxyType({p: _check_value(p, v) for p, v in self.final.items()})),
         ):

@@ -16,9 +16,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 
-COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ, TEXTS_DROPPED = range(9)
-"""Places in the head: the sizes; then what the writing side (written, dropped, told, untold) and the reading side
-(taken, heard) have counted."""
+COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
+"""Places in the head: the sizes; then what the writing and the reading side have counted."""
 HEAD = 128
 TEXT, TEXT_BYTES = 256, 232
 """Bytes of an event's place, and how many of them its text may take."""
@@ -105,11 +104,6 @@ class Ring:
         return self._head[ROWS_DROPPED]
 
     @property
-    def dropped_texts(self) -> int:
-        """Texts for which there was no room."""
-        return self._head[TEXTS_DROPPED]
-
-    @property
     def waiting_rows(self) -> int:
         """Rows that were put and not yet taken."""
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
@@ -132,7 +126,6 @@ class Ring:
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:
-            head[TEXTS_DROPPED] += 1
             return False
         data = text.encode("utf-8", "replace")[:TEXT_BYTES]
         at = n % self.events * TEXT

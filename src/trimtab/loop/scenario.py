@@ -34,6 +34,7 @@ class Scenario:
     failsafe: Any = part("What the vehicle does when nobody commands it, in flight; none in a simulation.", default=())
     truth_sensor: Any = part("What the ideal twin measures instead of the sensors.", default=PlanarNavigation())
     name: str = option("Name in the catalogue.", default="scenario")
+    choices: Any = part("How it was built from the catalogue, as `scenarios.build` notes it for logs.", default=())
 
     def ideal(self) -> "Scenario":
         """The twin without faults: the same law on the true state, no delay, no limits, its demand acts as it is."""
@@ -49,7 +50,8 @@ class Scenario:
         autopilot = replace(
             self.autopilot, estimator=Passthrough("truth"), allocation=DirectAllocation(), supervisor=None
         )
-        return replace(self, world=world, autopilot=autopilot)
+        choices = {**self.choices, "ideal": True} if self.choices else ()
+        return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def imperfections(self) -> dict[str, list[str]]:
         """Name of each imperfection that can be switched off -> paths of the parts that have it.

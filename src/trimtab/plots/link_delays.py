@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.live.link_delays import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
+from trimtab.live.link_test import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
 from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

@@ -215,9 +215,10 @@ def make_log(
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
-    """What a log says of its scenario."""
+    """What a log says of its scenario; `choices` where it was built by name, so that a replay builds it alike."""
     return {
         "scenario": scenario.name,
+        **({"choices": scenario.choices} if scenario.choices else {}),
         "duration_s": to_seconds(scenario.duration),
         "parameters": {p: plain_setting(v) for p, v, _ in leaves(scenario)},
         "parts": part_classes(scenario),

@@ -45,7 +45,7 @@ def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str])
 def build(
     name: str, settings: Mapping[str, str] | None = None, without: Iterable[str] = (), faults: Iterable[str] = ()
 ) -> Scenario:
-    """The scenario of a name with its settings, checked.
+    """The scenario of a name with its settings, checked; it notes in `choices` what it was built from.
 
     Args:
         name: in the catalogue, or ``file.py:function``.
@@ -55,22 +55,29 @@ def build(
 
     Raises: InputError with what to type instead.
     """
-    scenario, rest = catalogue.load_scenario(name, settings or {})
+    typed, without, faults = dict(settings or {}), list(without), list(faults)
+    scenario, rest = catalogue.load_scenario(name, typed)
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(name)
+    choices = {
+        "scenario": name,
+        "arguments": {argument: text for argument, text in typed.items() if argument not in rest},
+        "settings": rest,
+        "without": without,
+        "faults": faults,
+    }
     scenario, rest = replace_links_by_recordings(scenario, rest)
     _refuse_choices(name, scenario, rest)
     scenario = with_settings(scenario, rest)
     for imperfection in without:
         scenario = scenario.without(imperfection)
-    broken = list(faults)
-    if broken:
-        scenario = inject_faults(scenario, broken)
+    if faults:
+        scenario = inject_faults(scenario, faults)
     scenario.check()
-    return scenario
+    return replace(scenario, choices=choices)
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:

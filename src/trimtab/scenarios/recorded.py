@@ -1,4 +1,4 @@
-"""The scenario of a log: the one of its name in the catalogue, with every setting as it was recorded."""
+"""The scenario of a log: built again from the choices that the log records, every setting as it was."""
 
 import contextlib
 import itertools
@@ -14,57 +14,67 @@ from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import part_classes, plain_setting
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import LINKS, build
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """What a replay needs as it was: what flies, and what it is given. The rest of the world is only kept if it fits."""
-
-
 SETTING = "a setting"
+RENAMED_CLASSES = {"Clock": "UnitClock", "Unmeasured": "ModelPrediction"}
+"""Class of a part in an old log -> its name now."""
 
 
 def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
-    """Build a log's scenario again.
-
-    The choices that its function offers are tried until all parts and settings are the recorded ones, or else those of
-    autopilot and sensors, as after ``--without``; then each setting gets its recorded value.
+    """Build a log's scenario again, as it was built; then each setting gets its recorded value.
 
     Args:
-        log: with the metadata that simulate and fly write.
+        log: with the metadata that simulate and fly write. One without choices is older than their record, or of a
+            scenario that was built in Python: for it the arguments of the scenario's function are tried.
         name: of the scenario, where it is not the recorded one: ``file.py:function``, or one that was renamed.
 
     Raises:
         InputError: a log that does not say what flew, or a catalogue that no longer has it.
     """
-    chosen = name or log.metadata.get("scenario")
-    settings = log.metadata.get("parameters")
-    if not isinstance(chosen, str) or not isinstance(settings, Mapping):
-        missing = "its scenario" if not isinstance(chosen, str) else "its parameters"
+    choices = log.metadata.get("choices") or {}
+    own_name, settings = choices.get("scenario") or log.metadata.get("scenario"), log.metadata.get("parameters")
+    if name is None and isinstance(own_name, str):
+        name = _known_name(own_name)
+    if name is None or not isinstance(settings, Mapping):
+        missing = "its scenario" if name is None else "its parameters"
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
         raise InputError("replay", f"the log does not say {missing}", fix=fix)
     parts = log.metadata.get("parts")
-    wanted = _setting_classes(settings, parts)
-    best: Scenario | None = None
-    for found in _add_live_variants(_candidates(chosen, given=name is not None)):
-        here = _setting_classes(dict.fromkeys(p for p, _, _ in leaves(found)), part_classes(found) if parts else None)
-        if here == wanted:
-            return _set_values(found, settings)
-        if _keep_compared(here) == _keep_compared(wanted):
-            best = best or found
-    if best is None:
-        raise _difference_error(chosen, wanted, parts)
-    return _set_values(best, settings)
+    recorded_classes = _recorded_classes(settings, parts)
+    alike: Scenario | None = None
+    for scenario in _add_live_variants(_build_candidates(name, choices)):
+        classes = _setting_classes(scenario, parts)
+        if classes == recorded_classes:
+            return _set_values(scenario, settings)
+        if alike is None and _keep_compared(classes) == _keep_compared(recorded_classes):
+            alike = scenario
+    if alike is None:
+        raise _difference_error(name, choices, recorded_classes, parts)
+    return _set_values(alike, settings)
 
 
-def _candidates(name: str, *, given: bool) -> Iterator[Scenario]:
-    """The scenario with its defaults, then with every combination of its choices."""
+def _known_name(name: str) -> str:
+    """A recorded name; refused where it leads to no scenario any more."""
     try:
-        offered = catalogue.scenario_choices(name)
+        catalogue.scenario_choices(name)
     except InputError as error:
-        if given:
-            raise
         fix = "name the recorded scenario: --scenario file.py:function"
         raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
+    return name
+
+
+def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
+    """The scenario of the recorded choices; of a log without any, that of every combination of arguments in turn."""
+    if choices:
+        settings = {p: text for p, text in choices["settings"].items() if p not in LINKS}  # of a file that may be gone
+        scenario = build(name, choices["arguments"] | settings, choices["without"], choices["faults"])
+        yield scenario.ideal() if choices.get("ideal") else scenario
+        return
     yield catalogue.load_scenario(name)[0]
+    offered = catalogue.scenario_choices(name)
     if all(offered.values()):
         for values in itertools.product(*offered.values()):
             with contextlib.suppress(InputError):  # choices that don't go together
@@ -73,20 +83,26 @@ def _candidates(name: str, *, given: bool) -> Iterator[Scenario]:
 
 def _add_live_variants(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
     """Each one, and as `fly` has it, which can be asked to hold or to end."""
-    for found in candidates:
-        yield found
-        asked = add_pilot_sensor(found)
-        if asked is not found:
-            yield asked
+    for scenario in candidates:
+        yield scenario
+        variant = add_pilot_sensor(scenario)
+        if variant is not scenario:
+            yield variant
 
 
-def _setting_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
-    """The paths of settings, and the class of each part where it is known."""
-    return dict.fromkeys(settings, SETTING) | dict(parts or {})
+def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
+    """The paths of settings, and the class of each part where the log says it, by its name of today."""
+    classes: dict[str, str] = dict(parts or {})
+    return dict.fromkeys(settings, SETTING) | {path: RENAMED_CLASSES.get(c, c) for path, c in classes.items()}
 
 
-def _keep_compared(shape: dict[str, str]) -> dict[str, str]:
-    return {path: kind for path, kind in shape.items() if path.startswith(COMPARED_PATHS)}
+def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:
+    """The same of a scenario."""
+    return dict.fromkeys((p for p, _, _ in leaves(scenario)), SETTING) | (part_classes(scenario) if parts else {})
+
+
+def _keep_compared(classes: dict[str, str]) -> dict[str, str]:
+    return {path: name for path, name in classes.items() if path.startswith(COMPARED_PATHS)}
 
 
 def _set_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
@@ -107,14 +123,13 @@ def _lists_to_tuples(value: Any) -> Any:
     return tuple(_lists_to_tuples(v) for v in value) if isinstance(value, list) else value
 
 
-def _difference_error(name: str, wanted: dict[str, str], parts: Any) -> InputError:
-    found = catalogue.load_scenario(name)[0]
-    here = _keep_compared(
-        _setting_classes(dict.fromkeys(p for p, _, _ in leaves(found)), part_classes(found) if parts else None)
-    )
-    wanted = _keep_compared(wanted)
-    apart = min(p for p in {*here, *wanted} if here.get(p) != wanted.get(p))
-    was, now = wanted.get(apart, "missing"), here.get(apart, "missing")
-    problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {apart} was {was}, is {now}"
+def _difference_error(
+    name: str, choices: Mapping[str, Any], recorded_classes: dict[str, str], parts: Any
+) -> InputError:
+    recorded_classes = _keep_compared(recorded_classes)
+    classes = _keep_compared(_setting_classes(next(_build_candidates(name, choices)), parts))
+    path = min(p for p in {*classes, *recorded_classes} if classes.get(p) != recorded_classes.get(p))
+    was, now = recorded_classes.get(path, "missing"), classes.get(path, "missing")
+    problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {path} was {was}, is {now}"
     fix = "replay with the version that recorded it, or name a scenario built alike: --scenario file.py:function"
     return InputError("replay", problem, fix=fix)

@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+from fastcrc.crc16 import mcrf4xx
+
 from trimtab.core.errors import InputError, closest
-from trimtab.wire.checksum import crc
 
 CODES = {
     "double": "d",
@@ -140,8 +141,8 @@ def _crc_extra(name: str, base: list[Field]) -> int:
     text = name.encode() + b" "
     for f in base:
         text += f"{f.type} {f.name} ".encode() + (bytes((f.length,)) if f.length else b"")
-    found = crc(text)
-    return (found & 0xFF) ^ (found >> 8)
+    low, high = mcrf4xx(text).to_bytes(2, "little")
+    return low ^ high
 
 
 def _integer_range(kind: str) -> tuple[int, int] | None:

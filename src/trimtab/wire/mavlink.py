@@ -16,8 +16,9 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from fastcrc.crc16 import mcrf4xx
+
 from trimtab.core.errors import InputError, closest
-from trimtab.wire.checksum import checksum
 from trimtab.wire.definitions import Message, MessageDefinition, arrange_values, fit_values
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey
@@ -255,6 +256,14 @@ class Endpoint:
         """Give back what the endpoint holds on disk."""
         if self.stamps is not None:
             self.stamps.close()
+
+
+def checksum(data: bytes, extra: int) -> bytes:
+    """The two bytes that end a frame: CRC-16/MCRF4XX of all between its first byte and them, and of CRC_EXTRA.
+
+    extra: of the message, 0 to 255, which refuses a sender with another definition of it.
+    """
+    return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
 
 def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:

@@ -44,8 +44,8 @@ NS_PER_UNIT = 100
 class Status(NamedTuple):
     """What the vehicle is, as it tells others.
 
-    not_ready: why it can't be armed, empty if it can.  closed: mode -> why it can't be entered now.
-    deaf: why its autopilot can't be asked to hold, resume or end; empty if it can.
+    arming_problem: why it can't be armed, empty if it can.  closed_modes: mode -> why it can't be entered now.
+    autopilot_problem: why its autopilot can't be asked to hold, resume or end; empty if it can.
     """
 
     mode: int = 0

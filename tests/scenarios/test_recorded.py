@@ -1,0 +1,106 @@
+"""A log's scenario is built again: from the choices that it records, or, in an old one, from what its parts are."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves, replace
+from trimtab.core.time import ms
+from trimtab.links.latency_trace import Trace, write_trace
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.loop.pilot_script import add_pilot_sensor
+from trimtab.run.program import describe_scenario, part_classes
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
+from trimtab.scenarios.recorded import RENAMED_CLASSES, rebuild_scenario
+
+
+def recorded(folder, scenario, /, **changes) -> Log:
+    """A log of a scenario, from its file, with some of its metadata changed."""
+    about = describe_scenario(scenario) | changes
+    return read_mcap(
+        write_mcap(Log(np.zeros(1), np.zeros(1, int), {"a.x": np.ones(1)}, {}, about), folder / "run.mcap")
+    )
+
+
+def check_alike(one, other):
+    assert part_classes(one) == part_classes(other)
+    here, there = (list(leaves(s)) for s in (one, other))
+    assert [p for p, _, _ in here] == [p for p, _, _ in there]
+    for (path, a, _), (_, b, _) in zip(here, there, strict=True):
+        assert np.array_equal(np.asarray(a), np.asarray(b)), path
+        assert isinstance(a, str | tuple | bool) == isinstance(b, str | tuple | bool), path
+
+
+@pytest.fixture
+def builds(monkeypatch) -> list:
+    """What the catalogue was asked for."""
+    asked, load = [], catalogue.load_scenario
+    monkeypatch.setattr(catalogue, "load_scenario", lambda *a: asked.append(a) or load(*a))
+    return asked
+
+
+def test_the_recorded_choices_are_built_once(tmp_path, builds):
+    typed = {"navigation": "ins-magnetometer", "links": "measured", "world.vehicle.mass": "2.7", "duration": "10 ms"}
+    faults = ["sensor:imu off @ 3 s for 1 s"]
+    scenario = build("hovercraft/spin", typed, without=["imu-noise"], faults=faults)
+    log = recorded(tmp_path, scenario)
+    assert log.metadata["choices"] == {
+        "scenario": "hovercraft/spin",
+        "arguments": {"navigation": "ins-magnetometer", "links": "measured"},
+        "settings": {"world.vehicle.mass": "2.7", "duration": "10 ms"},
+        "without": ["imu-noise"],
+        "faults": faults,
+    }
+    builds.clear()
+    again = rebuild_scenario(log)
+    check_alike(again, scenario)
+    assert again.choices == scenario.choices
+    assert len(builds) == 1
+
+
+def test_what_flies_live_and_the_ideal_twin_come_again(tmp_path):
+    scenario = build("hovercraft/forward", {"supervisor": "automatic"})
+    check_alike(rebuild_scenario(recorded(tmp_path, add_pilot_sensor(scenario))), add_pilot_sensor(scenario))
+    check_alike(rebuild_scenario(recorded(tmp_path, scenario.ideal())), scenario.ideal())
+
+
+def test_a_recording_of_a_link_need_not_be_there_any_more(tmp_path):
+    file = tmp_path / "uplink.csv"
+    write_trace(file, Trace(np.arange(3) * 0.02, np.full(3, 0.01), np.zeros(3, bool)))
+    scenario = build("hovercraft/forward", {"uplink": str(file)})
+    log = recorded(tmp_path, scenario)
+    file.unlink()
+    check_alike(rebuild_scenario(log).autopilot, scenario.autopilot)
+
+
+def test_a_log_without_choices_is_recognised_by_its_parts(tmp_path):
+    """As logs were before choices were recorded, and as those of scenarios that were built in Python are."""
+    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
+    vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
+    scenario = replace(scenario, world=replace(scenario.world, vehicle=vehicle), duration=ms(10))
+    log = recorded(tmp_path, scenario)
+    assert "choices" not in log.metadata
+    check_alike(rebuild_scenario(log), scenario)
+
+
+def test_classes_that_had_another_name_are_known(tmp_path):
+    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins"})
+    old_names = {now: old for old, now in RENAMED_CLASSES.items()}
+    parts = {path: old_names.get(name, name) for path, name in part_classes(scenario).items()}
+    assert "Clock" in parts.values()
+    check_alike(rebuild_scenario(recorded(tmp_path, scenario, parts=parts)), scenario)
+
+
+def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
+    for scenario in (build("hovercraft/zero-velocity"), catalogue.load_scenario("hovercraft/zero-velocity")[0]):
+        parts = part_classes(scenario) | {"autopilot.law": "AnotherLaw"}
+        with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
+            rebuild_scenario(recorded(tmp_path, scenario, parts=parts))
+    gone = recorded(tmp_path, scenario, scenario="hovercraft/gone")
+    with pytest.raises(InputError, match=r"--scenario file\.py:function"):
+        rebuild_scenario(gone)
+    assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
+    with pytest.raises(InputError, match="does not say its scenario"):
+        rebuild_scenario(Log(gone.t, gone.ticks, gone.signals))
