@@ -125,7 +125,7 @@ def _compare_with_system(certificate: Certificate, system: str) -> list[ProofCon
     pairs = zip(
         ("A", "B"),
         (certificate.A, certificate.B),
-        builder.again(certificate),
+        builder.recompute_matrices(certificate),
         (d, e),
         (certificate.states, certificate.inputs),
         strict=True,
