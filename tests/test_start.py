@@ -93,3 +93,8 @@ for name, module in modules.items():
 """
     done = run(code)
     assert done.returncode == 0, done.stderr
+
+
+def test_navigation_is_judged_without_jax():
+    done = run("import sys, trimtab.logs.navigation\nprint({'jax', 'scipy.stats'} & set(sys.modules))")
+    assert done.stdout == "set()\n", done.stderr

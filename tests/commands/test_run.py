@@ -1,15 +1,11 @@
 """`trimtab run` of a scenario whose estimate knows its sigmas: verdict printed, in --json, and drawn."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
-from trimtab.native.compiler import find_compiler
 
 BOAT = '''
 from typing import Any
@@ -59,7 +55,7 @@ class Compass:
 
 
 def scenario():
-    made, _ = catalogue.load("hovercraft/zero-velocity")
+    made, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     world = replace(made.world, sensors={"navigation": PlanarNavigation()}, downlink=Wire())
     return replace(made, world=world, autopilot=replace(made.autopilot, estimator=Compass()), duration=seconds(1))
 '''
@@ -119,29 +115,3 @@ def test_a_scenario_without_a_choice_of_navigation_says_so():
     for text in ("error: --navigation:", "hovercraft/spin", "trimtab list navigation/platform-encoder"):
         assert text in done.stderr
     assert "--set" not in done.stderr
-
-
-@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-def test_flown_again_its_navigation_is_judged_without_jax(tmp_path):
-    code = """
-import sys
-sys.argv = ["trimtab", "run", "hovercraft/spin", "--navigation", "ins", "--duration", "1", "--no-ideal"]
-from trimtab.cli import main
-try:
-    main()
-except SystemExit as end:
-    assert not end.code
-print("jax" in sys.modules, "scipy.stats" in sys.modules)
-"""
-    where = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "TRIMTAB_CACHE": str(tmp_path)}
-    outputs = []
-    for _ in range(2):
-        command = [sys.executable, "-c", code]
-        done = subprocess.run(command, capture_output=True, text=True, env=where, timeout=120, check=False)
-        assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout)
-    first, again = outputs
-    assert "navigation: " in first
-    assert first.splitlines()[-1].startswith("True")
-    assert again.splitlines()[-1] == "False False"
-    assert first.splitlines()[:-1] == again.splitlines()[:-1]
