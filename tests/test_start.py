@@ -10,8 +10,8 @@ USE = """
 import sys
 import numpy as np
 from click.testing import CliRunner
-import trimtab.core.errors, trimtab.core.quantity, trimtab.core.time
-import trimtab.cli, trimtab.commands.tables, trimtab.logs.messages, trimtab.plots.run, trimtab.scenarios.catalogue
+import trimtab.cli, trimtab.commands.flight_summary, trimtab.commands.run, trimtab.core.errors
+import trimtab.logs.messages, trimtab.plots.run, trimtab.scenarios.catalogue
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
@@ -20,8 +20,8 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 
 HEAVY = ("jax", "jaxlib", "scipy", "pandas", "xarray", "matplotlib", "PIL", "rich", "mcap", "difflib")
 def absent(*names):
-    found = [n for n in names if n in sys.modules]
-    assert not found, found
+    loaded = [n for n in names if n in sys.modules]
+    assert not loaded, loaded
 
 absent(*HEAVY)
 ticks = np.arange(0, 50) * 10_000
@@ -45,7 +45,7 @@ absent(*HEAVY)
 raised = {"law.saturated": {"for_s": 0.5, "first_s": 1.0}}
 flown = {"metrics": found, "final": {"yaw_rate": 0.0}, "mode_switches": 0, "flags": raised, "lost_s": 2.0}
 result = {"scenario": "x", "seed": 1, "duration_s": 1.0, "ideal": None, "real": flown}
-trimtab.commands.tables.print_result(result, {"yaw_rate": "rad/s"})
+trimtab.commands.flight_summary.print_result(result, {"yaw_rate": "rad/s"})
 assert "rich" in sys.modules
 file = write_mcap(log, sys.argv[1] + "/log.mcap")
 assert (read_mcap(file)["truth.yaw_rate"] == yaw).all()
@@ -88,8 +88,34 @@ def test_who_reads_draws_or_flies_a_compiled_program_starts_without_jax(module):
     assert done.stdout == "False\n", done.stderr
 
 
-@pytest.mark.parametrize("module", ["trimtab.cli", "trimtab.commands.plan", "trimtab.commands.sources"])
+@pytest.mark.parametrize(
+    "module", ["trimtab.cli", "trimtab.commands.options", "trimtab.commands.output", "trimtab.commands.list"]
+)
 def test_the_command_starts_without_numpy(module):
     heavy = ("numpy", "jax", "rich", "importlib.metadata")
     done = run(f"import sys, {module}\nprint([m for m in {heavy} if m in sys.modules])")
     assert done.stdout == "[]\n", done.stderr
+
+
+def test_help_imports_no_verb_and_says_what_each_does():
+    code = """
+import sys
+from click.testing import CliRunner
+from trimtab.cli import VERBS, main
+listed = CliRunner().invoke(main, ["--help"], terminal_width=500).stdout
+assert CliRunner().invoke(main, ["rnu"]).exit_code == 2
+modules = {name: f"trimtab.commands.{name.replace('-', '_')}" for name in VERBS}
+assert not set(modules.values()) & set(sys.modules)
+import importlib
+for name, module in modules.items():
+    command = importlib.import_module(module).command
+    assert f"  {name}  " in listed, name
+    assert command.get_short_help_str(500) in listed, name
+"""
+    done = run(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_navigation_is_judged_without_jax():
+    done = run("import sys, trimtab.logs.navigation\nprint({'jax', 'scipy.stats'} & set(sys.modules))")
+    assert done.stdout == "set()\n", done.stderr

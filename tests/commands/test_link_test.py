@@ -1,12 +1,21 @@
+"""`trimtab link-test`: table, recordings, settings that `run` takes, JSON, and what is refused."""
+
 import json
 import threading
 
 import pytest
+from click.testing import CliRunner
 
-from trimtab.commands.link_test import LinkTestRequest, link_test
-from trimtab.core.errors import InputError
+from trimtab.cli import main
 from trimtab.links.latency import mean_latency
 from trimtab.links.latency_trace import read_trace
+from trimtab.links.open_link import open_link
+from trimtab.live.link_test import echo_requests
+from trimtab.scenarios.build import build
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["link-test", *map(str, words)])
 
 
 @pytest.fixture
@@ -14,19 +23,20 @@ def echoing(tmp_path, monkeypatch):
     """The other end, under a name."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     stop = threading.Event()
-    thread = threading.Thread(target=link_test, args=(LinkTestRequest("loopback://bench", echo=True), stop.is_set))
+    link = open_link("loopback://bench", listen=True)
+    thread = threading.Thread(target=echo_requests, args=(link,), kwargs={"stop": stop.is_set})
     thread.start()
     yield "loopback://bench"
     stop.set()
     thread.join()
+    link.close()
 
 
-def test_table_recordings_picture_and_settings(echoing, tmp_path, capsys):
-    request = LinkTestRequest(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found")
-    assert link_test(request)
-    text = capsys.readouterr().out
-    assert "2.9/22" in text
-    assert "round trip" in text
+def test_table_recordings_picture_and_settings(echoing, tmp_path):
+    done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
+    assert done.exit_code == 0, done.output
+    assert "2.9/22" in done.stdout
+    assert "round trip" in done.stdout
     names = {file.name for file in (tmp_path / "found").iterdir()}
     both = {"uplink-2.9-22.csv", "downlink-2.9-22.csv"}
     assert names == both | {"settings-2.9-22.txt", "link-test.json", "link-test.png"}
@@ -37,20 +47,20 @@ def test_table_recordings_picture_and_settings(echoing, tmp_path, capsys):
 
 
 def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
-    from trimtab.commands import fly_scenario
-
-    assert link_test(LinkTestRequest(echoing, loads=("2.9/22.0",), requests=12, rate=100, out=tmp_path / "found"))
+    done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
+    assert done.exit_code == 0, done.output
     words = (tmp_path / "found" / "settings-2.9-22.txt").read_text().split()
     settings = dict(word.split("=", 1) for word in words[1::2])
-    world = fly_scenario.build_from_request(fly_scenario.RunRequest("hovercraft/zero-velocity", settings)).world
+    world = build("hovercraft/zero-velocity", settings).world
     for channel, path in ((world.uplink, "up"), (world.downlink, "down")):
         recorded = read_trace(tmp_path / "found" / f"{path}link-2.9-22.csv").latency_s
         assert mean_latency(channel.latency) == pytest.approx(recorded.mean(), rel=0.02, abs=2e-5)
 
 
-def test_json(echoing, capsys):
-    assert link_test(LinkTestRequest(echoing, loads=("1/8", "2/16"), requests=10, rate=100, as_json=True))
-    found = json.loads(capsys.readouterr().out)
+def test_json(echoing):
+    found = json.loads(
+        call(echoing, "--load", "1/8", "--load", "2/16", "--requests", 10, "--rate", 100, "--json").stdout
+    )
     assert [(load["load_up_kbps"], load["load_down_kbps"]) for load in found["loads"]] == [(1, 8), (2, 16)]
     for load in found["loads"]:
         assert load["answered"] == load["requests"] == 10
@@ -62,26 +72,25 @@ def test_json(echoing, capsys):
 
 
 @pytest.mark.parametrize(
-    ("change", "why"),
+    ("words", "why"),
     [
-        ({"loads": ("22",)}, "'22' is not UP/DOWN in kb/s"),
-        ({"loads": ("2.9/2200",)}, "each up to 1000"),
-        ({"requests": 3}, "3 requests make no table"),
-        ({"rate": 0.0}, "0 requests per second"),
-        ({"uri": "bench"}, "it has no scheme"),
+        (("loopback://bench", "--load", "22"), "'22' is not UP/DOWN in kb/s"),
+        (("loopback://bench", "--load", "2.9/2200"), "each up to 1000"),
+        (("loopback://bench", "--requests", 3), "3 requests make no table"),
+        (("loopback://bench", "--rate", 0.0), "0 requests per second"),
+        (("bench",), "it has no scheme"),
     ],
 )
-def test_wrong_input_is_refused_with_what_to_type(change, why):
-    with pytest.raises(InputError) as caught:
-        link_test(LinkTestRequest(**{"uri": "loopback://bench", **change}))
-    assert why in str(caught.value)
-    assert caught.value.fix
+def test_wrong_input_is_refused_with_what_to_type(words, why):
+    done = call(*words)
+    assert done.exit_code == 2
+    assert why in done.stderr
+    assert "Fix:" in done.stderr
 
 
-def test_nobody_answers(tmp_path, monkeypatch, capsys):
-    from trimtab.live import link_test as measuring
-
+def test_nobody_answers(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(measuring, "measure_delays", lambda *_: None)
-    assert link_test(LinkTestRequest("loopback://nobody")) is False
-    assert "--echo" in capsys.readouterr().err
+    monkeypatch.setattr("trimtab.commands.link_test.measure_delays", lambda *_: None)
+    done = call("loopback://nobody")
+    assert done.exit_code == 1
+    assert "--echo" in done.stderr

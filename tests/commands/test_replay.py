@@ -1,12 +1,14 @@
 """`trimtab replay`: exit codes, what is said, another estimator, and what is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from trimtab.commands.replay import ReplayRequest, replace_parts, replay
-from trimtab.core.errors import InputError
+from trimtab.cli import main
+from trimtab.commands.replay import replace_parts
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
@@ -28,6 +30,10 @@ def number() -> int:
     return 3
 
 
+def call(*words):
+    return CliRunner().invoke(main, ["replay", *map(str, words)])
+
+
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
     scenario, _ = catalogue.load_scenario("hovercraft/spin")
@@ -45,56 +51,54 @@ def wrong(file):
     return write_mcap(made, file.with_name("wrong.mcap"))
 
 
-def test_a_run_that_comes_again_is_good(file, capsys):
-    replay(ReplayRequest(file))
-    assert capsys.readouterr().out == "400 steps repeated bit by bit on c\n"
-    replay(ReplayRequest(file, as_json=True))
-    found = json.loads(capsys.readouterr().out)
+def test_a_run_that_comes_again_is_good(file):
+    done = call(file)
+    assert (done.exit_code, done.stdout) == (0, "400 steps repeated bit by bit on c\n")
+    found = json.loads(call(file, "--json").stdout)
     assert (found["exact"], found["equal"], found["first"], found["steps"]) == (True, True, None, 400)
     assert found["errors"]["yaw_rate"]["recorded"] == found["errors"]["yaw_rate"]["replayed"] > 0
 
 
-def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong, capsys):
-    with pytest.raises(SystemExit) as ended:
-        replay(ReplayRequest(wrong))
-    assert ended.value.code == 1
-    said = capsys.readouterr().out
-    assert "parts at 0.2500000 s: law.demand.FY was" in said
-    with pytest.raises(SystemExit):
-        replay(ReplayRequest(wrong, as_json=True))
-    first = json.loads(capsys.readouterr().out)["first"]
+def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong):
+    done = call(wrong)
+    assert done.exit_code == 1
+    assert "parts at 0.2500000 s: law.demand.FY was" in done.stdout
+    done = call(wrong, "--json")
+    assert done.exit_code == 1
+    first = json.loads(done.stdout)["first"]
     assert (first["t"], first["path"]) == (0.25, "law.demand.FY")
     assert first["recorded"] == np.nextafter(first["replayed"], np.inf)
 
 
-def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path, capsys):
-    instead = {"estimator": f"{__name__}:blind", "law.spinning.k2": "5"}
-    replay(ReplayRequest(file, instead=instead, plot=tmp_path / "made" / "replay.png"))
-    said = capsys.readouterr().out
-    assert "400 steps flown with another autopilot" in said
-    assert "yaw_rate: rms of its error" in said
-    assert (tmp_path / "made" / "replay.png").stat().st_size > 5000
+def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path):
+    picture = tmp_path / "made" / "replay.png"
+    done = call(file, "--with", f"estimator={__name__}:blind", "--with", "law.spinning.k2=5", "--plot", picture)
+    assert done.exit_code == 0, done.output
+    assert "400 steps flown with another autopilot" in done.stdout
+    assert "yaw_rate: rms of its error" in done.stdout
+    assert picture.stat().st_size > 5000
 
 
 def test_choices_are_those_of_the_scenario(file):
     log = read_mcap(file)
     scenario = rebuild_scenario(log)
     coupled, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-coupled"})
-    found = replace_parts(scenario, log, {"estimator": "ins-coupled"})
+    found = replace_parts(scenario, {"estimator": "ins-coupled"})
     assert type(found.estimator) is type(coupled.autopilot.estimator)
     assert type(found.law) is type(scenario.autopilot.law)
 
 
 @pytest.mark.parametrize(
-    ("instead", "said"),
+    ("choice", "said"),
     [
-        ({"estimator": "gps"}, r"no choice(.|\n)*ins-coupled"),
-        ({"estimator": "nowhere:make"}, "nowhere"),
-        ({"estimator": f"{__name__}:number"}, "gives int, which is no record"),
-        ({"law.spinning.k3": "5"}, "no such setting"),
-        ({"estimator": "ins"}, "reads sensor 'imu'"),
+        ("estimator=gps", r"no choice(.|\n)*ins-coupled"),
+        ("estimator=nowhere:make", "nowhere"),
+        (f"estimator={__name__}:number", "gives int, which is no record"),
+        ("law.spinning.k3=5", "no such setting"),
+        ("estimator=ins", "reads sensor 'imu'"),
     ],
 )
-def test_what_does_not_fit_is_refused(file, instead, said):
-    with pytest.raises(InputError, match=said):
-        replay(ReplayRequest(file, instead=instead))
+def test_what_does_not_fit_is_refused(file, choice, said):
+    done = call(file, "--with", choice)
+    assert done.exit_code == 2
+    assert re.search(said, done.stderr)

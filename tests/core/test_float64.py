@@ -12,7 +12,7 @@ import trimtab
 
 PACKAGE = Path(trimtab.__file__).parent
 SWITCH = 'jax.config.update("jax_enable_x64", True)'
-COMPUTES_NOTHING = {"trimtab.commands.cache"}
+COMPUTES_NOTHING = {"trimtab.commands.output"}
 """Imports JAX only to tell it where to keep what it compiles."""
 
 

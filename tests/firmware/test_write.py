@@ -5,10 +5,11 @@ import subprocess
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from firmware.host import KEY
 
 from trimtab.actuators.direct import DirectActuation
-from trimtab.commands.firmware import FirmwareRequest, firmware
+from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
@@ -70,14 +71,16 @@ def test_a_sample_in_several_messages_is_sent_with_every_number_once():
     assert text.count("link_send") == len(dialect.groups["samples.array"]) == 2
 
 
-def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))
-    assert firmware(FirmwareRequest("hovercraft/forward", tmp_path / "out", board="cortex-m4"))
+    words = ["firmware", "hovercraft/forward", "--out", str(tmp_path / "out"), "--board", "cortex-m4"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0, done.output
     assert (tmp_path / "config" / "keys" / "hovercraft.key").stat().st_mode & 0o077 == 0
     assert "BOARD ?= cortex-m4" in (tmp_path / "out" / "Makefile").read_text()
     assert "typedef float world_real" in (tmp_path / "out" / "exported" / "world.h").read_text()
-    assert "make -C" in capsys.readouterr().out
+    assert "make -C" in done.stdout
     if missing_tools():
         return
     done = subprocess.run(["make", "-s"], cwd=tmp_path / "out", capture_output=True, text=True)

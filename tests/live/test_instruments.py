@@ -7,11 +7,11 @@ import pytest
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.commands.fly_scenario import RunRequest, build_from_request
 from trimtab.core.time import ms, seconds
 from trimtab.live.instruments import Instruments
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.run.blocks import choose_failsafe, compile_world, replace_links
+from trimtab.scenarios.build import build
 from trimtab.wire.dialect import derive_dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import ReceiverChannels
@@ -21,9 +21,7 @@ class Told:
     """A vehicle that has stood still for 20 ms, and what is heard of it."""
 
     def __init__(self, scenario, failsafe=None, **truth) -> None:
-        scenario = replace_links(
-            build_from_request(RunRequest(scenario, {f"initial.{k}": str(v) for k, v in truth.items()}))
-        )
+        scenario = replace_links(build(scenario, {f"initial.{k}": str(v) for k, v in truth.items()}))
         world, frame, command = compile_world(scenario)
         dialect = derive_dialect(frame, command)
         self.body = VirtualVehicle(scenario, dialect, world)

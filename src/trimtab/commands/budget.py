@@ -1,63 +1,72 @@
 """`trimtab budget`: what each imperfection of a scenario costs."""
 
-import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import click
 
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FILE, JSON, NAVIGATION, SCENARIO, SET
+from trimtab.commands.output import check_picture, console, new_table, print_files, print_json, show_progress
 from trimtab.core.errors import InputError
-
-if TYPE_CHECKING:
-    from trimtab.loop.scenario import Scenario
-    from trimtab.run.error_budget import ErrorBudget
-
-
-class BudgetRequest(NamedTuple):
-    """What was asked for on the command line."""
-
-    scenario: str
-    settings: Mapping[str, str] = {}
-    without: tuple[str, ...] = ()
-    only: tuple[str, ...] = ()
-    runs: int = 20
-    seed: int = 0
-    plot: Path | None = None
-    as_json: bool = False
+from trimtab.loop.scenario import Scenario
+from trimtab.run.error_budget import ErrorBudget, cost_share, error_budget, flight_set_count
+from trimtab.run.program import check_seed
+from trimtab.scenarios.build import build
 
 
-def budget(request: BudgetRequest) -> None:
-    """Everything is checked before anything runs."""
-    from trimtab.commands.cache import enable_cache
-    from trimtab.commands.fly_scenario import RunRequest as Flight
-    from trimtab.commands.fly_scenario import build_from_request, check_picture
-    from trimtab.commands.progress import show_progress
-    from trimtab.run.error_budget import error_budget, flight_set_count
-    from trimtab.run.program import check_seed
+@click.command()
+@SCENARIO
+@SET
+@NAVIGATION
+@click.option("--without", multiple=True, metavar="FAULT", help="Leave one imperfection out of it all; repeatable.")
+@click.option("--only", multiple=True, metavar="FAULT", help="Only what this one costs; repeatable.  [default: every]")
+@click.option("--runs", type=click.IntRange(1), default=20, show_default=True, help="Flights in each set.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the first flight.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the costs.")
+@JSON
+def command(
+    scenario: str,
+    settings: dict[str, str],
+    navigation: str | None,
+    without: tuple[str, ...],
+    only: tuple[str, ...],
+    runs: int,
+    seed: int,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Say what each imperfection of a scenario costs.
 
-    check_seed(request.seed)
-    scenario = build_from_request(Flight(request.scenario, request.settings, request.without))
-    _check_only(scenario, request.only)
-    check_picture(request.plot, None)
+    The same flights with all imperfections, without each, with each alone, and with none: how far the vehicle is from
+    its targets in the second half, and how far its navigation from the truth.
+    With --navigation ins there are two dozen imperfections: some minutes the first time; --only takes a few of them.
+
+    \b
+    trimtab budget hovercraft/forward
+    trimtab budget hovercraft/zero-velocity --navigation ins --runs 40 --plot budget.png
+    trimtab budget hovercraft/spin --only navigation-error --only uplink-delay --json
+    """
+    if navigation is not None:
+        settings["navigation"] = navigation
+    check_seed(seed)
+    built = build(scenario, settings, without)
+    _check_only(built, only)
+    check_picture(plot, None)
     enable_cache()
-    seeds = range(request.seed, request.seed + request.runs)
-    with show_progress(flight_set_count(scenario, request.only)) as tell:
+    with show_progress(flight_set_count(built, only)) as tell:
         tell("compiling", 0)
-        found = error_budget(scenario, seeds=seeds, names=request.only, tell=lambda label: tell(label, 1))
-    written = _draw_budget(found, scenario.name, request.plot)
-    if request.as_json:
-        click.echo(json.dumps(_result_json(request, found) | ({"files": written} if written else {}), allow_nan=False))
+        budget = error_budget(built, seeds=range(seed, seed + runs), names=only, tell=lambda label: tell(label, 1))
+    files = _draw_budget(budget, built.name, plot)
+    if as_json:
+        print_json({"scenario": scenario, "seed": seed, "runs": runs} | _budget_json(budget), files)
         return
-    from trimtab.commands.tables import print_budget
-
-    print_budget(f"{scenario.name}, {request.runs} runs from seed {request.seed}", found)
-    for file in written:
-        click.echo(f"wrote {file}")
+    _print_budget(f"{built.name}, {runs} runs from seed {seed}", budget)
+    print_files(files)
 
 
-def _check_only(scenario: "Scenario", only: tuple[str, ...]) -> None:
+def _check_only(scenario: Scenario, only: tuple[str, ...]) -> None:
     """Refuse names of imperfections that the scenario does not have, or has no more."""
     known = scenario.imperfections()
     for name in only:
@@ -67,34 +76,54 @@ def _check_only(scenario: "Scenario", only: tuple[str, ...]) -> None:
             raise InputError("--only", problem, choices=known, fix=fix)
 
 
-def _result_json(request: BudgetRequest, found: "ErrorBudget") -> dict[str, Any]:
-    from trimtab.run.error_budget import cost_share
-
+def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
     def numbers(measured: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
-        return {m: {"rms": _finite_or_none(rms), "standard_error": error} for m, (rms, error) in measured.items()}
+        return {m: {"rms": rms, "standard_error": error} for m, (rms, error) in measured.items()}
 
     costs = [
         {
             "imperfection": cost.name,
-            "share": {m: _finite_or_none(cost_share(found, cost, m)) for m in found.units},
+            "share": {m: cost_share(budget, cost, m) for m in budget.units},
             "without": numbers(cost.without),
             "alone": numbers(cost.alone),
         }
-        for cost in found.costs
+        for cost in budget.costs
     ]
-    about = {"scenario": request.scenario, "seed": request.seed, "runs": request.runs, "units": dict(found.units)}
-    return about | {"all": numbers(found.whole), "none": numbers(found.least), "costs": costs}
+    ends = {"all": numbers(budget.whole), "none": numbers(budget.least)}
+    return {"units": dict(budget.units)} | ends | {"costs": costs}
 
 
-def _finite_or_none(number: float) -> float | None:
-    return number if math.isfinite(number) else None
-
-
-def _draw_budget(found: "ErrorBudget", title: str, file: Path | None) -> list[str]:
+def _draw_budget(budget: ErrorBudget, title: str, file: Path | None) -> list[Path]:
     if file is None:
         return []
     from trimtab.plots.error_budget import plot_error_budget
 
     file.parent.mkdir(parents=True, exist_ok=True)
-    plot_error_budget(found, file, title=title)
-    return [str(file)]
+    plot_error_budget(budget, file, title=title)
+    return [file]
+
+
+def _print_budget(title: str, budget: ErrorBudget) -> None:
+    """What each imperfection costs: its share of each mean square, and each rms with it alone."""
+    screen, measures = console(), list(budget.units)
+    table = new_table(title=f"{title}: rms over the second half", title_justify="left")
+    table.add_column("imperfection", no_wrap=True)
+    for m in measures:
+        table.add_column(f"{m.replace('_', ' ')} ({budget.units[m]})", justify="right")
+    for name, row in (("all", budget.whole), ("none", budget.least)):
+        table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
+    for cost in budget.costs:
+        table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
+    screen.print(table)
+    table = new_table(title="Share of the mean square that goes when it is switched off", title_justify="left")
+    table.add_column("imperfection", no_wrap=True)
+    for m in measures:
+        table.add_column(m.replace("_", " "), justify="right")
+    for cost in budget.costs:
+        table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))
+    screen.print(table)
+    click.echo("± one standard error; shares need not add up to 100 % (docs, Error budget)")
+
+
+def _format_rms(value: float, error: float) -> str:
+    return f"{value:.4f} ± {error:.4f}"

@@ -1,13 +1,15 @@
 """`trimtab calibrate noise`: from a log of a sensor at rest to its noise coefficients and a filter's Q and R."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
 
+from trimtab.commands.options import FILE, JSON
+from trimtab.commands.output import check_picture, console, new_table, print_files, print_json
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.identify.allan import (
@@ -19,25 +21,15 @@ from trimtab.identify.allan import (
     octave_averages,
     refuse_motion,
 )
+from trimtab.logs.comma_separated import read_csv
 from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap, replace_file
 from trimtab.logs.samples import sample_path, samples
 
 AT_REST = 1e-6
 """A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""
 FEWEST = 1024
-
-
-class CalibrateRequest(NamedTuple):
-    """What was asked for on the command line."""
-
-    log: Path
-    signals: tuple[str, ...] = ()
-    shortest: str | None = None
-    tick: str | None = None
-    time: str | None = None
-    plot: Path | None = None
-    out: Path | None = None
-    as_json: bool = False
+"""Samples that a log must have."""
 
 
 class SensorAxis(NamedTuple):
@@ -50,49 +42,71 @@ class SensorAxis(NamedTuple):
     duration: float
 
 
-def calibrate_noise(request: CalibrateRequest) -> None:
-    """Read, fit, show; files appear whole or not at all."""
-    from trimtab.commands.fly_scenario import check_picture
+@click.group()
+def command() -> None:
+    """From measured data to parameters.
 
-    picture = request.plot or (request.out / "noise.png" if request.out else None)
-    check_picture(picture, request.out)
-    shortest, tick = _parse_times(request)
-    log = _read_log(request)
-    _refuse_moving(log)
-    axes = {n: _fit_axis(n, log.unit(p), y, dt, shortest, tick) for n, p, y, dt in _iterate_axes(log, request.signals)}
-    result = {"log": str(request.log), "signals": {name: _axis_json(axis) for name, axis in axes.items()}}
-    written = _write_files(request, result, axes, picture)
-    if request.as_json:
-        click.echo(json.dumps(result | ({"files": [str(f) for f in written]} if written else {})))
+    \b
+    trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
+    """
+
+
+@command.command(name="noise")
+@click.argument("log", type=FILE)
+@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal; repeatable.")
+@click.option(
+    "--shortest", metavar="TIME", help="Leave shorter averages out, e.g. of a sensor that filters its output."
+)
+@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: that of the sensor]")
+@click.option("--time", metavar="NAME", help="Column of times (s) of a CSV file.  [default: t, time, …]")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the Allan deviations.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for figures (JSON) and picture.")
+@JSON
+def calibrate_noise(
+    log: Path,
+    signals: tuple[str, ...],
+    shortest: str | None,
+    tick: str | None,
+    time: str | None,
+    plot: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Noise coefficients of a sensor at rest: white, flicker and walk, with intervals, and a filter's Q and R.
+
+    LOG is an MCAP file of `trimtab run … --out`, or a CSV file with a column of times.
+
+    \b
+    trimtab run navigation/still --out still
+    trimtab calibrate noise still/run.mcap --plot allan.png
+    trimtab calibrate noise bench.csv --signal gyro_z --shortest '20 ms' --json
+    """
+    picture = plot or (out / "noise.png" if out else None)
+    check_picture(picture, out)
+    least, step = _parse_times(shortest, tick)
+    still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_mcap(log)
+    _refuse_moving(still)
+    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
+    result = {"log": str(log), "signals": {name: _axis_json(axis) for name, axis in axes.items()}}
+    files = [*_write_result(result, out), *_draw_axes(axes, log.name, picture)]
+    if as_json:
+        print_json(result, files)
         return
-    from trimtab.commands.tables import print_noise
-
-    print_noise(request.log.name, axes)
-    for file in written:
-        click.echo(f"wrote {file}")
+    _print_noise(log.name, axes)
+    print_files(files)
 
 
-def _parse_times(request: CalibrateRequest) -> tuple[float, float | None]:
+def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
     """Shortest average and the filter's step, in s; refuses what is no stretch of time."""
-    shortest = 0 if request.shortest is None else parse_time(request.shortest)
-    tick = None if request.tick is None else parse_time(request.tick)
-    if shortest < 0:
-        problem = f"{request.shortest!r} is below 0"
+    least = 0 if shortest is None else parse_time(shortest)
+    step = None if tick is None else parse_time(tick)
+    if least < 0:
+        problem = f"{shortest!r} is below 0"
         raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out for every average")
-    if tick is not None and tick <= 0:
-        problem = f"{request.tick!r} is not longer than 0"
+    if step is not None and step <= 0:
+        problem = f"{tick!r} is not longer than 0"
         raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's own")
-    return float(to_seconds(shortest)), None if tick is None else float(to_seconds(tick))
-
-
-def _read_log(request: CalibrateRequest) -> Log:
-    if request.log.suffix.lower() == ".csv":
-        from trimtab.logs.comma_separated import read_csv
-
-        return read_csv(request.log, request.time)
-    from trimtab.logs.mcap import read_mcap
-
-    return read_mcap(request.log)
+    return float(to_seconds(least)), None if step is None else float(to_seconds(step))
 
 
 def _refuse_moving(log: Log) -> None:
@@ -106,48 +120,46 @@ def _refuse_moving(log: Log) -> None:
                 raise InputError("calibrate noise", problem, fix=fix)
 
 
-def _iterate_axes(log: Log, wanted: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
+def _iterate_axes(log: Log, names: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
     """Name, path, samples (n,) and period (s) of each axis."""
-    paths = [p for w in wanted for p in _matching_signals(log, w)] if wanted else _candidate_signals(log)
+    paths = [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
     for path in paths:
-        found = samples(log, path)
-        if len(found.ticks) < FEWEST:
-            problem = f"{len(found.ticks)} samples, {len(found.ticks) * found.period:.3g} s, are too short a log"
+        measured = samples(log, path)
+        if len(measured.ticks) < FEWEST:
+            problem = (
+                f"{len(measured.ticks)} samples, {len(measured.ticks) * measured.period:.3g} s, are too short a log"
+            )
             fix = f"log at least {FEWEST} samples, for the walk K minutes: trimtab run navigation/still --out still"
             raise InputError(f"signal {path!r}", problem, fix=fix)
-        values = found.values if found.values.ndim > 1 else found.values[:, None]
+        values = measured.values if measured.values.ndim > 1 else measured.values[:, None]
         for i, y in enumerate(values.T):
-            yield (f"{path}[{i}]" if found.values.ndim > 1 else path), path, y, found.period
+            yield (f"{path}[{i}]" if measured.values.ndim > 1 else path), path, y, measured.period
 
 
-def _matching_signals(log: Log, wanted: str) -> list[str]:
-    wanted = f"csv.{wanted}" if f"csv.{wanted}" in log else wanted
-    found = [p for p in log.paths if p == wanted or p.startswith(f"{wanted}.")]
-    if not found:
+def _matching_signals(log: Log, name: str) -> list[str]:
+    name = f"csv.{name}" if f"csv.{name}" in log else name
+    paths = [p for p in log.paths if p == name or p.startswith(f"{name}.")]
+    if not paths:
         measured = _candidate_signals(log)
-        near = closest(wanted, measured) or measured
+        near = closest(name, measured) or measured
         problem = "there is no such signal in this log"
-        raise InputError(f"--signal {wanted}", problem, choices=near, fix=f"--signal {near[0]}")
-    found = [p for p in found if _is_noisy(log, p)]
-    if not found:
-        raise InputError(
-            f"--signal {wanted}",
-            "holds no numbers that change",
-            choices=_candidate_signals(log),
-            fix="name one of the choices",
-        )
-    return found
+        raise InputError(f"--signal {name}", problem, choices=near, fix=f"--signal {near[0]}")
+    noisy = [p for p in paths if _is_noisy(log, p)]
+    if not noisy:
+        problem, fix = "holds no numbers that change", "name one of the choices"
+        raise InputError(f"--signal {name}", problem, choices=_candidate_signals(log), fix=fix)
+    return noisy
 
 
 def _candidate_signals(log: Log) -> list[str]:
     """What sensors measured: the values of samples, or in a log that has none every column; only what changes."""
     sampled = [p for p in log.paths if p.startswith("sensors.") and sample_path(log, p)]
-    found = [p for p in sampled or log.paths if _is_noisy(log, p)]
-    if not found:
+    noisy = [p for p in sampled or log.paths if _is_noisy(log, p)]
+    if not noisy:
         raise InputError(
             "calibrate noise", "no signal in this log changes", fix="log a sensor with noise, at full resolution"
         )
-    return found
+    return noisy
 
 
 def _is_noisy(log: Log, path: str) -> bool:
@@ -168,33 +180,58 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
 
 def _axis_json(axis: SensorAxis) -> dict[str, Any]:
     fit, noise = axis.fit, axis.noise
-    found: dict[str, Any] = {"unit": axis.unit, "samples": axis.samples, "duration_s": axis.duration}
-    found |= {"period_s": fit.sampling_period, "misfit": fit.misfit}
+    result: dict[str, Any] = {"unit": axis.unit, "samples": axis.samples, "duration_s": axis.duration}
+    result |= {"period_s": fit.sampling_period, "misfit": fit.misfit}
     for name in ("white", "flicker", "walk"):
         c: Coefficient = getattr(fit, name)
-        found[name] = {n: float(getattr(c, n)) for n in ("value", "standard_error", "low", "high")}
-    found["noise"] = {n: float(getattr(noise, n)) for n in ("sample_variance", "integral_variance", "bias_variance")}
+        result[name] = {n: float(getattr(c, n)) for n in ("value", "standard_error", "low", "high")}
+    result["noise"] = {n: float(getattr(noise, n)) for n in ("sample_variance", "integral_variance", "bias_variance")}
     curve = {"tau_s": fit.tau, "deviation": fit.deviation, "model": fit.model}
-    return found | {name: [float(v) for v in values] for name, values in curve.items()}
+    return result | {name: [float(v) for v in values] for name, values in curve.items()}
 
 
-def _write_files(
-    request: CalibrateRequest, result: dict[str, Any], axes: dict[str, SensorAxis], picture: Path | None
-) -> list[Path]:
-    written = []
-    if request.out is not None:
-        from trimtab.logs.mcap import replace_file
+def _write_result(result: dict[str, Any], out: Path | None) -> list[Path]:
+    if out is None:
+        return []
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "noise.json"
+    with replace_file(file) as stream:
+        stream.write(json.dumps(result, indent=1).encode())
+    return [file]
 
-        request.out.mkdir(parents=True, exist_ok=True)
-        file = request.out / "noise.json"
-        with replace_file(file) as stream:
-            stream.write(json.dumps(result, indent=1).encode())
-        written.append(file)
-    if picture is not None:
-        from trimtab.plots.allan import plot_allan
 
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
-        plot_allan(fits, units, picture, title=f"Allan deviation, {request.log.name}")
-        written.append(picture)
-    return written
+def _draw_axes(axes: dict[str, SensorAxis], name: str, picture: Path | None) -> list[Path]:
+    if picture is None:
+        return []
+    from trimtab.plots.allan import plot_allan
+
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
+    plot_allan(fits, units, picture, title=f"Allan deviation, {name}")
+    return [picture]
+
+
+def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
+    """Noise coefficients of each axis with their intervals, and what a filter takes."""
+    any_axis = next(iter(axes.values()))
+    shown, dt = console(), any_axis.fit.sampling_period
+    table = new_table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
+    for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
+        table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
+    for axis, a in axes.items():
+        cells = (_format_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
+        table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
+    shown.print(table)
+    table = new_table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
+    for heading in ("axis", "R of a sample (U²)", "Q of the integral (U² s²)", "Q of the bias (U²)"):
+        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    for axis, a in axes.items():
+        n = a.noise
+        cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
+        table.add_row(axis.replace("[", r"\["), *cells)
+    shown.print(table)
+    click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
+
+
+def _format_coefficient(c: Coefficient) -> str:
+    return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"

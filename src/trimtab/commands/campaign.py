@@ -1,230 +1,34 @@
-"""`trimtab campaign`: one scenario in thousands of worlds, what they say, and one of them once more.
-
-One run of a campaign once more: with its whole log, held against the row that the campaign has of it.
-"""
+"""`trimtab campaign`: one scenario in thousands of worlds, what they say, and one of them once more."""
 
 import importlib.util
-import json
 import math
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import click
+import jax
 
+from trimtab.campaign.campaign import Campaign, CampaignResult, Workers
+from trimtab.campaign.sampling.points import DESIGNS
+from trimtab.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement, parse_requirement
+from trimtab.campaign.statistics.stopping import evaluate_stopping, parse_stopping
+from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, SUCCESS, THREADS, WITHOUT
+from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_count
 from trimtab.core.errors import InputError
+from trimtab.logs.mcap import write_mcap
 
-if TYPE_CHECKING:
-    from trimtab.campaign.campaign import Campaign
-    from trimtab.commands.campaign import CampaignRequest
-if TYPE_CHECKING:
-    from trimtab.campaign.campaign import Campaign, CampaignResult, Workers
-    from trimtab.campaign.statistics.requirement import RequirementVerdict
+Correlations = dict[tuple[str, str], float]
 
 
-def rerun_row(request: "CampaignRequest", made: "Campaign", run: int) -> bool:
-    """Fly a run again; whether it is equal to its row, where the store has it."""
-    from trimtab.logs.mcap import write_mcap
-    from trimtab.plots.run import plot_run
-
-    scenario = made.scenario(run)
-    log = made.rerun(run)
-    row = made.row(run, log)
-    apart = _differing_columns(request, run, row)
-    files = []
-    if request.out is not None:
-        request.out.mkdir(parents=True, exist_ok=True)
-        files = [request.out / f"run-{run}.mcap", request.out / f"run-{run}.png"]
-        write_mcap(log, files[0])
-        plot_run(log, None, files[1], title=f"{scenario.name}, run {run}", targets=tuple(scenario.targets))
-    if request.as_json:
-        plain = {name: value.item() if value == value else None for name, value in row.items()}
-        plain = {name: None if value in (float("inf"), float("-inf")) else value for name, value in plain.items()}
-        told = {"run": run, "row": plain, "differs": apart, "files": [str(f) for f in files]}
-        click.echo(json.dumps(told, allow_nan=False))
-        return not apart
-    _show_rerun(run, row, made)
-    for file in files:
-        click.echo(f"wrote {file}")
-    if apart is None:
-        click.echo("no row to hold it against: name the campaign's store with --store")
-    elif apart:
-        click.echo(f"DIFFERS from its row in {', '.join(apart)}")
-    else:
-        click.echo("equal to its row, to the bit")
-    return not apart
-
-
-def _differing_columns(request: "CampaignRequest", run: int, row: dict[str, Any]) -> list[str] | None:
-    """Names of the columns that differ from the store's row; None where there is no such row."""
-    if request.store is None:
-        return None
-    from trimtab.campaign.store.store import read_store
-
-    _, columns = read_store(request.store)
-    at = (columns["run"] == run).nonzero()[0]
-    if not len(at):
-        return None
-    there = {name: columns[name][at[0]] for name in row}
-    return [name for name, value in row.items() if not (value == there[name] or value != value)]
-
-
-def _show_rerun(run: int, row: dict[str, Any], made: "Campaign") -> None:
-    from trimtab.commands.tables import console, new_table
-
-    table = new_table(title=f"{made.plan.scenario}, run {run} of seed {made.plan.seed}", title_justify="left")
-    table.add_column("", no_wrap=True)
-    table.add_column("value", justify="right")
-    for name, value in row.items():
-        table.add_row(name, f"{value:.6g}" if value.dtype.kind == "f" else str(value))
-    console().print(table)
-
-
-class CampaignRequest(NamedTuple):
-    """What was asked for on the command line."""
-
-    scenario: str
-    runs: int = 1000
-    seed: int = 0
-    spread: Mapping[str, str] = {}
-    correlate: tuple[str, ...] = ()
-    metrics: tuple[str, ...] = ()
-    success: tuple[str, ...] = ()
-    require: tuple[str, ...] = ()
-    stop: str | None = None
-    sampling: str = "random"
-    settings: Mapping[str, str] = {}
-    without: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
-    store: Path | None = None
-    device: str = "auto"
-    threads: int | None = None
-    cluster: str | None = None
-    tls: tuple[Path | None, Path | None, Path | None] = (None, None, None)
-    rerun: int | None = None
-    out: Path | None = None
-    as_json: bool = False
-
-    @property
-    def command(self) -> str:
-        """How to type it again."""
-        return shlex.join(["trimtab", *sys.argv[1:]])
-
-
-def campaign(request: CampaignRequest) -> bool:
-    """Fly it, or one of its runs; whether every requirement is met."""
-    from trimtab.campaign.campaign import Campaign
-    from trimtab.commands.cache import enable_cache
-    from trimtab.commands.fly_scenario import check_folder
-
-    _check_device(request)
-    if request.out is not None:
-        check_folder("--out", request.out)
-    enable_cache()
-    made = Campaign(
-        request.scenario,
-        runs=request.runs,
-        seed=request.seed,
-        spread=request.spread,
-        correlate=_parse_correlations(request.correlate),
-        metrics=request.metrics,
-        success=request.success,
-        sampling=request.sampling,
-        settings=request.settings,
-        without=request.without,
-        faults=request.faults,
-    )
-    if request.rerun is not None:
-        from trimtab.commands.campaign import rerun_row
-
-        return rerun_row(request, made, request.rerun)
-    return _fly_and_report(request, made)
-
-
-def _fly_and_report(request: CampaignRequest, made: "Campaign") -> bool:
-    from trimtab.campaign.sampling.points import DESIGNS
-    from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
-
-    wanted = [parse_requirement(text) for text in request.require]
-    if request.sampling in DESIGNS and (wanted or request.stop):
-        problem = f"rows of a {request.sampling} design are no independent worlds: they say what matters, not how often"
-        raise InputError("--require, --stop", problem, fix="--sampling random")
-    stop = _stopping_function(request.stop, made)
-    for one in wanted:
-        one.check(_column_names(made), anytime=stop is not None)
-    found = _run_campaign(request, made, stop)
-    verdicts = [evaluate_requirement(one, found.columns, anytime=stop is not None) for one in wanted]
-    files = _write_files(request, made, found)
-    if request.as_json:
-        click.echo(json.dumps(_result_json(request, found, verdicts) | {"files": files}, allow_nan=False))
-    else:
-        from trimtab.commands.campaign_tables import print_campaign
-
-        print_campaign(made, found, verdicts, request.command)
-        for file in files:
-            click.echo(f"wrote {file}")
-    return all(v.is_met for v in verdicts)
-
-
-def _run_campaign(request: CampaignRequest, made: "Campaign", stop: Any) -> "CampaignResult":
-    from trimtab.commands.progress import show_count
-
-    with show_count(made.plan.runs, f"compiling {made.plan.scenario}") as tell:
-        try:
-            return made.run(
-                request.store,
-                backend="jax" if request.device == "gpu" else "auto",
-                threads=request.threads,
-                workers=_choose_workers(request),
-                stop=stop,
-                progress=tell,
-                about={"command": request.command},
-            )
-        except KeyboardInterrupt:
-            kept = f"what was done is in {request.store}; the same command goes on from there"
-            click.echo(f"stopped; {kept if request.store else 'nothing is kept without --store NAME.zarr'}", err=True)
-            sys.exit(130)
-
-
-def _stopping_function(text: str | None, made: "Campaign") -> Any:
-    if text is None:
-        return None
-    from trimtab.campaign.statistics.stopping import evaluate_stopping, parse_stopping
-
-    wanted = parse_stopping(text)
-    wanted.check(_column_names(made))
-    return lambda columns: evaluate_stopping(wanted, columns).is_met
-
-
-def _column_names(made: "Campaign") -> list[str]:
-    return [*(m.name for m in made.ready.metrics), "success", "lost"]
-
-
-def _choose_workers(request: CampaignRequest) -> "Workers | None":
-    if request.cluster is None:
-        return None
-    from trimtab.campaign.workers.cluster import cluster_workers
-
-    ca, cert, key = (file or "" for file in request.tls)
-    return cluster_workers(request.cluster, ca=ca, cert=cert, key=key)
-
-
-def _check_device(request: CampaignRequest) -> None:
-    if request.device != "gpu":
-        return
-    import jax
-
-    if jax.default_backend() != "gpu":
-        problem = f"JAX sees no GPU here, only {jax.default_backend()}"
-        fix = 'leave --device out; for a GPU: pip install "jax[cuda12]" on a machine that has one'
-        raise InputError("--device gpu", problem, fix=fix)
-
-
-def _parse_correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
-    found = {}
-    for text in texts:
+def parse_correlations(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> Correlations:
+    """path,path=number texts as a mapping."""
+    correlations = {}
+    for text in values:
         names, _, number = text.rpartition("=")
         one, comma, other = names.partition(",")
         try:
@@ -234,47 +38,225 @@ def _parse_correlations(texts: tuple[str, ...]) -> dict[tuple[str, str], float]:
         if not comma or math.isnan(rho):
             fix = "--correlate world.vehicle.mass,world.vehicle.inertia=0.8"
             raise InputError("--correlate", f"{text!r} is not PATH,PATH=NUMBER", fix=fix)
-        found[one.strip(), other.strip()] = rho
-    return found
+        correlations[one.strip(), other.strip()] = rho
+    return correlations
 
 
-def _write_files(request: CampaignRequest, made: "Campaign", found: "CampaignResult") -> list[str]:
-    if request.out is None:
+@click.command()
+@SCENARIO
+@click.option("--runs", type=click.IntRange(1), default=1000, show_default=True, help="How many worlds.")
+@SPREAD
+@click.option(
+    "--correlate",
+    multiple=True,
+    metavar="PATH,PATH=RHO",
+    callback=parse_correlations,
+    help="Let two hang together; repeatable.",
+)
+@click.option("--metric", "metrics", multiple=True, metavar="KIND:SIGNAL", help="What is kept of each run; repeatable.")
+@SUCCESS
+@click.option("--require", multiple=True, metavar="TEXT", help="E.g. 'success >= 0.99 @ 95%'; else exit code 1.")
+@click.option("--stop", metavar="TEXT", help="Stop early, e.g. at 'width(success) <= 0.01 @ 95%'.")
+@click.option(
+    "--sampling", default="random", show_default=True, help="random, sobol, latin; saltelli or morris for what matters."
+)
+@click.option("--store", type=FILE, metavar="DIR", help="Zarr store; started again, only what is missing flies.")
+@click.option("--rerun", type=click.IntRange(0), metavar="RUN", help="One run once more, held against its row.")
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@click.option("--device", type=click.Choice(("auto", "cpu", "gpu")), default="auto", show_default=True)
+@THREADS
+@click.option("--cluster", metavar="URI", help="Fly on the workers of a scheduler, tls://HOST:8786.")
+@click.option("--tls-ca", type=FILE, metavar="FILE", help="Certificate of who signed the others'.")
+@click.option("--tls-cert", type=FILE, metavar="FILE", help="Own certificate.")
+@click.option("--tls-key", type=FILE, metavar="FILE", help="Own key.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for pictures and table (Parquet).")
+@JSON
+def command(
+    scenario: str,
+    require: tuple[str, ...],
+    stop: str | None,
+    store: Path | None,
+    rerun: int | None,
+    device: str,
+    threads: int | None,
+    cluster: str | None,
+    tls_ca: Path | None,
+    tls_cert: Path | None,
+    tls_key: Path | None,
+    out: Path | None,
+    as_json: bool,
+    **plan: Any,
+) -> None:
+    """Fly a scenario in thousands of worlds, and say how often it succeeds, with bounds.
+
+    A run's numbers depend on the seed and on its own number alone. Distributions: normal(MEAN, STD), truncated(MEAN,
+    STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH), choice(A, B, …),
+    file(NAME.csv:COLUMN); a number with % is a share of the scenario's own value. Metrics: settling, first_reach,
+    overshoot, error_rms of what has a target; final, least, most, peak, mean, rms, tail_mean, tail_rms of any signal.
+
+    \b
+    trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr
+    trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr \\
+        --rerun 12 --out run-12
+    trimtab campaign hovercraft/zero-velocity --sampling saltelli --runs 4096 --out matters \\
+        --spread 'world.vehicle.mass=normal(100%, 5%)' --spread 'autopilot.law.k2=uniform(80%, 120%)'
+    trimtab campaign hovercraft/spin --runs 4000 --require 'success >= 0.99 @ 95%' --out spin
+    """
+    _check_device(device)
+    if out is not None:
+        check_folder("--out", out)
+    enable_cache()
+    campaign = Campaign(scenario, **plan)
+    if rerun is not None:
+        sys.exit(0 if _rerun_row(campaign, rerun, store, out, as_json) else 1)
+    requirements = [parse_requirement(text) for text in require]
+    if campaign.plan.sampling in DESIGNS and (requirements or stop):
+        problem = f"rows of a {campaign.plan.sampling} design are no independent worlds"
+        problem += ": they say what matters, not how often"
+        raise InputError("--require, --stop", problem, fix="--sampling random")
+    stops_at = _stopping_function(stop, campaign)
+    for one in requirements:
+        one.check(_column_names(campaign), anytime=stops_at is not None)
+    workers = _connect_workers(cluster, tls_ca, tls_cert, tls_key)
+    flight = {"backend": "jax" if device == "gpu" else "auto", "threads": threads, "workers": workers}
+    result = _fly_campaign(campaign, store, stop=stops_at, **flight)
+    verdicts = [evaluate_requirement(one, result.columns, anytime=stops_at is not None) for one in requirements]
+    files = _write_files(campaign, result, out)
+    if as_json:
+        print_json(_result_json(scenario, result, verdicts, store) | {"files": files})
+    else:
+        print_campaign(campaign, result, verdicts, _typed_command())
+        print_files(files)
+    sys.exit(0 if all(v.is_met for v in verdicts) else 1)
+
+
+def _typed_command() -> str:
+    """How to type it again."""
+    return shlex.join(["trimtab", *sys.argv[1:]])
+
+
+def _check_device(device: str) -> None:
+    if device == "gpu" and jax.default_backend() != "gpu":
+        problem = f"JAX sees no GPU here, only {jax.default_backend()}"
+        fix = 'leave --device out; for a GPU: pip install "jax[cuda12]" on a machine that has one'
+        raise InputError("--device gpu", problem, fix=fix)
+
+
+def _stopping_function(text: str | None, campaign: Campaign) -> Callable[[Any], bool] | None:
+    if text is None:
+        return None
+    stopping = parse_stopping(text)
+    stopping.check(_column_names(campaign))
+    return lambda columns: evaluate_stopping(stopping, columns).is_met
+
+
+def _column_names(campaign: Campaign) -> list[str]:
+    return [*(m.name for m in campaign.ready.metrics), "success", "lost"]
+
+
+def _connect_workers(cluster: str | None, *tls: Path | None) -> Workers | None:
+    if cluster is None:
+        return None
+    from trimtab.campaign.workers.cluster import cluster_workers
+
+    ca, cert, key = (file or "" for file in tls)
+    return cluster_workers(cluster, ca=ca, cert=cert, key=key)
+
+
+def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> CampaignResult:
+    with show_count(campaign.plan.runs, f"compiling {campaign.plan.scenario}") as tell:
+        try:
+            return campaign.run(store, **flight, progress=tell, about={"command": _typed_command()})
+        except KeyboardInterrupt:
+            kept = f"what was done is in {store}; the same command goes on from there"
+            click.echo(f"stopped; {kept if store else 'nothing is kept without --store NAME.zarr'}", err=True)
+            sys.exit(130)
+
+
+def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -> list[str]:
+    if out is None:
         return []
-    from trimtab.commands.campaign_tables import write_pictures
-
-    request.out.mkdir(parents=True, exist_ok=True)
-    files = write_pictures(made, found, request.out)
+    out.mkdir(parents=True, exist_ok=True)
+    files = write_pictures(campaign, result, out)
     if importlib.util.find_spec("pyarrow") is None:
         click.echo('no campaign.parquet without pyarrow: pip install "trimtab[parquet]"', err=True)
         return [str(f) for f in files]
     from trimtab.campaign.store.parquet import write_parquet
 
-    table = request.out / "campaign.store.parquet"
-    write_parquet(found, table)
+    table = out / "campaign.store.parquet"
+    write_parquet(result, table)
     return [str(f) for f in (table, *files)]
 
 
 def _result_json(
-    request: CampaignRequest, found: "CampaignResult", verdicts: "list[RequirementVerdict]"
+    scenario: str, result: CampaignResult, verdicts: list[RequirementVerdict], store: Path | None
 ) -> dict[str, Any]:
-    from trimtab.commands.campaign_tables import summarise_metrics
-
-    success = found.success
+    success = result.success
     return {
-        "scenario": request.scenario,
-        "seed": request.seed,
-        "runs": len(found.columns["run"]),
-        "flown": found.flown_runs,
-        "wall_s": found.wall_s,
+        "scenario": scenario,
+        "seed": result.plan.seed,
+        "runs": len(result.columns["run"]),
+        "flown": result.flown_runs,
+        "wall_s": result.wall_s,
         "success": {"share": success.share, "low": success.low, "high": success.high, "level": success.level},
-        "lost": int(found.columns["lost"].sum()),
-        "metrics": {name: _finite_values(numbers) for name, numbers in summarise_metrics(found).items()},
+        "lost": int(result.columns["lost"].sum()),
+        "metrics": summarise_metrics(result),
         "requirements": [{"text": v.requirement.text, "outcome": v.outcome, "note": v.note} for v in verdicts],
-        "failed": [int(run) for run in found.columns["run"][~found.columns["success"]][:100]],
-        "store": str(request.store) if request.store else None,
+        "failed": [int(run) for run in result.columns["run"][~result.columns["success"]][:100]],
+        "store": str(store) if store else None,
     }
 
 
-def _finite_values(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in numbers.items()}
+def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
+    """Fly a run again, with its whole log; whether it is equal to its row, where the store has it."""
+    scenario = campaign.scenario(run)
+    log = campaign.rerun(run)
+    row = campaign.row(run, log)
+    differs = _differing_columns(store, run, row)
+    files: list[Path] = []
+    if out is not None:
+        from trimtab.plots.run import plot_run
+
+        out.mkdir(parents=True, exist_ok=True)
+        files = [out / f"run-{run}.mcap", out / f"run-{run}.png"]
+        write_mcap(log, files[0])
+        plot_run(log, None, files[1], title=f"{scenario.name}, run {run}", targets=tuple(scenario.targets))
+    if as_json:
+        numbers = {name: value.item() for name, value in row.items()}
+        print_json({"run": run, "row": numbers, "differs": differs, "files": [str(f) for f in files]})
+        return not differs
+    _print_row(campaign, run, row)
+    print_files(files)
+    if differs is None:
+        click.echo("no row to hold it against: name the campaign's store with --store")
+    elif differs:
+        click.echo(f"DIFFERS from its row in {', '.join(differs)}")
+    else:
+        click.echo("equal to its row, to the bit")
+    return not differs
+
+
+def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> list[str] | None:
+    """Names of the columns that differ from the store's row; None where there is no such row."""
+    if store is None:
+        return None
+    from trimtab.campaign.store.store import read_store
+
+    _, columns = read_store(store)
+    at = (columns["run"] == run).nonzero()[0]
+    if not len(at):
+        return None
+    there = {name: columns[name][at[0]] for name in row}
+    return [name for name, value in row.items() if not (value == there[name] or value != value)]
+
+
+def _print_row(campaign: Campaign, run: int, row: dict[str, Any]) -> None:
+    table = new_table(title=f"{campaign.plan.scenario}, run {run} of seed {campaign.plan.seed}", title_justify="left")
+    table.add_column("", no_wrap=True)
+    table.add_column("value", justify="right")
+    for name, value in row.items():
+        table.add_row(name, f"{value:.6g}" if value.dtype.kind == "f" else str(value))
+    console().print(table)

@@ -1,126 +1,136 @@
 """`trimtab export`: a scenario as C, the check of an exported folder, and its flight on an emulated microcontroller."""
 
 import json
+import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
+import numpy as np
 
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FILE, JSON, SET, WITHOUT
+from trimtab.commands.output import print_json
 from trimtab.core.errors import InputError
+from trimtab.export.boards import TARGETS, emulate, require_tools
+from trimtab.export.verify import compare_samples, verify_folder
 
 BOARDS = ("cortex-m4", "cortex-m7")
 
 
-class ExportRequest(NamedTuple):
-    """What was asked for on the command line."""
+@click.command()
+@click.argument("scenario", metavar="[SCENARIO]", required=False)
+@click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True)
+@click.option(
+    "--float",
+    "real",
+    type=click.Choice(("double", "single")),
+    help="Precision.  [default: single on cortex-m4]",
+)
+@click.option("--part", type=click.Choice(("autopilot", "loop")), default="autopilot", show_default=True)
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for the C, its test and its vectors.")
+@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
+@click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
+@click.option("--verify", "check", type=FILE, metavar="DIR", help="Check an exported folder.")
+@SET
+@WITHOUT
+@JSON
+def command(
+    scenario: str | None, target: str, out: Path | None, fly: bool, check: Path | None, as_json: bool, **options: Any
+) -> None:
+    """Write a scenario's autopilot as C for a microcontroller, and prove that it computes the same.
 
-    scenario: str | None
-    target: str = "c"
-    real: str | None = None
-    part: str = "autopilot"
-    out: Path | None = None
-    steps: int = 2000
-    seed: int = 0
-    check: Path | None = None
-    fly: bool = False
-    settings: Mapping[str, str] = {}
-    without: tuple[str, ...] = ()
-    as_json: bool = False
-
-
-def export(request: ExportRequest) -> bool:
-    """Do what was asked for; whether all of it is good."""
-    if request.check is not None:
-        return check_export(request.check, request.as_json)
-    if request.scenario is None:
+    \b
+    trimtab export hovercraft/zero-velocity --out autopilot
+    trimtab export --verify autopilot
+    trimtab export hovercraft/heading-bang-bang --float single --out flash/
+    trimtab export hovercraft/zero-velocity --target cortex-m7 --run
+    trimtab export hovercraft/spin --part loop --out whole-loop
+    """
+    if check is not None:
+        sys.exit(0 if _check_export(check, as_json) else 1)
+    if scenario is None:
         raise InputError("export", "no scenario is named", fix="trimtab export hovercraft/zero-velocity --out DIR")
-    if request.fly and request.target not in BOARDS:
-        problem = f"--run flies on a board, the target is {request.target!r}"
+    if fly and target not in BOARDS:
+        problem = f"--run flies on a board, the target is {target!r}"
         raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --run")
-    if request.fly:
-        from trimtab.export.boards import require_tools
-
-        require_tools(request.target)
-    if request.out is None and not request.fly:
+    if fly:
+        require_tools(target)
+    if out is None and not fly:
         raise InputError("export", "no folder is named", fix="--out autopilot")
-    if request.out is not None:
-        return _write_export(request, request.out)
     with tempfile.TemporaryDirectory() as scratch:
-        return _write_export(request, Path(scratch))
-
-
-def _write_export(request: ExportRequest, folder: Path) -> bool:
-    from trimtab.commands.cache import enable_cache
-    from trimtab.commands.fly_scenario import RunRequest as Flight
-    from trimtab.commands.fly_scenario import build_from_request
-    from trimtab.export.export_c import export_c
-
-    assert request.scenario is not None
-    scenario = build_from_request(Flight(request.scenario, request.settings, request.without))
-    enable_cache()
-    real = request.real or _float_type(request.target)
-    # a board has one entry point: the autopilot's
-    name = "autopilot" if request.target in BOARDS else None
-    written = export_c(
-        scenario, folder, part=request.part, real=real, steps=request.steps, seed=request.seed, name=name
-    )
-    made = written.block
-    result: dict[str, Any] = {
-        "scenario": request.scenario,
-        "part": request.part,
-        "real": real,
-        "lines": made.source.count("\n"),
-        "inputs": sum(m.size for m in made.inputs),
-        "outputs": sum(m.size for m in made.outputs),
-    }
-    if request.out is not None:
-        result["files"] = [str(f) for f in written.files]
-    good = True
-    if request.fly:
-        flown, good = _fly_on_board(folder, request.target)
-        result |= flown
-    if request.as_json:
-        click.echo(json.dumps(result))
+        folder = Path(scratch) if out is None else out
+        result, files = _write_export(scenario, folder, target, **options)
+        if out is not None:
+            result["files"] = [str(f) for f in files]
+        good = True
+        if fly:
+            flight, good = _fly_on_board(folder, target)
+            result |= flight
+    if as_json:
+        print_json(result)
     else:
-        _print_export(result, request.out)
-    return good
+        _print_export(result, out)
+    sys.exit(0 if good else 1)
 
 
-def _float_type(target: str) -> str:
-    if target not in BOARDS:
-        return "double"
-    from trimtab.export.boards import TARGETS
+def _write_export(
+    scenario: str,
+    folder: Path,
+    target: str,
+    *,
+    real: str | None,
+    part: str,
+    steps: int,
+    seed: int,
+    settings: Mapping[str, str],
+    without: tuple[str, ...],
+) -> tuple[dict[str, Any], list[Path]]:
+    """What was exported, in numbers, and the files."""
+    from trimtab.export.export_c import export_c  # these import JAX, which --verify does without
+    from trimtab.scenarios.build import build
 
-    return TARGETS[target].real
+    built = build(scenario, settings, without)
+    enable_cache()
+    real = real or (TARGETS[target].real if target in BOARDS else "double")
+    # a board has one entry point: the autopilot's
+    name = "autopilot" if target in BOARDS else None
+    written = export_c(built, folder, part=part, real=real, steps=steps, seed=seed, name=name)
+    exported = written.block
+    result = {
+        "scenario": scenario,
+        "part": part,
+        "real": real,
+        "lines": exported.source.count("\n"),
+        "inputs": sum(m.size for m in exported.inputs),
+        "outputs": sum(m.size for m in exported.outputs),
+    }
+    return result, list(written.files)
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
     """Fly the vectors on the emulated board: what it cost, and whether it computes what was simulated."""
-    import numpy as np
-
-    from trimtab.export.boards import emulate
-    from trimtab.export.verify import compare_samples
-
-    flown = emulate(folder, target)
+    flight = emulate(folder, target)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
-    worst, first = compare_samples(flown.outputs, flown.expected_outputs, about["outputs"], tolerance)
-    least, median, most = flown.instructions_per_step
+    worst, first = compare_samples(flight.outputs, flight.expected_outputs, about["outputs"], tolerance)
+    least, median, most = flight.instructions_per_step
     name = max(worst, key=lambda n: worst[n][0] / (worst[n][1] or 1.0))
-    found = {
+    result = {
         "target": target,
-        "steps": len(flown.outputs),
+        "steps": len(flight.outputs),
         "instructions_per_step": {"least": least, "median": median, "most": most},
-        "flash_bytes": flown.flash_bytes,
-        "library_bytes": flown.library_bytes,
-        "ram_bytes": flown.ram_bytes,
-        "stack_bytes": flown.stack_bytes,
+        "flash_bytes": flight.flash_bytes,
+        "library_bytes": flight.library_bytes,
+        "ram_bytes": flight.ram_bytes,
+        "stack_bytes": flight.stack_bytes,
         "worst": {"output": name, "difference": worst[name][0], "tolerance": worst[name][1]},
         "first_difference": None if first is None else list(first),
     }
-    return found, first is None
+    return result, first is None
 
 
 def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
@@ -143,24 +153,21 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
 
 def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
     if first is not None:
-        step, name, got, wanted = first
-        click.echo(f"  DIFFERS first at step {step}, {name}: {got!r}, wanted {wanted!r}")
+        step, name, got, expected = first
+        click.echo(f"  DIFFERS first at step {step}, {name}: {got!r}, wanted {expected!r}")
     else:
         text = f"within {worst['difference']:.2g}, allowed {worst['tolerance']:.2g}"
         click.echo(f"  same outputs           the worst, {worst['output']}, {text}")
 
 
-def check_export(folder: Path, as_json: bool) -> bool:
+def _check_export(folder: Path, as_json: bool) -> bool:
     """Compile and replay an exported folder; whether it computes what was simulated."""
-    from trimtab.export.verify import verify_folder
-
     verdict = verify_folder(folder)
     name = max(verdict.worst, key=lambda n: verdict.worst[n][0] / (verdict.worst[n][1] or 1e-300))
     difference, tolerance = verdict.worst[name]
     worst = {"output": name, "difference": difference, "tolerance": tolerance}
     if as_json:
-        result = verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst}
-        click.echo(json.dumps(result))
+        print_json(verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst})
         return verdict.good
     sanitized = "clean under address and undefined-behaviour sanitizers" if verdict.sanitized else "no sanitizers here"
     click.echo(f"{folder}: compiled without a warning, {sanitized}")

@@ -1,138 +1,112 @@
 """`trimtab falsify`: the worst case inside given bounds, and a file that flies it again."""
 
-import json
 import shlex
-from collections.abc import Mapping
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import click
+import numpy as np
 
-from trimtab.core.errors import InputError
-
-if TYPE_CHECKING:
-    from trimtab.campaign.search.falsify import FalsificationResult
-
-
-class FalsifyRequest(NamedTuple):
-    """What was asked for on the command line."""
-
-    scenario: str
-    spread: Mapping[str, str] = {}
-    success: tuple[str, ...] = ()
-    runs: int = 5000
-    words: int = 4
-    over: str = "worst"
-    until_first: bool = False
-    seed: int = 0
-    settings: Mapping[str, str] = {}
-    without: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
-    backend: str = "auto"
-    threads: int | None = None
-    out: Path | None = None
-    plot: Path | None = None
-    as_json: bool = False
+from trimtab.campaign.search import falsify as search
+from trimtab.campaign.search.falsify import FalsificationResult
+from trimtab.campaign.search.scenario_file import check_file, write_scenario
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, SUCCESS, THREADS, WITHOUT
+from trimtab.commands.output import check_folder, check_picture, print_files, print_json, show_progress
 
 
-def falsify(request: FalsifyRequest) -> bool:
-    """Search; True where no failure was found (exit code 0), False where one was (exit code 1).
+@click.command()
+@SCENARIO
+@SPREAD
+@SUCCESS
+@click.option("--runs", type=click.IntRange(1), default=5000, show_default=True, help="How many may fly.")
+@click.option(
+    "--words", type=click.IntRange(1), default=4, show_default=True, help="Random numbers each point flies with."
+)
+@click.option("--over", type=click.Choice(("worst", "mean")), default="worst", show_default=True, help="Of these.")
+@click.option("--until-first", is_flag=True, help="End with the first failure.")
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@THREADS
+@click.option("--out", type=FILE, metavar="FILE", help="Scenario file that flies the worst run again, e.g. worst.py.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the search.")
+@JSON
+def command(scenario: str, runs: int, out: Path | None, plot: Path | None, as_json: bool, **options: Any) -> None:
+    """Search for the worst world inside given bounds, instead of waiting for it.
 
-    The file is written either way: it holds the worst run that was found, failed or not.
+    The bounds are those of the distributions. Exit code 1 when a failure was found, 0 when none was: none found is no
+    proof that there is none.
+
+    \b
+    trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\
+        --spread 'autopilot.law.k2=uniform(50%, 200%)' --success 'error_rms:yaw_rate <= 0.5' --out worst.py
+    trimtab run worst.py:scenario --seed 0 --run 133
     """
-    from trimtab.campaign.search import falsify as search
-    from trimtab.commands.cache import enable_cache
-    from trimtab.commands.fly_scenario import check_folder, check_picture
-    from trimtab.commands.progress import show_progress
-
-    check_picture(request.plot, None)
-    if request.out is not None:
-        from trimtab.campaign.search.scenario_file import check_file
-
-        check_file("--out", request.out)
-        check_folder("--out", request.out.parent)
-    if request.runs < 1:
-        raise InputError("--runs", f"{request.runs} is no number of runs", fix="--runs 5000")
+    check_picture(plot, None)
+    if out is not None:
+        check_file("--out", out)
+        check_folder("--out", out.parent)
     enable_cache()
-    asked = request._asdict()
-    for name in ("scenario", "out", "plot", "as_json"):
-        del asked[name]
-    with show_progress(request.runs) as tell:
-        found = search.falsify(request.scenario, **asked, progress=lambda n: tell("searching", n))
-    written = _write_files(request, found)
-    if request.as_json:
-        click.echo(
-            json.dumps(falsification_json(request, found) | ({"files": written} if written else {}), allow_nan=False)
-        )
-    else:
-        _print_falsification(request, found, written)
-    return not found.fails
-
-
-def replay_command(request: FalsifyRequest, found: "FalsificationResult") -> str:
-    """The command that flies the worst run again."""
-    of = ["trimtab", "run", f"{request.out}:scenario", "--seed", str(request.seed), "--run", str(found.word)]
-    return shlex.join(of)
-
-
-def _write_files(request: FalsifyRequest, found: "FalsificationResult") -> list[str]:
-    written = []
-    if request.out is not None:
-        from trimtab.campaign.search.scenario_file import write_scenario
-
-        kept = "; ".join(request.success) or "each target reached for good"
+    with show_progress(runs) as tell:
+        worst = search.falsify(scenario, runs=runs, **options, progress=lambda n: tell("searching", n))
+    files = [file for file in (out, plot) if file is not None]
+    again = "" if out is None else _replay_command(out, options["seed"], worst)
+    if out is not None:
+        conditions = "; ".join(options["success"]) or "each target reached for good"
         about = (
-            f"The worst run of {request.scenario} that a search found: margin {found.margin:.6g}.\n\n"
-            f"Wanted: {kept}.\n{found.flown_runs} runs were flown. To fly it again:\n\n"
-            f"    {replay_command(request, found)}"
+            f"The worst run of {scenario} that a search found: margin {worst.margin:.6g}.\n\n"
+            f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To fly it again:\n\n    {again}"
         )
-        write_scenario(request.out, found.plan, found.values, about)
-        written.append(str(request.out))
-    if request.plot is not None:
+        write_scenario(out, worst.plan, worst.values, about)
+    if plot is not None:
         from trimtab.plots.falsify import plot_falsify
 
-        request.plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_falsify(found, request.plot, title=request.scenario)
-        written.append(str(request.plot))
-    return written
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        plot_falsify(worst, plot, title=scenario)
+    if as_json:
+        settings = {name: options[name] for name in ("seed", "over", "words")}
+        print_json(_worst_json(scenario, settings, worst) | ({"replay": again} if again else {}), files)
+    else:
+        _print_worst(scenario, worst)
+        print_files(files)
+        if again:
+            click.echo(f"fly it again:  {again}")
+    sys.exit(1 if worst.fails else 0)
 
 
-def falsification_json(request: FalsifyRequest, found: "FalsificationResult") -> dict[str, Any]:
-    """What was found, as JSON has it; a number that is none is null."""
-    import numpy as np
+def _replay_command(file: Path, seed: int, worst: FalsificationResult) -> str:
+    """The command that flies the worst run again."""
+    return shlex.join(["trimtab", "run", f"{file}:scenario", "--seed", str(seed), "--run", str(worst.word)])
 
-    def number(value: Any) -> Any:
-        return bool(value) if isinstance(value, bool | np.bool_) else float(value) if np.isfinite(value) else None
 
+def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationResult) -> dict[str, Any]:
+    metrics = {n: bool(v) if isinstance(v, bool | np.bool_) else float(v) for n, v in worst.columns.items()}
     return {
-        "scenario": request.scenario,
-        "failed": found.fails,
-        "margin": found.margin,
-        "values": {path: np.asarray(v).tolist() for path, v in found.values.items()},
-        "seed": request.seed,
-        "run": found.word,
-        "metrics": {name: number(v) for name, v in found.columns.items()},
-        "flown": found.flown_runs,
-        "first_failure_after": found.first,
-        "over": request.over,
-        "words": request.words,
-        "wall_s": round(found.wall_s, 3),
-    } | ({"replay": replay_command(request, found)} if request.out is not None else {})
+        "scenario": scenario,
+        "failed": worst.fails,
+        "margin": worst.margin,
+        "values": {path: np.asarray(v).tolist() for path, v in worst.values.items()},
+        "seed": settings["seed"],
+        "run": worst.word,
+        "metrics": metrics,
+        "flown": worst.flown_runs,
+        "first_failure_after": worst.first,
+        "over": settings["over"],
+        "words": settings["words"],
+        "wall_s": round(worst.wall_s, 3),
+    }
 
 
-def _print_falsification(request: FalsifyRequest, found: "FalsificationResult", written: list[str]) -> None:
-    import numpy as np
-
-    said = f"FAILS, the first after {found.first} runs" if found.fails else "no failure found, which is no proof"
-    click.echo(f"{request.scenario}: {said}")
-    click.echo(f"margin of the worst run {found.margin:.6g}; {found.flown_runs} runs flown in {found.wall_s:.1f} s")
-    width = max(map(len, found.values))
-    for path, value in found.values.items():
+def _print_worst(scenario: str, worst: FalsificationResult) -> None:
+    verdict = f"FAILS, the first after {worst.first} runs" if worst.fails else "no failure found, which is no proof"
+    click.echo(f"{scenario}: {verdict}")
+    click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
+    width = max(map(len, worst.values))
+    for path, value in worst.values.items():
         click.echo(f"  {path:<{width}}  {np.array2string(np.asarray(value), precision=8)}")
-    for name, value in found.columns.items():
+    for name, value in worst.columns.items():
         if name not in ("margin", "success", "lost"):
             click.echo(f"  {name:<{width}}  {float(value):.6g}")
-    for file in written:
-        click.echo(f"wrote {file}")
-    if request.out is not None:
-        click.echo(f"fly it again:  {replay_command(request, found)}")

@@ -1,69 +1,72 @@
 """`trimtab firmware`: the vehicle's end of a scenario as C for a microcontroller, and its run on an emulated board."""
 
-import json
 import shutil
 import subprocess
-from collections.abc import Mapping
+import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 
-from trimtab.commands.cache import enable_cache
-from trimtab.commands.fly_scenario import RunRequest as Asked
-from trimtab.commands.fly_scenario import build_from_request
+from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import find_key
+from trimtab.commands.options import FILE, JSON, KEY, SCENARIO, SEED, SET
+from trimtab.commands.output import print_json
 from trimtab.core.errors import InputError
+from trimtab.export.boards import require_tools
+from trimtab.export.firmware_folder import write_firmware
+from trimtab.scenarios.build import build
 
 
-class FirmwareRequest(NamedTuple):
-    """What was asked for on the command line. emulate: port at which the emulated board is to listen, or None."""
+@click.command()
+@SCENARIO
+@click.option("--out", type=FILE, metavar="DIR", required=True, help="Folder for the C.")
+@click.option("--board", default="cortex-m7", show_default=True, help="What it is built for.")
+@click.option("--emulate", type=click.IntRange(1, 65535), metavar="PORT", help="Build it and run it emulated.")
+@SET
+@SEED
+@KEY
+@JSON
+def command(
+    scenario: str,
+    out: Path,
+    board: str,
+    emulate: int | None,
+    settings: dict[str, str],
+    seed: int,
+    key: Path | None,
+    as_json: bool,
+) -> None:
+    """Write a scenario's vehicle as firmware for a microcontroller: world, failsafe, wire, in C.
 
-    scenario: str
-    out: Path
-    board: str = "cortex-m7"
-    settings: Mapping[str, str] = {}
-    seed: int = 0
-    key: Path | None = None
-    emulate: int | None = None
-    as_json: bool = False
+    On the emulated board the exported world takes the place of the hardware; the rest is what a craft would run.
 
-
-def firmware(request: FirmwareRequest) -> bool:
-    """Write the folder; with `emulate` build it and run it until Ctrl-C. Whether that went well."""
-    from trimtab.export.firmware_folder import write_firmware
-
-    if request.emulate is not None:
-        _require_tools(request)
-    scenario = build_from_request(Asked(request.scenario, request.settings, seed=request.seed))
-    line = f"tcp://127.0.0.1:{request.emulate or 5760}"
-    key = find_key(request.scenario, request.key, False, line, create=True)
-    assert key is not None
+    \b
+    trimtab firmware hovercraft/forward --out board --emulate 5760
+    trimtab fly hovercraft/forward --link tcp://127.0.0.1:5760
+    """
+    if emulate is not None:
+        require_tools(board)
+        if not shutil.which("make"):
+            raise InputError("--emulate", "needs make, not found here", fix="apt-get install make")
+    built = build(scenario, settings)
+    line = f"tcp://127.0.0.1:{emulate or 5760}"
+    signing_key = find_key(scenario, key, False, line, create=True)
+    assert signing_key is not None
     enable_cache()
-    written = write_firmware(scenario, request.out, key, board=request.board, seed=request.seed)
-    if request.as_json:
-        files = [str(f) for f in written.files]
-        click.echo(json.dumps({"scenario": scenario.name, "board": request.board, "files": files}))
+    written = write_firmware(built, out, signing_key, board=board, seed=seed)
+    if as_json:
+        print_json({"scenario": built.name, "board": board, "files": [str(f) for f in written.files]})
     else:
-        click.echo(f"wrote {len(written.files)} files in {request.out}, with the vehicle's key in key.h")
-        click.echo(
-            f"build and run them: make -C {request.out} run      fly: trimtab fly {request.scenario} --link {line}"
-        )
-    return request.emulate is None or _run_emulator(request.out, request.emulate)
-
-
-def _require_tools(request: FirmwareRequest) -> None:
-    from trimtab.export.boards import require_tools
-
-    require_tools(request.board)
-    if not shutil.which("make"):
-        raise InputError("--emulate", "needs make, not found here", fix="apt-get install make")
+        click.echo(f"wrote {len(written.files)} files in {out}, with the vehicle's key in key.h")
+        click.echo(f"build and run them: make -C {out} run      fly: trimtab fly {scenario} --link {line}")
+    if emulate is not None and not _run_emulator(out, emulate):
+        sys.exit(1)
 
 
 def _run_emulator(folder: Path, port: int) -> bool:
-    with subprocess.Popen(["make", "-s", "-C", str(folder), "run", f"PORT={port}"]) as running:
+    with subprocess.Popen(["make", "-s", "-C", str(folder), "run", f"PORT={port}"]) as emulator:
         try:
-            return running.wait() == 0
+            return emulator.wait() == 0
         except KeyboardInterrupt:
-            running.terminate()
+            emulator.terminate()
             return True

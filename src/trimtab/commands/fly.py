@@ -1,125 +1,171 @@
 """`trimtab fly`: an autopilot in real time against the vehicle at the far end of a line."""
 
 import dataclasses
-import json
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
-from trimtab.commands.cache import enable_cache
-from trimtab.commands.fly_scenario import RunRequest as Asked
-from trimtab.commands.fly_scenario import build_from_request, check_folder
+from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import AUTOPILOT, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
-from trimtab.commands.progress import show_spinner
+from trimtab.commands.options import FILE, JSON, KEY, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
+from trimtab.commands.output import check_folder, console, new_table, print_json, show_spinner
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
+from trimtab.live.fly import LiveAutopilot
+from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
+from trimtab.loop.scenario import Scenario
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.mavlink import Endpoint
 
 
-class FlyRequest(NamedTuple):
-    """What was asked for on the command line."""
+@click.command()
+@SCENARIO
+@click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
+@SET
+@LOCKSTEP
+@SEED
+@click.option("--duration", metavar="TIME", help="End this long after arming.  [default: the scenario's]")
+@KEY
+@UNSIGNED
+@REAL_TIME
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for the flight's log, flight.mcap.")
+@JSON
+def command(
+    scenario: str,
+    link: str,
+    settings: dict[str, str],
+    lockstep: bool,
+    seed: int,
+    duration: str | None,
+    key: Path | None,
+    unsigned: bool,
+    real_time: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
 
-    scenario: str
-    link: str
-    settings: Mapping[str, str] = {}
-    lockstep: bool = False
-    seed: int = 0
-    duration: str | None = None
-    key: Path | None = None
-    unsigned: bool = False
-    real_time: bool = True
-    out: Path | None = None
-    as_json: bool = False
+    Waits for the vehicle, finds its clock, arms it as soon as there is an estimate, flies the scenario's duration and
+    disarms. A supervisor watches speeds, the line and the estimate's age; --set supervisor=none does without. Exit code
+    1 when it was never armed, or the log lost rows.
 
-
-def fly(request: FlyRequest) -> bool:
-    """Compile it, open the line, fly; whether the vehicle was armed and no log row was lost."""
-    scenario = build_from_request(Asked(request.scenario, _with_supervisor(request), seed=request.seed))
-    key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
-    if request.out is not None:
-        check_folder("--out", request.out)
-        request.out.mkdir(parents=True, exist_ok=True)
-    if request.duration is not None:
-        scenario = replace(scenario, duration=parse_time(request.duration))
+    \b
+    trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here
+    trimtab fly hovercraft/forward --link serial:///dev/ttyUSB1?baud=115200
+    trimtab fly hovercraft/spin --link loopback://spin --lockstep
+    """
+    built = build(scenario, settings if lockstep else _default_supervisor(scenario) | settings)
+    signing_key = find_key(scenario, key, unsigned, link, create=False)
+    if out is not None:
+        check_folder("--out", out)
+        out.mkdir(parents=True, exist_ok=True)
+    if duration is not None:
+        built = replace(built, duration=parse_time(duration))
     enable_cache()
-    with tempfile.TemporaryDirectory() as scratch, open_line(request.link, listen=False) as link:
-        log = (request.out or Path(scratch)) / "flight.mcap"
+    with tempfile.TemporaryDirectory() as scratch, open_line(link, listen=False) as line:
+        log = (out or Path(scratch)) / "flight.mcap"
         if log.exists():
             raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
-        run = _fly_lockstep if request.lockstep else _fly_real_time
-        result = run(request, scenario, link, endpoint_factory(request.link, AUTOPILOT, key), log)
-    if request.as_json:
-        click.echo(json.dumps(result))
-    elif request.out is not None:
-        click.echo(f"wrote {request.out / 'flight.mcap'}")
+        endpoint = endpoint_factory(link, AUTOPILOT, signing_key)
+        if lockstep:
+            result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
+            if not as_json:
+                click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
+        else:
+            result, granted = _fly_real_time(built, line, endpoint, seed, log, real_time, as_json)
+            if not as_json:
+                _print_flight(result, granted)
+    if as_json:
+        print_json(result)
+    elif out is not None:
+        click.echo(f"wrote {out / 'flight.mcap'}")
     written = result["log"]
-    return bool(result["armed"]) and bool(written) and not written["dropped"] and not written["unwritten"]
+    sys.exit(0 if result["armed"] and written and not written["dropped"] and not written["unwritten"] else 1)
 
 
-def _with_supervisor(request: FlyRequest) -> Mapping[str, str]:
-    """The settings; in real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
-    offered = catalogue.scenario_choices(request.scenario).get("supervisor", ())
-    watched = {"supervisor": "automatic"} if "automatic" in offered and not request.lockstep else {}
-    return watched | dict(request.settings)
+def _default_supervisor(scenario: str) -> dict[str, str]:
+    """In real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
+    choices = catalogue.scenario_choices(scenario).get("supervisor", ())
+    return {"supervisor": "automatic"} if "automatic" in choices else {}
 
 
-def _fly_lockstep(request: FlyRequest, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
-
+def _fly_lockstep(
+    scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, log: Path, *, other: str
+) -> dict[str, Any]:
     with show_spinner(f"compiling {scenario.name}"):
-        one = LockstepAutopilot(scenario, end, seed=request.seed)
+        autopilot = LockstepAutopilot(scenario, endpoint, seed=seed)
     try:
-        written = one.run(link, log)
+        written = autopilot.run(line, log)
     except NoAnswerError as error:
-        fix = f"trimtab vehicle {request.scenario} --lockstep --listen …"
-        raise InputError("--lockstep", str(error), fix=fix) from None
-    if not request.as_json:
-        click.echo(f"flew {to_seconds(scenario.duration):g} s of {scenario.name} in lockstep")
+        raise InputError("--lockstep", str(error), fix=f"{other} --lockstep --listen …") from None
     return {"scenario": scenario.name, "armed": True, "log": None if written is None else written._asdict()}
 
 
-def _fly_real_time(request: FlyRequest, scenario: Any, link: Any, end: Any, log: Path) -> dict[str, Any]:
-    from trimtab.live.fly import LiveAutopilot
-
+def _fly_real_time(
+    scenario: Scenario,
+    line: Link,
+    endpoint: Callable[[Dialect], Endpoint],
+    seed: int,
+    log: Path,
+    real_time: bool,
+    quiet: bool,
+) -> tuple[dict[str, Any], str]:
+    """What came of the flight, and what scheduling the machine granted."""
     with show_spinner(f"compiling {scenario.name}"):
-        one = LiveAutopilot(scenario, link, end, seed=request.seed)
+        autopilot = LiveAutopilot(scenario, line, endpoint, seed=seed)
 
     def tell(text: str) -> None:
-        click.echo(text, err=request.as_json)
+        click.echo(text, err=quiet)
 
-    with catch_interrupts() as stop, store_stamps_ahead(one.endpoint):
-        one.connect(stop=stop)
-        flight = one.fly(log=log, wanted_real_time=request.real_time, stop=stop, tell=tell)
+    with catch_interrupts() as stop, store_stamps_ahead(autopilot.endpoint):
+        autopilot.connect(stop=stop)
+        flight = autopilot.fly(log=log, wanted_real_time=real_time, stop=stop, tell=tell)
     result = {
         "scenario": scenario.name,
         "duration_s": to_seconds(flight.t),
         "armed": flight.arming_time is not None,
         "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
         "real_time": flight.grant._asdict(),
-        "deadlines": flight.deadlines.summary() | {"skipped": one.skipped},
+        "deadlines": flight.deadlines.summary() | {"skipped": autopilot.skipped},
         "samples": flight.autopilot_end.received_samples,
         "overflowed": flight.autopilot_end.dropped_samples,
         "overtaken": flight.autopilot_end.overtaken_samples,
-        "wire": dataclasses.asdict(one.endpoint.counts),
-        "line": link.statistics._asdict(),
+        "wire": dataclasses.asdict(autopilot.endpoint.counts),
+        "line": line.statistics._asdict(),
         "log": None if flight.log is None else flight.log._asdict(),
     }
-    if not request.as_json:
-        _print_flight(result, str(flight.grant))
-    return result
+    return result, str(flight.grant)
 
 
 def _print_flight(result: Mapping[str, Any], granted: str) -> None:
-    from trimtab.commands.tables import print_deadlines
-
-    print_deadlines(result["deadlines"], granted)
+    _print_deadlines(result["deadlines"], granted)
     counts, log = result["wire"], result["log"]
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} taken, {counts['lost']} lost on the way")
     if not result["armed"]:
         click.echo("the vehicle was never armed")
     if log is not None and (log["dropped"] or log["unwritten"]):
         click.echo(f"log: {log['dropped']} rows had no room in memory, {log['unwritten']} none on the disk")
+
+
+def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
+    """How a flight's deadlines were kept."""
+    n = deadlines["work"]["n"]
+    table = new_table(title=f"{n} periods of {deadlines['period']}, {granted}", title_justify="left")
+    table.add_column("time (us)", no_wrap=True)
+    for heading in ("median", "99 %", "99.9 %", "longest"):
+        table.add_column(heading, justify="right")
+    names = {"late": "deadline to wake-up", "step": "compiled step", "work": "work of a period"}
+    for key, name in names.items():
+        cells = [f"{deadlines[key][q] * 1e6:.1f}" for q in ("p50", "p99", "p999", "longest")]
+        table.add_row(name, *cells)
+    console().print(table)
+    over, skipped = deadlines["overruns"], deadlines["skipped"]
+    click.echo(f"overruns: {over['own_work']} by own work, {over['scheduler']} by the scheduler; skipped {skipped}")

@@ -1,44 +1,50 @@
 """`trimtab inject`: a fault into a virtual vehicle that is flying."""
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 
-from trimtab.commands.fly_scenario import RunRequest as Asked
-from trimtab.commands.fly_scenario import build_from_request
 from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, open_line
+from trimtab.commands.options import JSON, KEY, SCENARIO, SET, UNSIGNED
+from trimtab.commands.output import print_json
 from trimtab.core.time import FOREVER, format_time
+from trimtab.live.autopilot_end import scenario_dialect
+from trimtab.live.injector import Injector, plan_fault
+from trimtab.scenarios.build import build
 
 
-class InjectRequest(NamedTuple):
-    """What was asked for on the command line."""
+@click.command()
+@SCENARIO
+@click.argument("fault", metavar="FAULT")
+@click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
+@SET
+@KEY
+@UNSIGNED
+@JSON
+def command(
+    scenario: str, fault: str, link: str, settings: dict[str, str], key: Path | None, unsigned: bool, as_json: bool
+) -> None:
+    """Put a fault into a virtual vehicle while it flies.
 
-    scenario: str
-    link: str
-    fault: str
-    settings: Mapping[str, str] = {}
-    key: Path | None = None
-    unsigned: bool = False
-    as_json: bool = False
+    FAULT is where, what, and how: WHERE WORD [by NUMBER] [@ TIME] [for TIME]; @ counts from now. The words: off, stuck,
+    garbage, wrong, slow, delayed, intermittent; where: sensor:NAME, downlink, uplink, actuators.
 
-
-def inject(request: InjectRequest) -> None:
-    """Set the numbers of a fault that the vehicle has ready; refused where it doesn't answer."""
-    from trimtab.live.autopilot_end import scenario_dialect
-    from trimtab.live.injector import Injector, plan_fault
-
-    scenario = build_from_request(Asked(request.scenario, request.settings))
-    plan = plan_fault(scenario, request.fault)
-    key = find_key(request.scenario, request.key, request.unsigned, request.link, create=False)
-    with open_line(request.link, listen=False) as link:
-        endpoint = endpoint_factory(request.link, INJECTOR, key)(scenario_dialect(scenario))
+    \b
+    trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550
+    trimtab inject hovercraft/forward 'actuators wrong by -2 @ 1 s for 500 ms' --link udp://127.0.0.1:14550
+    """
+    built = build(scenario, settings)
+    plan = plan_fault(built, fault)
+    signing_key = find_key(scenario, key, unsigned, link, create=False)
+    with open_line(link, listen=False) as line:
+        endpoint = endpoint_factory(link, INJECTOR, signing_key)(scenario_dialect(built))
         try:
-            done = Injector(link, endpoint).inject(plan)
+            done = Injector(line, endpoint).inject(plan)
         finally:
             endpoint.close()
+    start = format_time(done.start)
     lasts = "until the end" if plan.fault.duration == FOREVER else f"for {format_time(int(plan.fault.duration))}"
-    found = {"fault": request.fault, "from": format_time(done.start), "lasts": lasts}
-    click.echo(json.dumps(found) if request.as_json else f"{request.fault}: from {found['from']} on, {lasts}")
+    if as_json:
+        print_json({"fault": fault, "from": start, "lasts": lasts})
+    else:
+        click.echo(f"{fault}: from {start} on, {lasts}")

@@ -1,137 +1,126 @@
 """`trimtab tune`: better gains, and what they are worth in runs that the tuning did not see."""
 
-import json
 import math
 import shlex
-from collections.abc import Mapping
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from trimtab.campaign.search.tune import TuningResult
-    from trimtab.campaign.statistics.comparison import Comparison
+from trimtab.campaign.search import tune as search
+from trimtab.campaign.search.scenario_file import check_file, write_scenario
+from trimtab.campaign.search.tune import TuningResult
+from trimtab.campaign.statistics.comparison import Comparison
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, THREADS, WITHOUT
+from trimtab.commands.output import check_folder, check_picture, print_files, print_json, show_progress
+from trimtab.core.errors import InputError
 
 
-class TuneRequest(NamedTuple):
-    """What was asked for on the command line."""
-
-    scenario: str
-    gains: Mapping[str, str] = {}
-    cost: str = "error_rms:yaw_rate"
-    method: str = "search"
-    runs: int = 64
-    held_out: int = 256
-    iterations: int = 30
-    width: float = 0.05
-    spread: Mapping[str, str] = {}
-    seed: int = 0
-    settings: Mapping[str, str] = {}
-    without: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
-    backend: str = "auto"
-    threads: int | None = None
-    out: Path | None = None
-    plot: Path | None = None
-    as_json: bool = False
+def parse_gains(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """path=low:high texts as a mapping."""
+    gains = {}
+    for text in values:
+        path, equals, span = text.partition("=")
+        if not equals or not path.strip():
+            raise InputError("--gain", f"{text!r} is not PATH=LOW:HIGH", fix="--gain autopilot.law.k1=0.5:3")
+        gains[path.strip()] = span
+    return gains
 
 
-def tune(request: TuneRequest) -> bool:
-    """Tune; True where it helps in the held-out runs (exit code 0), False where that can't be said (exit code 1).
+@click.command()
+@SCENARIO
+@click.option("--gain", "gains", multiple=True, required=True, callback=parse_gains, metavar="PATH=LOW:HIGH")
+@click.option("--cost", default="error_rms:yaw_rate", show_default=True, help="Metric whose mean is made small.")
+@click.option("--method", type=click.Choice(("search", "gradient")), default="search", show_default=True)
+@click.option("--runs", type=click.IntRange(2), default=64, show_default=True, help="Worlds to tune on.")
+@click.option("--held-out", type=click.IntRange(2), default=256, show_default=True, help="Worlds to judge on.")
+@click.option("--iterations", type=click.IntRange(1), default=30, show_default=True)
+@click.option("--width", type=float, default=0.05, show_default=True, help="Of the smoothing, as a share of a range.")
+@SPREAD
+@SET
+@WITHOUT
+@FAULT
+@SEED
+@THREADS
+@click.option("--out", type=FILE, metavar="FILE", help="Scenario file with the gains, e.g. tuned.py.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of how it went.")
+@JSON
+def command(
+    scenario: str, cost: str, method: str, out: Path | None, plot: Path | None, as_json: bool, **options: Any
+) -> None:
+    """Tune gains over many worlds, and say what they are worth in worlds that the tuning did not see.
 
-    The file is written only where it helps.
+    Exit code 1 where it can't be said that they help there; nothing is written then.
+
+    \b
+    trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5 --out tuned.py
+    trimtab run tuned.py:scenario
+    trimtab tune hovercraft/zero-velocity --gain autopilot.law.k2=1:5 --method gradient
     """
-    from trimtab.campaign.search import tune as tuning
-    from trimtab.commands.cache import enable_cache
-    from trimtab.commands.fly_scenario import check_folder, check_picture
-    from trimtab.commands.progress import show_progress
-
-    check_picture(request.plot, None)
-    if request.out is not None:
-        from trimtab.campaign.search.scenario_file import check_file
-
-        check_file("--out", request.out)
-        check_folder("--out", request.out.parent)
+    check_picture(plot, None)
+    if out is not None:
+        check_file("--out", out)
+        check_folder("--out", out.parent)
     enable_cache()
-    asked = request._asdict()
-    for name in ("scenario", "out", "plot", "as_json"):
-        del asked[name]
-    each = len(request.gains) if request.method == "gradient" else 8
-    with show_progress(request.runs * request.iterations * each + 2 * (request.runs + request.held_out)) as tell:
-        found = tuning.tune(request.scenario, **asked, progress=lambda n: tell("tuning", n))
-    written = _write_files(request, found)
-    if request.as_json:
-        click.echo(json.dumps(tuning_json(request, found) | ({"files": written} if written else {}), allow_nan=False))
-    else:
-        _print_tuning(request, found, written)
-    return found.is_improvement
-
-
-def _write_files(request: TuneRequest, found: "TuningResult") -> list[str]:
-    written = []
-    if request.out is not None and found.is_improvement:
-        from trimtab.campaign.search.scenario_file import write_scenario
-
-        c = found.held_out_comparison
-        gains = "\n".join(f"    {n} = {v!r}, was {found.before[n]!r}" for n, v in found.after.items())
-        worth = f"{c.before:.6g} before, {c.after:.6g} after, mean of {c.runs} runs that the tuning did not see"
-        about = (
-            f"{request.scenario}, tuned.\n\nCost: {request.cost}: {worth}.\nGains:\n\n{gains}\n\n"
-            f"To fly it:\n\n    {replay_command(request)}"
-        )
-        write_scenario(request.out, found.plan, found.values, about)
-        written.append(str(request.out))
-    if request.plot is not None:
+    each = len(options["gains"]) if method == "gradient" else 8
+    total = options["runs"] * options["iterations"] * each + 2 * (options["runs"] + options["held_out"])
+    with show_progress(total) as tell:
+        tuning = search.tune(scenario, cost=cost, method=method, **options, progress=lambda n: tell("tuning", n))
+    files = []
+    fly_it = "" if out is None else shlex.join(["trimtab", "run", f"{out}:scenario"])
+    if out is not None and tuning.is_improvement:
+        _write_tuning(out, scenario, cost, tuning, fly_it)
+        files.append(out)
+    if plot is not None:
         from trimtab.plots.tune import plot_tune
 
-        request.plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_tune(found, request.plot, title=f"{request.scenario}, {request.cost}")
-        written.append(str(request.plot))
-    return written
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        plot_tune(tuning, plot, title=f"{scenario}, {cost}")
+        files.append(plot)
+    if as_json:
+        print_json({"scenario": scenario, "method": method, "cost": cost} | _tuning_json(tuning), files)
+    else:
+        _print_tuning(f"{scenario}, {cost}", tuning)
+        print_files(files)
+        if out is not None:
+            click.echo(f"fly it:  {fly_it}" if tuning.is_improvement else f"not written: {out}")
+    sys.exit(0 if tuning.is_improvement else 1)
 
 
-def replay_command(request: TuneRequest) -> str:
-    """The command that flies the tuned scenario."""
-    return shlex.join(["trimtab", "run", f"{request.out}:scenario"])
+def _write_tuning(file: Path, scenario: str, cost: str, tuning: TuningResult, fly_it: str) -> None:
+    c = tuning.held_out_comparison
+    gains = "\n".join(f"    {n} = {v!r}, was {tuning.before[n]!r}" for n, v in tuning.after.items())
+    worth = f"{c.before:.6g} before, {c.after:.6g} after, mean of {c.runs} runs that the tuning did not see"
+    about = f"{scenario}, tuned.\n\nCost: {cost}: {worth}.\nGains:\n\n{gains}\n\nTo fly it:\n\n    {fly_it}"
+    write_scenario(file, tuning.plan, tuning.values, about)
 
 
-def tuning_json(request: TuneRequest, found: "TuningResult") -> dict[str, Any]:
-    """What was found, as JSON has it; a number that is none is null."""
-
-    def numbers(c: "Comparison") -> dict[str, Any]:
-        return {n: None if isinstance(v, float) and not math.isfinite(v) else v for n, v in c._asdict().items()}
-
+def _tuning_json(tuning: TuningResult) -> dict[str, Any]:
     return {
-        "scenario": request.scenario,
-        "method": request.method,
-        "cost": request.cost,
-        "helps": found.is_improvement,
-        "before": found.before,
-        "after": found.after,
-        "seen": numbers(found.seen_comparison),
-        "held_out": numbers(found.held_out_comparison),
-        "flown": found.flown_runs,
-        "wall_s": round(found.wall_s, 3),
+        "helps": tuning.is_improvement,
+        "before": tuning.before,
+        "after": tuning.after,
+        "seen": tuning.seen_comparison._asdict(),
+        "held_out": tuning.held_out_comparison._asdict(),
+        "flown": tuning.flown_runs,
+        "wall_s": round(tuning.wall_s, 3),
     }
 
 
-def _print_tuning(request: TuneRequest, found: "TuningResult", written: list[str]) -> None:
-    said = "helps" if found.is_improvement else "does NOT help, as far as the held-out runs can tell"
-    click.echo(f"{request.scenario}, {request.cost}, {found.method}: {said}")
-    width = max(map(len, found.before))
-    for name, value in found.before.items():
-        click.echo(f"  {name:<{width}}  {value:.6g} -> {found.after[name]:.6g}")
-    for name, c in (("seen", found.seen_comparison), ("held out", found.held_out_comparison)):
+def _print_tuning(title: str, tuning: TuningResult) -> None:
+    verdict = "helps" if tuning.is_improvement else "does NOT help, as far as the held-out runs can tell"
+    click.echo(f"{title}, {tuning.method}: {verdict}")
+    width = max(map(len, tuning.before))
+    for name, value in tuning.before.items():
+        click.echo(f"  {name:<{width}}  {value:.6g} -> {tuning.after[name]:.6g}")
+    for name, c in (("seen", tuning.seen_comparison), ("held out", tuning.held_out_comparison)):
         click.echo(f"{name}, {c.runs} runs: {_format_comparison(c)}")
-    click.echo(f"{found.flown_runs} runs flown in {found.wall_s:.1f} s")
-    for file in written:
-        click.echo(f"wrote {file}")
-    if request.out is not None:
-        click.echo(f"fly it:  {replay_command(request)}" if found.is_improvement else f"not written: {request.out}")
+    click.echo(f"{tuning.flown_runs} runs flown in {tuning.wall_s:.1f} s")
 
 
-def _format_comparison(c: "Comparison") -> str:
+def _format_comparison(c: Comparison) -> str:
     counts = f"better in {c.better}, worse in {c.worse}"
     if not math.isfinite(c.difference):
         return f"cost infinite in some; {counts}"

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-import trimtab.commands.falsify as command
 from trimtab.campaign.search.falsify import falsify, margin, margins, with_margin
 from trimtab.campaign.statistics.condition import parse_condition
 from trimtab.campaign.statistics.metrics import Rows, parse_metric
 from trimtab.campaign.workers.block import compute_log_metrics
 from trimtab.campaign.workers.ready import prepare_campaign
+from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf
 from trimtab.logs.metrics import Target
@@ -72,15 +73,19 @@ def test_the_worst_of_the_conditions_counts_and_a_lost_end_fails():
 SPREAD = {"world.vehicle.mass": "uniform(80%, 120%)", "autopilot.law.k2": "normal(100%, 10%)"}
 
 
+def call(spread, success, *words):
+    spreads = [word for path, text in spread.items() for word in ("--spread", f"{path}={text}")]
+    words = [NAME, *spreads, "--success", success, "--set", "duration=3 s", *map(str, words)]
+    return CliRunner().invoke(main, ["falsify", *words])
+
+
 @pytest.fixture(scope="module")
 def worst(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("worst")
-    request = command.FalsifyRequest(
-        NAME, SPREAD, ("error_rms:yaw_rate <= 2.5",), runs=1200, seed=3, settings=SHORT, out=folder / "worst.py"
-    )
-    return request, falsify(
-        NAME, spread=SPREAD, success=request.success, runs=1200, seed=3, settings=SHORT, backend="auto"
-    )
+    """The file that the command wrote, and what the same search found."""
+    file, success = tmp_path_factory.mktemp("worst") / "worst.py", "error_rms:yaw_rate <= 2.5"
+    done = call(SPREAD, success, "--runs", 1200, "--seed", 3, "--out", file)
+    assert done.exit_code == 1, done.output
+    return file, falsify(NAME, spread=SPREAD, success=(success,), runs=1200, seed=3, settings=SHORT, backend="auto")
 
 
 def test_search_is_no_better_than_a_grid_says(worst):
@@ -112,12 +117,11 @@ def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
 
 
 def test_the_file_fails_as_found(worst):
-    request, found = worst
-    command._write_files(request, found)
-    text = request.out.read_text(encoding="utf-8")
+    file, found = worst
+    text = file.read_text(encoding="utf-8")
     assert found.fails
     assert f"--seed 3 --run {found.word}" in text
-    scenario = build(f"{request.out}:scenario")
+    scenario = build(f"{file}:scenario")
     values = {p: v for p, v, _ in leaves(scenario)}
     assert {p: values[p] for p in found.values} == found.values
     log = simulate(scenario, seed=3, run=found.word, log_period=found.plan.log_period)
@@ -126,17 +130,18 @@ def test_the_file_fails_as_found(worst):
     assert float(margins(columns)[0]) == found.margin == pytest.approx(found.candidate_margins.min(), rel=1e-9)
 
 
-def test_command_says_what_it_found(capsys, tmp_path):
-    asked = command.FalsifyRequest(NAME, SPREAD, ("peak:yaw_rate <= 50",), 300, settings=SHORT, as_json=True)
-    assert command.falsify(asked._replace(plot=tmp_path / "made" / "worst.png"))
-    found = json.loads(capsys.readouterr().out)
+def test_command_says_what_it_found(tmp_path):
+    picture, file = tmp_path / "made" / "worst.png", tmp_path / "w.py"
+    done = call(SPREAD, "peak:yaw_rate <= 50", "--runs", 300, "--plot", picture, "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
     assert (found["failed"], found["first_failure_after"]) == (False, None)
-    assert (tmp_path / "made" / "worst.png").stat().st_size > 5000
-    failing = asked._replace(success=("peak:yaw_rate <= 1",), out=tmp_path / "w.py", as_json=False, until_first=True)
-    assert not command.falsify(failing)
-    out = capsys.readouterr().out
-    assert "FAILS, the first after 1 runs" in out
-    assert f"trimtab run {tmp_path / 'w.py'}:scenario --seed 0 --run" in out
+    assert found["files"] == [str(picture)]
+    assert picture.stat().st_size > 5000
+    done = call(SPREAD, "peak:yaw_rate <= 1", "--runs", 300, "--out", file, "--until-first")
+    assert done.exit_code == 1, done.output
+    assert "FAILS, the first after 1 runs" in done.stdout
+    assert f"trimtab run {file}:scenario --seed 0 --run" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -149,13 +154,17 @@ def test_command_says_what_it_found(capsys, tmp_path):
         ({"runs": 20}, "no search"),
         ({"words": 0}, "--words"),
         ({"over": "median"}, "worst, mean"),
-        ({"out": Path("worst.txt")}, "Python file"),
     ],
 )
 def test_refused_before_anything_flies(change, said):
-    asked = command.FalsifyRequest(NAME, SPREAD, settings=SHORT)._replace(**change)
     with pytest.raises(InputError, match=said):
-        command.falsify(asked)
+        falsify(NAME, **{"spread": SPREAD, "settings": SHORT} | change)
+
+
+def test_a_file_that_is_no_scenario_is_refused():
+    done = call(SPREAD, "peak:yaw_rate <= 50", "--out", "worst.txt")
+    assert done.exit_code == 2
+    assert "Python file" in done.stderr
 
 
 @pytest.mark.slow

@@ -1,13 +1,12 @@
 """Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy import stats
 
-import trimtab.commands.tune as command
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost, parse_cost
 from trimtab.campaign.search.tune import UNSEEN, parse_gain, tune
 from trimtab.campaign.search.tune_gradient import (
@@ -20,6 +19,7 @@ from trimtab.campaign.search.tune_gradient import (
 )
 from trimtab.campaign.statistics.comparison import compare
 from trimtab.campaign.workers.ready import CampaignPlan, prepare_campaign
+from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms, seconds, to_seconds
@@ -32,6 +32,12 @@ needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler h
 NAME = "hovercraft/zero-velocity"
 GAINS = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "loguniform(0.5, 5)"}
 SHORT = {"duration": "6 s"}
+
+
+def call(gains, settings, *words):
+    options = {"--gain": gains, "--set": settings}
+    pairs = [word for name, values in options.items() for p, v in values.items() for word in (name, f"{p}={v}")]
+    return CliRunner().invoke(main, ["tune", NAME, *pairs, *map(str, words)])
 
 
 def jump(x, first):
@@ -177,13 +183,13 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
 
 @needs_c
 @pytest.mark.parametrize("method", ["search", "gradient"])
-def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path, capsys):
+def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
     """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
     poor = SHORT | {"autopilot.law.k2": "0.8"}
-    asked = command.TuneRequest(NAME, GAINS, "error_rms:yaw_rate", method, 32, 64, 12, settings=poor, as_json=True)
-    asked = asked._replace(out=tmp_path / "tuned.py", plot=tmp_path / "tune.png")
-    assert command.tune(asked)
-    found = json.loads(capsys.readouterr().out)
+    words = ("--method", method, "--runs", 32, "--held-out", 64, "--iterations", 12, "--json")
+    done = call(GAINS, poor, *words, "--out", tmp_path / "tuned.py", "--plot", tmp_path / "tune.png")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
     words = np.arange(UNSEEN, UNSEEN + 64, dtype=np.uint32)
     costs = []
     for scenario in (build(NAME, poor), build(f"{tmp_path / 'tuned.py'}:scenario")):
@@ -201,18 +207,19 @@ def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path, capsys):
     assert (tmp_path / "tune.png").stat().st_size > 5000
 
 
-def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path, capsys):
+def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
     """From gains that are good already, on four runs: better in these, worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
     ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
-    asked = command.TuneRequest(NAME, ranges, runs=4, held_out=64, iterations=6, seed=3, settings=good)
-    assert not command.tune(asked._replace(out=tmp_path / "tuned.py"))
-    out = capsys.readouterr().out
-    assert "does NOT help" in out
-    assert f"not written: {tmp_path / 'tuned.py'}" in out
+    words = ("--runs", 4, "--held-out", 64, "--iterations", 6, "--seed", 3)
+    done = call(ranges, good, *words, "--out", tmp_path / "tuned.py")
+    assert done.exit_code == 1, done.output
+    assert "does NOT help" in done.stdout
+    assert f"not written: {tmp_path / 'tuned.py'}" in done.stdout
     assert not (tmp_path / "tuned.py").exists()
-    assert not command.tune(asked._replace(as_json=True))
-    found = json.loads(capsys.readouterr().out)
+    done = call(ranges, good, *words, "--json")
+    assert done.exit_code == 1, done.output
+    found = json.loads(done.stdout)
     assert found["seen"]["difference"] < 0
     assert found["held_out"]["high"] > 0
 
@@ -236,12 +243,11 @@ def test_a_lost_run_costs_infinitely_much():
         ({"method": "newton"}, "search, gradient"),
         ({"held_out": 2}, "--held-out"),
         ({"width": 0.0}, "--width"),
-        ({"out": Path("tuned")}, "Python file"),
     ],
 )
 def test_refused_before_anything_flies(change, said):
     with pytest.raises(InputError, match=said):
-        command.tune(command.TuneRequest(NAME, GAINS, settings=SHORT)._replace(**change))
+        tune(NAME, **{"gains": GAINS, "cost": "error_rms:yaw_rate", "settings": SHORT} | change)
 
 
 def test_a_range_is_written_in_numbers_or_shares():
@@ -249,3 +255,9 @@ def test_a_range_is_written_in_numbers_or_shares():
     assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
     with pytest.raises(InputError, match="settings are for"):
         tune(build(NAME), gains=GAINS, cost="rms:yaw_rate", settings=SHORT)
+
+
+def test_a_file_that_is_no_scenario_is_refused():
+    done = call(GAINS, SHORT, "--out", "tuned")
+    assert done.exit_code == 2
+    assert "Python file" in done.stderr

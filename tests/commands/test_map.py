@@ -5,19 +5,25 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from trimtab.commands.stability_map import MapRequest, parse_axis, stability_map
-from trimtab.core.errors import InputError
+from trimtab.cli import main
+from trimtab.commands.map import parse_axis
 
 NAME = "hovercraft/zero-velocity"
-FEW = {"runs": 1, "depth": 1, "without": ("navigation-error",), "settings": {"duration": "6 s"}}
-ASKED = MapRequest(NAME, "delay=0:0.6:4", "jitter=0:0.3:3", **FEW)
+FEW = {"x": "delay=0:0.6:4", "y": "jitter=0:0.3:3", "runs": 1, "depth": 1, "set": "duration=6 s"}
 
 
-def test_numbers_as_json_and_a_picture(tmp_path, capsys):
+def call(*words, **changes):
+    options = [f"--{name}={value}" for name, value in (FEW | changes).items()]
+    return CliRunner().invoke(main, ["map", NAME, "--without", "navigation-error", *options, *words])
+
+
+def test_numbers_as_json_and_a_picture(tmp_path):
     picture = tmp_path / "made" / "map.png"
-    stability_map(ASKED._replace(as_json=True, plot=picture))
-    found = json.loads(capsys.readouterr().out)
+    done = call("--json", plot=picture)
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
     assert found["files"] == [str(picture)]
     assert picture.stat().st_size > 5000
     assert (found["x"]["name"], found["y"]["unit"]) == ("uplink delay", "s")
@@ -31,22 +37,20 @@ def test_numbers_as_json_and_a_picture(tmp_path, capsys):
     assert max(d for d, j in line if j == 0) == pytest.approx(0.385, abs=0.02)
 
 
-def test_words_for_people(capsys):
-    changes = {"x": "delay=0.1:0.6:3", "y": "autopilot.law.k2=80%:120%:2", "settings": {"duration": "20 s"}}
-    stability_map(ASKED._replace(**changes, theory=False))
-    said = capsys.readouterr().out
+def test_words_for_people():
+    done = call("--no-theory", x="delay=0.1:0.6:3", y="autopilot.law.k2=80%:120%:2", set="duration=20 s")
     for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, turns at uplink delay 0."):
-        assert text in said
+        assert text in done.stdout
 
 
 @pytest.mark.parametrize(
     ("success", "said"),
     [("peak:yaw_rate <= 0.001", "fails everywhere.*--success 'error_rms:"), ("peak:yaw_rate <= 100", "--x or --y")],
 )
-def test_where_there_is_no_boundary_it_says_what_to_type(capsys, success, said):
-    changes = {"x": "world.vehicle.mass=2:3:2", "y": "delay=0:0.01:2", "success": (success,), "theory": False}
-    stability_map(ASKED._replace(**changes, settings={"duration": "1 s"}))
-    assert re.search(said, capsys.readouterr().out)
+def test_where_there_is_no_boundary_it_says_what_to_type(success, said):
+    ends = {"x": "world.vehicle.mass=2:3:2", "y": "delay=0:0.01:2"}
+    done = call("--no-theory", **ends, success=success, set="duration=1 s")
+    assert re.search(said, done.stdout)
 
 
 def test_axes_from_text():
@@ -67,13 +71,13 @@ def test_axes_from_text():
         ({"x": "autopilot.law.k9=1:2"}, "autopilot.law.k2"),
         ({"y": "delay=0:0.3"}, "like --x"),
         ({"plot": "map.txt"}, "no picture's ending"),
-        ({"runs": 0}, "one run or more"),
+        ({"runs": 0}, "'--runs': 0 is not in the range"),
         ({"seed": -1}, "seed"),
     ],
 )
 def test_refused_before_anything_flies(tmp_path, monkeypatch, changes, said):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("trimtab.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
-    if "plot" in changes:
-        changes = {"plot": tmp_path / changes["plot"]}
-    with pytest.raises(InputError, match=said):
-        stability_map(ASKED._replace(**changes))
+    done = call(**changes)
+    assert done.exit_code == 2
+    assert said in done.stderr

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.commands.fly_scenario import summarise_run
+from trimtab.commands.flight_summary import summarise_run
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log

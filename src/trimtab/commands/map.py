@@ -1,0 +1,187 @@
+"""`trimtab map`: where in the plane of two parameters a scenario succeeds."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from trimtab.campaign.search.axes import KINDS, LINKS, Axis, axis_of_link, axis_of_path, axis_of_scale
+from trimtab.campaign.search.map_theory import StabilityCriterion, stability_criteria
+from trimtab.campaign.search.stability_map import StabilityMap, parse_success, stability_map
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FILE, JSON, SCENARIO, SEED, SET, SUCCESS, WITHOUT
+from trimtab.commands.output import check_picture, print_files, print_json, show_spinner
+from trimtab.core.errors import InputError
+from trimtab.run.program import check_seed
+from trimtab.scenarios.build import build
+
+COARSE = 5
+"""Values of the coarse grid where an axis does not say how many."""
+EXAMPLE = "delay=0:0.6"
+
+Criteria = tuple[StabilityCriterion, ...]
+
+
+@click.command()
+@SCENARIO
+@click.option("--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. delay=0:0.6, or any PATH=LOW:HIGH.")
+@click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. jitter=0:0.3.")
+@SUCCESS
+@SET
+@WITHOUT
+@click.option("--runs", type=click.IntRange(1), default=8, show_default=True, help="Worlds at each point.")
+@click.option("--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="How often cells are halved.")
+@click.option("--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Share at the boundary.")
+@SEED
+@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory where it applies.")
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the map.")
+@JSON
+def command(
+    scenario: str,
+    x: str,
+    y: str,
+    success: tuple[str, ...],
+    settings: dict[str, str],
+    without: tuple[str, ...],
+    seed: int,
+    theory: bool,
+    plot: Path | None,
+    as_json: bool,
+    **grid: Any,
+) -> None:
+    """Say where in the plane of two parameters a scenario succeeds.
+
+    A coarse grid is flown, then only the cells through which the boundary passes are halved. Axes: delay, jitter, loss
+    of the link, or any parameter by its path. Without --success every target must be inside its band for the last
+    third.
+
+    \b
+    trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
+    trimtab map hovercraft/zero-velocity --x world.vehicle.mass=1:5 --y autopilot.law.k2=50%:400% \\
+        --success 'error_rms:yaw_rate <= 0.4'
+    trimtab map hypersonic/noise --x world.vehicle.modes.w1=70%:130%:7 --y world.vehicle.modes.zeta1=0.001:0.021:5 \\
+        --set duration=60 --success 'tail_rms:law.h_error <= 1'
+    trimtab map hovercraft/forward --x delay=0:0.4 --y jitter=0:0.4 --without navigation-error \\
+        --set initial.sway_velocity=0.05 --set initial.yaw_rate=0.15 --set duration=30
+    """
+    check_seed(seed)
+    horizontal, vertical = parse_axis("--x", x), parse_axis("--y", y)
+    if horizontal.name == vertical.name:
+        problem = f"it is {vertical.name!r} like --x"
+        raise InputError("--y", problem, fix="give it another parameter, e.g. --y jitter=0:0.3")
+    built = build(scenario, settings, without)
+    check_picture(plot, None)
+    enable_cache()
+    if success:
+        grid["success"], grid["signals"] = parse_success(built, success)
+    with show_spinner(f"flying {built.name}"):
+        diagram = stability_map(built, horizontal, vertical, seed=seed, **grid)
+        criteria, why = _find_criteria(diagram) if theory else ((), "")
+    files = _draw_map(diagram, criteria, plot)
+    if as_json:
+        print_json({"scenario": scenario, "seed": seed} | _map_json(diagram, criteria), files)
+        return
+    _print_map(diagram, criteria, why)
+    print_files(files)
+
+
+def parse_axis(option: str, text: str) -> Axis:
+    """An axis from `name=low:high[:count]`: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
+
+    With percent signs the scenario's own value is multiplied.
+    """
+    name, equals, span = text.partition("=")
+    ends = span.split(":")
+    if not equals or len(ends) not in (2, 3):
+        raise InputError(option, f"{text!r} is no name and range", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7")
+    percent = all(e.endswith("%") for e in ends[:2])
+    try:
+        low, high = (float(e.removesuffix("%")) / (100 if percent else 1) for e in ends[:2])
+        count = int(ends[2]) if len(ends) == 3 else COARSE
+    except ValueError:
+        fix = f"{option} {name}=0:0.6 in SI units, or {option} {name}=50%:200%"
+        raise InputError(option, f"{span!r} is no range of numbers", fix=fix) from None
+    if not (np.isfinite([low, high]).all() and low < high and 2 <= count <= 1000):
+        fix = f"{option} {EXAMPLE}, low before high, with 2 to 1000 values in the coarse grid"
+        raise InputError(option, f"{span!r} is no rising range", fix=fix)
+    values = np.linspace(low, high, count)
+    link, _, kind = name.rpartition("-")
+    if kind in KINDS and link in ("", *LINKS):
+        if percent:
+            raise InputError(option, f"{name!r} takes no percent", fix=f"{option} {EXAMPLE}")
+        return axis_of_link(kind, values, link or "uplink")
+    if "." not in name:
+        choices = [*KINDS, *(f"{one}-{kind}" for one in LINKS for kind in KINDS)]
+        fix = f"{option} {EXAMPLE}, or the path of a quantity, which  trimtab list SCENARIO  shows"
+        raise InputError(option, f"there is no {name!r}", choices=choices, fix=fix)
+    return axis_of_scale(name, values) if percent else axis_of_path(name, values)
+
+
+def _find_criteria(diagram: StabilityMap) -> tuple[Criteria, str]:
+    """The criteria that apply, or why there are none."""
+    try:
+        return stability_criteria(diagram), ""
+    except InputError as error:
+        return (), error.problem
+
+
+def _map_json(diagram: StabilityMap, criteria: Criteria) -> dict[str, Any]:
+    traced = diagram.traced_boundary
+    boundary = [
+        [[float(diagram.at_x[i]), float(diagram.at_y[j])], [float(diagram.at_x[i + s]), float(diagram.at_y[j + s])]]
+        for i, j, s in traced.boundary_cells().tolist()
+    ]
+    return {
+        "runs": diagram.runs,
+        "threshold": traced.threshold,
+        "backend": diagram.backend,
+        "x": {"name": diagram.x.name, "unit": diagram.x.unit, "values": diagram.at_x.tolist()},
+        "y": {"name": diagram.y.name, "unit": diagram.y.unit, "values": diagram.at_y.tolist()},
+        "flown": traced.evaluated_points,
+        "full_grid": traced.of,
+        "points": np.column_stack([diagram.flown_points, diagram.share]).tolist(),
+        "boundary_cells": boundary,
+        "theory": {one.name: [line.tolist() for line in one.zero_lines()] for one in criteria},
+    }
+
+
+def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
+    traced = diagram.traced_boundary
+    click.echo(
+        f"{diagram.scenario.name}: {traced.evaluated_points} points flown of {traced.of}, {diagram.runs} runs each,"
+        f" {len(traced.boundary_cells())} cells on the boundary"
+    )
+    for value in diagram.y.values:
+        line = int(np.abs(diagram.at_y - value).argmin())
+        (first,) = traced.value[(traced.index == [0, line]).all(axis=1)]
+        side = "succeeds" if first >= traced.threshold else "fails"
+        unit, along = (f" {axis.unit}" if axis.unit not in ("", "1") else "" for axis in (diagram.y, diagram.x))
+        passes = [f"{a:.4g} to {b:.4g}" for a, b in diagram.crossings(float(value))]
+        turns = f", turns at {diagram.x.name} {', '.join(passes)}{along}" if passes else " all along"
+        click.echo(f"  {diagram.y.name} {value:.4g}{unit}: {side} at {diagram.x.values[0]:.4g}{turns}")
+    if len(traced.boundary_cells()) == 0:
+        click.echo(_boundary_hint(diagram))
+    if criteria:
+        click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}")
+    elif why:
+        click.echo(f"no theory beside it: {why}")
+
+
+def _boundary_hint(diagram: StabilityMap) -> str:
+    """What to type where a map is all of one colour."""
+    if (diagram.share >= diagram.traced_boundary.threshold).all():
+        return "no boundary: it succeeds everywhere. Wider --x or --y, or a stricter --success"
+    target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
+    what = f"--success 'error_rms:{target} <= 0.5', --without navigation-error, or other --x and --y"
+    return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"
+
+
+def _draw_map(diagram: StabilityMap, criteria: Criteria, file: Path | None) -> list[Path]:
+    if file is None:
+        return []
+    from trimtab.plots.stability_map import plot_stability_map
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    plot_stability_map(diagram, file, title=diagram.scenario.name, theory=criteria)
+    return [file]

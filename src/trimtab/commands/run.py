@@ -1,0 +1,239 @@
+"""`trimtab run`: fly a scenario, ideal beside real, and show what came of it.
+
+A run that was flown before starts from its kept programs, without importing JAX (see `kept_programs`): so nothing that
+needs JAX is imported at the top of this file.
+"""
+
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
+from trimtab.commands.kept_programs import RunPrograms, enable_cache, load_programs, program_key, store_programs
+from trimtab.commands.options import FAULT, FILE, JSON, NAVIGATION, SCENARIO, SET, WITHOUT
+from trimtab.commands.output import check_picture, console, new_table, print_files, print_json, show_spinner
+from trimtab.core.time import parse_time
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import Target
+from trimtab.run.program import check_seed
+
+if TYPE_CHECKING:
+    from trimtab.logs.navigation import Navigation
+    from trimtab.loop.scenario import Scenario
+
+
+class RunReport(NamedTuple):
+    """The runs, and what is shown of them."""
+
+    name: str
+    real: Log
+    ideal: Log | None
+    targets: tuple[Target, ...]
+    wall_s: float
+
+
+@click.command()
+@SCENARIO
+@SET
+@NAVIGATION
+@WITHOUT
+@FAULT
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
+@click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
+@click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
+@click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
+@click.option(
+    "--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True, help="What flies it."
+)
+@click.option("--plot", type=FILE, metavar="FILE", help="Picture of all signals.")
+@click.option("--out", type=FILE, metavar="DIR", help="Folder for log (MCAP) and picture.")
+@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Between two rows of the log.")
+@JSON
+def command(
+    scenario: str,
+    settings: dict[str, str],
+    navigation: str | None,
+    without: tuple[str, ...],
+    faults: tuple[str, ...],
+    seed: int,
+    number: int,
+    duration: str | None,
+    ideal: bool,
+    backend: str,
+    plot: Path | None,
+    out: Path | None,
+    log_period: str,
+    as_json: bool,
+) -> None:
+    """Fly a scenario in virtual time, ideal beside real.
+
+    SCENARIO is a name from `trimtab list`, or your own: my_boat.py:scenario.
+
+    \b
+    trimtab run hovercraft/zero-velocity --plot rest.png
+    trimtab run hovercraft/heading-bang-bang --set initial=rest --seed 3
+    trimtab run hovercraft/forward --without navigation-error --out forward/
+    trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
+    trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
+    trimtab run hovercraft/forward --fault 'uplink off @ 5 s for 2 s' --plot cut.png
+    """
+    if duration is not None:
+        settings["duration"] = duration
+    if navigation is not None:
+        settings["navigation"] = navigation
+    flight: dict[str, Any] = {"seed": seed, "run": number, "log_period": parse_time(log_period)}
+    check_seed(seed)
+    check_seed(number)
+    if plot is None and out is not None:
+        plot = out / "run.png"
+    key = None if backend == "jax" else program_key(scenario, settings, without, faults, ideal)
+    programs = None if key is None else load_programs(key)
+    if programs is not None:
+        check_picture(plot, out)
+        report = _fly_programs(programs, flight)
+    else:
+        from trimtab.scenarios.build import build
+
+        built = build(scenario, settings, without, faults)
+        check_picture(plot, out)
+        report = _compile_and_fly(built, ideal, backend, flight, key)
+    result = _summarise_report(scenario, report)
+    navigated = _summarise_navigation(report.real)
+    if navigated is not None:
+        result["navigation"] = navigated.plain()
+    files = [*_write_logs(report, out), *_draw_run(report, plot, navigated is not None)]
+    if as_json:
+        print_json(result, files)
+        return
+    print_result(result, metric_units(report.real, result["real"]["metrics"]))
+    if navigated is not None:
+        units = {name: report.real.unit(f"{navigated.where}.{name}") for name in navigated.learned}
+        print_navigation(navigated, units)
+    print_files(files)
+
+
+def _fly_programs(programs: RunPrograms, flight: dict[str, Any], started: float | None = None) -> RunReport:
+    started = time.perf_counter() if started is None else started
+    real = programs.real.fly(**flight)
+    ideal = None if programs.ideal is None else programs.ideal.fly(**flight)
+    return RunReport(programs.name, real, ideal, programs.targets, time.perf_counter() - started)
+
+
+def _compile_and_fly(
+    scenario: "Scenario", ideal: bool, backend: str, flight: dict[str, Any], key: str | None
+) -> RunReport:
+    """The runs from the scenario itself; its programs are kept for the next time where there is a key."""
+    from trimtab.run.runner import choose_c
+    from trimtab.run.simulate import compile_scenario, simulate
+
+    enable_cache()
+    targets = tuple(scenario.targets)
+    started = time.perf_counter()
+    compiled: list[RunPrograms] = []
+
+    def compile_both() -> None:
+        with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
+            real = other.submit(compile_scenario, scenario)
+            twin = compile_scenario(scenario.ideal()) if ideal else None
+            compiled.append(RunPrograms(scenario.name, real.result(), twin, targets))
+
+    with show_spinner(f"compiling {scenario.name}; the next run starts at once"):
+        flies_c = choose_c(backend, compile_both)
+    if flies_c:
+        if key is not None:
+            store_programs(key, compiled[0])
+        return _fly_programs(compiled[0], flight, started)
+    real = simulate(scenario, **flight, backend="jax")
+    twin = simulate(scenario.ideal(), **flight, backend="jax") if ideal else None
+    return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
+
+
+def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:
+    about = report.real.metadata
+    return {
+        "scenario": scenario,
+        "seed": about["seed"],
+        "run": about["run"],
+        "backend": about["backend"],
+        "duration_s": about["duration_s"],
+        "wall_s": round(report.wall_s, 4),
+        "real": summarise_run(report.real, report.targets),
+        "ideal": None if report.ideal is None else summarise_run(report.ideal, report.targets),
+    }
+
+
+def _summarise_navigation(log: Log) -> "Navigation | None":
+    """What a run with an aided INS says about it; what judges it, scipy, is imported only then."""
+    if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
+        return None
+    from trimtab.logs.navigation import assess_navigation
+
+    return assess_navigation(log)
+
+
+def _write_logs(report: RunReport, out: Path | None) -> list[Path]:
+    if out is None:
+        return []
+    from trimtab.logs.mcap import write_mcap
+
+    out.mkdir(parents=True, exist_ok=True)
+    logs = {"run.mcap": report.real, "ideal.mcap": report.ideal}
+    return [write_mcap(log, out / name) for name, log in logs.items() if log is not None]
+
+
+def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> list[Path]:
+    if file is None:
+        return []
+    from trimtab.plots.run import plot_run
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    plot_run(report.real, report.ideal, file, title=report.name, targets=report.targets)
+    pictures = [file]
+    if any(p.startswith("law.") and p.endswith("_wanted") for p in report.real.paths):
+        from trimtab.plots.tracking import plot_tracking
+
+        pictures.append(file.with_stem(f"{file.stem}-tracking"))
+        plot_tracking(report.real, pictures[-1], title=f"{report.name}: tracking")
+    if with_navigation:
+        from trimtab.plots.navigation import plot_navigation
+
+        pictures.append(file.with_stem(f"{file.stem}-navigation"))
+        plot_navigation(report.real, pictures[-1], title=f"{report.name}: navigation")
+    return pictures
+
+
+def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
+    """Whether a run's navigation knew how wrong it was, and what it learned."""
+    screen = console()
+    table = new_table(title="Navigation: errors against the filter's own sigmas", title_justify="left")
+    for heading in ("what", "of", "draws", "mean", "bounds", "error / sigma", "white", "verdict"):
+        table.add_column(heading, justify="left" if heading in ("what", "white", "verdict") else "right")
+    rows: list[tuple[str, str, Any, str]] = []
+    for name, aid in navigation.aiding.items():
+        rejections = f", {aid.refused} refused" if aid.refused else ""
+        white = "-" if aid.white is None else f"{'yes' if aid.white else 'no'}, p {aid.p:.2g}"
+        rows.append((f"{name} innovations", f"{aid.updates}{rejections}", aid.nis, white))
+    rows += [(f"{name} error", "truth", error, "") for name, error in navigation.errors.items()]
+    for name, of, j, white in rows:
+        bounds = f"{j.low:.3g} … {j.high:.3g}"
+        factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
+        table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
+    screen.print(table)
+    table = new_table()
+    for heading in ("state", "sigma at first", "at the end", "settled (s)", "seen"):
+        table.add_column(heading, justify="left" if heading in ("state", "seen") else "right")
+    for name, state in navigation.learned.items():
+        cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
+        table.add_row(f"{name} ({units[name]})", *cells)
+    screen.print(table)
+    sure = f"{100 * navigation.probability:g} % of a consistent filter's runs keep within all bounds"
+    verdict = f"{navigation.verdict}; judged from {navigation.since_s:.2f} s on"
+    click.echo(f"navigation: {verdict}; {sure} (docs, Navigation of a run)")
+
+
+def _format_short(value: float) -> str:
+    return f"{value:.2f}" if value < 100 else "∞"
