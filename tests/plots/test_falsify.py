@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.search.falsify import FalsificationResult
-from trimtab.campaign.workers.ready import CampaignPlan
+from trimtab.campaign.workers.prepare import CampaignPlan
 from trimtab.plots.falsify import plot_falsify
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.search.tune import TuningResult
-from trimtab.campaign.search.tune_gradient import TuningStep
+from trimtab.campaign.search.tune_methods import TuningStep
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.ready import CampaignPlan
+from trimtab.campaign.workers.prepare import CampaignPlan
 from trimtab.plots.tune import plot_tune
 
 

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
+from trimtab.campaign.statistics.intervals import Proportion, proportion
 from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.store.store import CampaignStore, MemoryStore, missing_blocks, open_store, read_block_length
 from trimtab.campaign.workers.block import Workers, WorkersLost, compute_log_metrics, uses_c
 from trimtab.campaign.workers.local import local_workers
-from trimtab.campaign.workers.ready import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
+from trimtab.campaign.workers.prepare import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
-from trimtab.logs.proportion import Proportion, proportion
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate

@@ -144,8 +144,9 @@ def campaign(request: CampaignRequest) -> bool:
 
 
 def _fly_and_report(request: CampaignRequest, made: "Campaign") -> bool:
+    from trimtab.campaign.grammar import parse_requirement
     from trimtab.campaign.sampling.points import DESIGNS
-    from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
+    from trimtab.campaign.statistics.requirement import evaluate_requirement
 
     wanted = [parse_requirement(text) for text in request.require]
     if request.sampling in DESIGNS and (wanted or request.stop):
@@ -191,7 +192,8 @@ def _run_campaign(request: CampaignRequest, made: "Campaign", stop: Any) -> "Cam
 def _stopping_function(text: str | None, made: "Campaign") -> Any:
     if text is None:
         return None
-    from trimtab.campaign.statistics.stopping import evaluate_stopping, parse_stopping
+    from trimtab.campaign.grammar import parse_stopping
+    from trimtab.campaign.statistics.stopping import evaluate_stopping
 
     wanted = parse_stopping(text)
     wanted.check(_column_names(made))

@@ -29,7 +29,7 @@ def metric_names(found: "CampaignResult") -> list[str]:
 
 def summarise_metrics(found: "CampaignResult") -> dict[str, dict[str, float]]:
     """By metric the quantiles of SHOWN, each with its band, the largest value, and how often there was none."""
-    from trimtab.campaign.statistics.quantiles import quantile
+    from trimtab.campaign.statistics.intervals import quantile
 
     told: dict[str, dict[str, float]] = {}
     for name in metric_names(found):

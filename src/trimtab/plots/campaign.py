@@ -17,7 +17,7 @@ import numpy as np
 
 from trimtab.campaign.sampling.morris import Morris
 from trimtab.campaign.sampling.saltelli import NOISE
-from trimtab.campaign.statistics.quantiles import Quantile, as_column, quantile
+from trimtab.campaign.statistics.intervals import Quantile, as_column, quantile
 from trimtab.campaign.statistics.requirement import success_proportion
 from trimtab.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError

@@ -6,7 +6,7 @@ import pytest
 from trimtab.campaign.sampling.distributions import parse_distribution
 from trimtab.campaign.search.falsify import spread_levels
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.workers.ready import CampaignPlan, parameters_at, prepare_campaign, scenario_at
+from trimtab.campaign.workers.prepare import CampaignPlan, parameters_at, prepare_campaign, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.scenarios.build import build

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import stats
 
 from trimtab.campaign.sampling.saltelli import NOISE, DesignRows, check_factors
-from trimtab.campaign.statistics.quantiles import as_column
+from trimtab.campaign.statistics.intervals import as_column
 from trimtab.campaign.statistics.sensitivity import explain_no_variance, rank_values
 from trimtab.core.errors import InputError
 from trimtab.core.rng import threefry2x32

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from trimtab.campaign.workers.ready import PreparedCampaign, program_options, scenario_at
+from trimtab.campaign.workers.prepare import PreparedCampaign, program_options, scenario_at
 from trimtab.core.errors import InputError
 
 

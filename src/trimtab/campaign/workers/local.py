@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, fly_block
-from trimtab.campaign.workers.ready import FEWEST, PreparedCampaign
+from trimtab.campaign.workers.prepare import FEWEST, PreparedCampaign
 
 AHEAD = 2
 """Blocks under way: one's metrics are taken while the other flies on all cores."""

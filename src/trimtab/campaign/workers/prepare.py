@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from trimtab.campaign.grammar import Condition, parse_condition
 from trimtab.campaign.sampling.distributions import Amount, Distribution
 from trimtab.campaign.sampling.points import DESIGNS, Points, points
 from trimtab.campaign.sampling.saltelli import check_factors
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
-from trimtab.campaign.statistics.condition import Condition, parse_condition
-from trimtab.campaign.statistics.metrics import Metric, default_metrics, parse_metric, short_name
+from trimtab.campaign.statistics.metrics import Metric, default_metrics, find_metric, short_name
 from trimtab.core.errors import InputError
 from trimtab.core.record import Option, Quantity, leaves, with_leaf
 from trimtab.core.time import ms
@@ -130,14 +130,14 @@ def prepare_campaign(
     shapes, units = signal_shapes(scenario)
     targets = tuple(scenario.targets)
     texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
-    metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
+    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
     conditions = tuple(parse_condition(text) for text in plan.success)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
     if not conditions:
         settled = [f"settling:{short_name(t.path)}" for t in targets]
         needed = [name for name in settled if name not in [m.name for m in metrics]]
         conditions = tuple(Condition(name, "<", np.inf) for name in settled)
-    metrics += tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
+    metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
     spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
