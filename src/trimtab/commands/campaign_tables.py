@@ -10,7 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from trimtab.campaign.campaign import Campaign, CampaignResult
-    from trimtab.campaign.sampling.morris import Morris
+    from trimtab.campaign.statistics.morris import Morris
     from trimtab.campaign.statistics.requirement import RequirementVerdict
     from trimtab.campaign.statistics.sensitivity import Sensitivity
 
@@ -96,7 +96,7 @@ def _format_number(value: float) -> str:
 
 def print_sensitivity(made: "Campaign", found: "CampaignResult") -> None:
     """What each factor matters to each metric, largest first."""
-    from trimtab.campaign.sampling.morris import Morris
+    from trimtab.campaign.statistics.morris import Morris
     from trimtab.commands.tables import console, new_table
 
     for metric, told in sensitivities(made, found).items():
@@ -125,7 +125,7 @@ def print_sensitivity(made: "Campaign", found: "CampaignResult") -> None:
 
 def sensitivities(made: "Campaign", found: "CampaignResult") -> "dict[str, Sensitivity | Morris]":
     """Of each metric, and of the success, from the rows of a design; by rank where a metric was not always finite."""
-    from trimtab.campaign.sampling.morris import morris
+    from trimtab.campaign.statistics.morris import morris
     from trimtab.campaign.statistics.sensitivity import sensitivity
 
     parameters = [f.text for f in made.ready.spread.factors]

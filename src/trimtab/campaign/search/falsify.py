@@ -40,15 +40,16 @@ from scipy import special
 
 from trimtab.campaign.grammar import Condition, parse_metric
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.ends import check_bounds, refuse_options
 from trimtab.campaign.search.evolution import evolve
 from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.workers.block import compute_log_metrics, fly_points
 from trimtab.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
+    check_bounds,
     parameters_at,
     prepare_campaign,
+    refuse_options,
     scenario_at,
 )
 from trimtab.core.errors import InputError

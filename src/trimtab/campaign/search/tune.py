@@ -17,11 +17,18 @@ from trimtab.campaign.grammar import CostTerm, parse_cost
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
-from trimtab.campaign.search.ends import check_bounds, refuse_options
 from trimtab.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
 from trimtab.campaign.statistics.comparison import Comparison, compare
 from trimtab.campaign.workers.block import fly_points
-from trimtab.campaign.workers.prepare import CampaignPlan, PreparedCampaign, draw_runs, parameters_at, prepare_campaign
+from trimtab.campaign.workers.prepare import (
+    CampaignPlan,
+    PreparedCampaign,
+    check_bounds,
+    draw_runs,
+    parameters_at,
+    prepare_campaign,
+    refuse_options,
+)
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
