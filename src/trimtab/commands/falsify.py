@@ -89,7 +89,7 @@ def _write_files(request: FalsifyRequest, found: "FalsificationResult") -> list[
         write_scenario(request.out, found.plan, found.values, about)
         written.append(str(request.out))
     if request.plot is not None:
-        from trimtab.plots.falsify import plot_falsify
+        from trimtab.plots.search import plot_falsify
 
         request.plot.parent.mkdir(parents=True, exist_ok=True)
         plot_falsify(found, request.plot, title=request.scenario)

@@ -83,7 +83,7 @@ def _write_files(request: TuneRequest, found: "TuningResult") -> list[str]:
         write_scenario(request.out, found.plan, found.values, about)
         written.append(str(request.out))
     if request.plot is not None:
-        from trimtab.plots.tune import plot_tune
+        from trimtab.plots.search import plot_tune
 
         request.plot.parent.mkdir(parents=True, exist_ok=True)
         plot_tune(found, request.plot, title=f"{request.scenario}, {request.cost}")
