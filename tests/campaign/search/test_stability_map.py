@@ -10,8 +10,8 @@ from trimtab.campaign.search.stability_map import parse_success, stability_map, 
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.design.delay_margin import delay_margin
 from trimtab.design.loop_transfer import loop_of_law
+from trimtab.design.margins import delay_margin
 from trimtab.logs.metrics import Target
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
