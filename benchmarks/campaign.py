@@ -23,7 +23,7 @@ from paired import Program, Ratio, load, machine, ratio, rounds, row
 
 from trimtab.campaign.campaign import Campaign
 from trimtab.campaign.sampling.spread import spread_arrays
-from trimtab.campaign.workers.ready import draw_runs
+from trimtab.campaign.workers.prepare import draw_runs
 from trimtab.core.time import seconds
 from trimtab.run.batch import simulate_batch
 

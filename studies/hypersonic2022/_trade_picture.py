@@ -10,7 +10,7 @@ import numpy as np
 
 from studies.hypersonic2022._linear_loop import loop_quality
 from studies.hypersonic2022._trade import APART, BETTER, SHIPPED, TOGETHER, Activity, Setting, trade_curve
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION
+from trimtab.plots.style import BLUE, DPI, GREEN, GREY, VERMILION
 
 HIGHEST = 0.3
 TRACKING = (0.008, 0.027)

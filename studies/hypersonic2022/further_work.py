@@ -24,8 +24,8 @@ from studies.hypersonic2022._campaign_ranking import (
 )
 from studies.hypersonic2022._linear_loop import growth_rate
 from studies.hypersonic2022._trade import BETTER
+from trimtab.campaign.statistics.intervals import Proportion, proportion
 from trimtab.estimators.flexible.discrete import TUNED_Q
-from trimtab.logs.proportion import Proportion, proportion
 from trimtab.study import Row, at_most, band, direction, overlaps, same
 
 SECTION = "further work"

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.statistics.quantiles import quantile, ranks
-from trimtab.logs.proportion import proportion
+from trimtab.campaign.statistics.intervals import proportion, quantile, ranks
 
 RUNS, CAMPAIGNS = 2000, 2000
 A, STEPS = 0.8, 4

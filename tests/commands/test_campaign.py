@@ -43,7 +43,7 @@ def test_json_says_what_came_of_it(kept):
     assert len(found["failed"]) == round(80 * (1 - found["success"]["share"]))
     assert set(found["metrics"]["error_rms:yaw_rate"]) >= {"median", "median_low", "p95", "largest"}
     names = {f.name for f in (folder / "pictures").iterdir()}
-    assert "campaign.store.parquet" in names
+    assert "campaign.parquet" in names
     assert sum(n.endswith(".png") for n in names) >= 3
     assert {str(folder / "pictures" / n) for n in names} == set(found["files"])
 

@@ -7,8 +7,8 @@ import pytest
 from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
-from trimtab.design.delay_margin import delay_margin
 from trimtab.design.loop_transfer import loop_of_gain, loop_of_polynomials
+from trimtab.design.margins import delay_margin
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from design import hovercraft_loops as loops
 
 from trimtab.core.errors import InputError
-from trimtab.design.delay_margin import delay_margin, jitter_margin, jitter_margin_samples
 from trimtab.design.loop_transfer import loop_of_polynomials
+from trimtab.design.margins import delay_margin, jitter_margin, jitter_margin_samples
 
 
 @pytest.mark.parametrize(("loop", "milliseconds"), [(loops.zero, 276), (loops.forward, 172), (loops.reverse, 365)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.design.delay_margin import critical_loss, mean_square, mean_square_growth, mean_squares
+from trimtab.design.margins import critical_loss, mean_square, mean_square_growth, mean_squares
 
 
 def by_every_pattern(a, q, steps, start, tries):

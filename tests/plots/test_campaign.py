@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from trimtab.campaign.sampling.morris import morris, morris_rows
-from trimtab.campaign.sampling.saltelli import saltelli_rows
-from trimtab.campaign.statistics.quantiles import quantile
+from trimtab.campaign.sampling.points import morris_rows, saltelli_rows
+from trimtab.campaign.statistics.intervals import proportion, quantile
+from trimtab.campaign.statistics.morris import morris
 from trimtab.campaign.statistics.sensitivity import sensitivity
-from trimtab.logs.proportion import proportion
 from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
 
 RNG = np.random.default_rng(0)

@@ -9,7 +9,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.plots.replay import common_signals, plot_replay
-from trimtab.plots.run import BLUE, GREY, VERMILION
+from trimtab.plots.style import BLUE, GREY, VERMILION
 
 T = np.arange(0, ms(400), ms(2))
 WAVE = np.sin(40 * to_seconds(T))

@@ -10,7 +10,8 @@ from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
-from trimtab.plots.run import BLUE, GREY, VERMILION, decimate, plot_run, select_panels
+from trimtab.plots.run import plot_run, select_panels
+from trimtab.plots.style import BLUE, GREY, VERMILION, decimate
 
 UNITS = {
     "truth.surge_velocity": ("m/s", "real"),

@@ -7,7 +7,8 @@ from matplotlib.image import imread
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.plots.run import GREEN, GREY, VERMILION, select_panels
+from trimtab.plots.run import select_panels
+from trimtab.plots.style import GREEN, GREY, VERMILION
 from trimtab.plots.tracking import plot_tracking, tracking_rows
 
 T = np.arange(0, ms(5000), ms(10))

@@ -3,7 +3,6 @@
 Source: docs page, Campaigns.
 """
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -12,15 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
+from trimtab.campaign.statistics.intervals import Proportion, proportion
 from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.store.store import CampaignStore, MemoryStore, missing_blocks, open_store, read_block_length
 from trimtab.campaign.workers.block import Workers, WorkersLost, compute_log_metrics, uses_c
-from trimtab.campaign.workers.local import local_workers
-from trimtab.campaign.workers.ready import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
+from trimtab.campaign.workers.local import RowCount, local_workers
+from trimtab.campaign.workers.prepare import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
-from trimtab.logs.proportion import Proportion, proportion
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
@@ -131,24 +130,24 @@ class Campaign:
             fix = "name them, file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or uses_c(self.ready, backend) else "jax"
-        progress = _monotonic_progress(progress) if progress is not None else None
-        fly, who = workers or local_workers(threads, progress), identity(self.plan, self.ready.scenario, used)
+        count = RowCount(progress)
+        fly, who = workers or local_workers(threads, count), identity(self.plan, self.ready.scenario, used)
         if store is None:
             rows = MemoryStore(self.plan.runs)
             block = self.ready.block
-            flown = self._fly_blocks(fly, used, rows, block, stop, progress)
+            flown = self._fly_blocks(fly, used, rows, block, stop, count)
             columns = rows.read()
         else:
             folder = Path(store)
             block = read_block_length(folder) or self.ready.block
             told = {"identity": who, "plan": self.plan.as_dict(), **(about or {})}
             with open_store(folder, told, self._example_row(), self.plan.runs, block) as kept:
-                flown = self._fly_blocks(fly, used, kept, block, stop, progress)
+                flown = self._fly_blocks(fly, used, kept, block, stop, count)
                 columns = _first_rows(kept.read(), self.plan.runs)
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
 
-    def _fly_blocks(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, progress: Any) -> int:
+    def _fly_blocks(self, fly: Workers, used: str, rows: Any, block: int, stop: Any, count: RowCount) -> int:
         done = rows.finished_rows()[: self.plan.runs]
         flown, blocks = 0, list(missing_blocks(done, self.plan.runs, block))
         if stop is not None and done[:1].all() and stop(_gapless_rows(rows, done)):
@@ -160,8 +159,7 @@ class Campaign:
                 rows.write(first, columns)
                 flown += int((~done[first : first + n]).sum())
                 done[first : first + n] = True
-                if progress is not None:
-                    progress(int(done.sum()))
+                count.keep(int(done.sum()))
                 if stop is not None and done[0] and stop(_gapless_rows(rows, done)):
                     break
         except WorkersLost as lost:
@@ -199,20 +197,6 @@ class Campaign:
         _, values = draw_runs(self.ready, run, run + 1)
         found = {**values, **compute_log_metrics(self.ready, log)}
         return {name: column[0] for name, column in found.items()}
-
-
-def _monotonic_progress(tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Tells no number below the last one: runs that fly are counted before they are kept."""
-    last, alone = 0, threading.Lock()
-
-    def told(done: int) -> None:
-        nonlocal last
-        with alone:
-            if done >= last:
-                last = done
-                tell(done)
-
-    return told
 
 
 def _first_rows(columns: dict[str, Any], runs: int) -> dict[str, Any]:

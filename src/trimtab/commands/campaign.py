@@ -12,9 +12,10 @@ import click
 import jax
 
 from trimtab.campaign.campaign import Campaign, CampaignResult, Workers
+from trimtab.campaign.grammar import parse_requirement, parse_stopping
 from trimtab.campaign.sampling.points import DESIGNS
-from trimtab.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement, parse_requirement
-from trimtab.campaign.statistics.stopping import evaluate_stopping, parse_stopping
+from trimtab.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
+from trimtab.campaign.statistics.stopping import evaluate_stopping
 from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, SUCCESS, THREADS, WITHOUT
@@ -186,7 +187,7 @@ def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -
         return [str(f) for f in files]
     from trimtab.campaign.store.parquet import write_parquet
 
-    table = out / "campaign.store.parquet"
+    table = out / "campaign.parquet"
     write_parquet(result, table)
     return [str(f) for f in (table, *files)]
 

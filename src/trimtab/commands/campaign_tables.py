@@ -9,9 +9,9 @@ import click
 import numpy as np
 
 from trimtab.campaign.campaign import Campaign, CampaignResult
-from trimtab.campaign.sampling.morris import Morris, morris
 from trimtab.campaign.sampling.points import DESIGNS
-from trimtab.campaign.statistics.quantiles import quantile
+from trimtab.campaign.statistics.intervals import quantile
+from trimtab.campaign.statistics.morris import Morris, morris
 from trimtab.campaign.statistics.requirement import RequirementVerdict
 from trimtab.campaign.statistics.sensitivity import Sensitivity, sensitivity
 from trimtab.commands.output import console, new_table

@@ -62,7 +62,7 @@ def command(scenario: str, runs: int, out: Path | None, plot: Path | None, as_js
         )
         write_scenario(out, worst.plan, worst.values, about)
     if plot is not None:
-        from trimtab.plots.falsify import plot_falsify
+        from trimtab.plots.search import plot_falsify
 
         plot.parent.mkdir(parents=True, exist_ok=True)
         plot_falsify(worst, plot, title=scenario)

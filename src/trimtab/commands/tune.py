@@ -74,7 +74,7 @@ def command(
         _write_tuning(out, scenario, cost, tuning, fly_it)
         files.append(out)
     if plot is not None:
-        from trimtab.plots.tune import plot_tune
+        from trimtab.plots.search import plot_tune
 
         plot.parent.mkdir(parents=True, exist_ok=True)
         plot_tune(tuning, plot, title=f"{scenario}, {cost}")

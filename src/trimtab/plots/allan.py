@@ -2,17 +2,15 @@
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.identify.allan import FLICKER, AllanFit, confidence_interval
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save_figure
+from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, new_figure, save_figure, write_title
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 COLUMNS, WIDTH, ROW_HEIGHT = 3, 15.0, 4.0
 
 
@@ -30,21 +28,17 @@ def plot_allan(
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
     columns = min(COLUMNS, len(fits))
     rows = -(-len(fits) // columns)
     size = (WIDTH * columns / COLUMNS, 0.5 + rows * ROW_HEIGHT)
-    figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(*size)
     every: Any = figure.subplots(rows, columns, squeeze=False)
     for axes, (name, fit) in zip(every.flat, fits.items(), strict=False):
         _draw_fit(axes, name, fit, (units or {}).get(name, ""))
     for axes in every.flat[len(fits) :]:
         axes.set_axis_off()
-    figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    write_title(figure, title)
+    return save_figure(figure, path)
 
 
 def _draw_fit(axes: Any, name: str, fit: AllanFit, unit: str) -> None:

@@ -1,33 +1,24 @@
-"""Pictures of a campaign: a metric's histogram, how an estimate converges, what each factor matters.
+"""Pictures of a campaign: its worlds as lines, a metric's histogram, how an estimate converges, what factors matter.
 
-Colours: Okabe and Ito, "Color universal design", 2008; told apart also without colour vision.
-
-A picture of a campaign's worlds: each a line through its parameters, failures on top.
-
-Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 (1985). Colours: Okabe and Ito, "Color
-universal design", 2008.
+Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 (1985).
 """
 
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.sampling.morris import Morris
-from trimtab.campaign.sampling.saltelli import NOISE
-from trimtab.campaign.statistics.quantiles import Quantile, as_column, quantile
+from trimtab.campaign.sampling.points import NOISE
+from trimtab.campaign.statistics.intervals import Quantile, as_column, quantile
+from trimtab.campaign.statistics.morris import Morris
 from trimtab.campaign.statistics.requirement import success_proportion
 from trimtab.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, save_figure
+from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-if TYPE_CHECKING:  # matplotlib is imported when something is drawn
-    from matplotlib.figure import Figure
-
 
 MOST_LINES = 400
 """So many worlds of a kind are drawn as lines at most; more would be one surface."""
@@ -47,12 +38,10 @@ def plot_parallel(
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
     good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
     place, low, high = _axis_positions(parameters, len(good))
-    figure = Figure(figsize=(10.0, 5.2), dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(10.0, 5.2)
     figure.suptitle(title, fontsize="medium")
     axes: Any = figure.add_subplot()
     k = np.arange(len(names))
@@ -69,9 +58,7 @@ def plot_parallel(
     axes.tick_params(axis="x", length=0)
     axes.spines[:].set_visible(False)
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    return save_figure(figure, path)
 
 
 def thin_rows(rows: Any, most: int) -> Any:
@@ -159,7 +146,7 @@ def plot_histogram(
     notes += [f"{len(x) - len(finite)} without a finite value, counted as +inf"] * (len(finite) < len(x))
     axes.set_title("; ".join(notes), fontsize=9, color=GREY, loc="right")
     axes.legend(fontsize=8, title=f"bands: {100 * level:g} %", title_fontsize=8)
-    return _save_figure(figure, path)
+    return save_figure(figure, path)
 
 
 def plot_convergence(
@@ -200,7 +187,7 @@ def plot_convergence(
     axes.set_ylabel(label or ("success" if p is None else f"p{100 * p:g}"))
     axes.legend(fontsize=8)
     axes.grid(color="#DDDDDD", linewidth=0.5)
-    return _save_figure(figure, path)
+    return save_figure(figure, path)
 
 
 def plot_sensitivity(
@@ -233,7 +220,7 @@ def plot_sensitivity(
     axes.set_axisbelow(True)
     axes.set_title(found.note or f"{found.rows} runs, intervals {100 * found.level:g} %", fontsize=9, color=GREY)
     axes.legend(fontsize=8, loc="lower right")
-    return _save_figure(figure, path)
+    return save_figure(figure, path)
 
 
 def _histogram_edges(finite: Any) -> tuple[float, float]:
@@ -273,14 +260,6 @@ def _estimate_limits(found: Any, limit: float | None) -> tuple[float, float]:
 
 
 def _new_axes(width: float, height: float, title: str) -> tuple["Figure", Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(width, height)
     figure.suptitle(title, fontsize="medium")
     return figure, figure.add_subplot()
-
-
-def _save_figure(figure: "Figure", path: str | os.PathLike[str] | None) -> "Figure":
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure

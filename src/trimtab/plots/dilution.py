@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trimtab.plots.style import VERMILION, new_figure, save_figure
+
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
@@ -14,38 +16,35 @@ LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 
 
 def plot_dilution(
-    found: "DilutionMap", path: str | os.PathLike[str] | None = None, title: str = "Dilution of precision"
+    dilution_map: "DilutionMap", path: str | os.PathLike[str] | None = None, title: str = "Dilution of precision"
 ) -> "Figure":
     """Draw a map: north up, east to the right. White: no fix. Lines: how many beacons are heard on their inner side.
 
     Args:
-        found: the map.
+        dilution_map: the map.
         path: where to save (PNG, or what the suffix says); None: nowhere.
         title: what to write above.
     """
     from matplotlib.colors import BoundaryNorm
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 5.8), dpi=100, facecolor="white", layout="constrained")
+    figure = new_figure(7.0, 5.8)
     axes: Any = figure.add_subplot()
-    values = np.ma.masked_invalid(np.asarray(found.dilution))
+    values = np.ma.masked_invalid(np.asarray(dilution_map.dilution))
     colours = axes.pcolormesh(
-        found.east,
-        found.north,
+        dilution_map.east,
+        dilution_map.north,
         values,
         cmap="cividis",
         norm=BoundaryNorm(LEVELS, 256, extend="both"),
         shading="nearest",
     )
     figure.colorbar(colours, ax=axes, label="error of a fix / error of a range")
-    counts = np.asarray(found.visible)
+    counts = np.asarray(dilution_map.visible)
     edges = [k + 0.5 for k in range(int(counts.min()), int(counts.max()))]
     if edges:
-        axes.contour(found.east, found.north, counts, levels=edges, colors="#707070", linewidths=0.7)
-    beacons = np.asarray(found.beacons)
-    axes.plot(beacons[:, 1], beacons[:, 0], "^", color="#D55E00", markersize=9, markeredgecolor="white", label="beacon")
+        axes.contour(dilution_map.east, dilution_map.north, counts, levels=edges, colors="#707070", linewidths=0.7)
+    beacons = np.asarray(dilution_map.beacons)
+    axes.plot(beacons[:, 1], beacons[:, 0], "^", color=VERMILION, markersize=9, markeredgecolor="white", label="beacon")
     axes.set(xlabel="east (m)", ylabel="north (m)", title=title, aspect="equal")
     axes.legend(loc="upper right", framealpha=0.9)
-    if path is not None:
-        figure.savefig(path)
-    return figure
+    return save_figure(figure, path)

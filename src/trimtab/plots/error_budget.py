@@ -5,51 +5,48 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trimtab.plots.style import BLUE, VERMILION, new_figure, save_figure
 from trimtab.run.error_budget import ErrorBudget
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
-ALONE, WITHOUT = "#0072B2", "#D55E00"
+ALONE, WITHOUT = BLUE, VERMILION
 
 
-def plot_error_budget(found: ErrorBudget, path: str | os.PathLike[str] | None = None, title: str = "") -> "Figure":
+def plot_error_budget(budget: ErrorBudget, path: str | os.PathLike[str] | None = None, title: str = "") -> "Figure":
     """Draw the budget: for each measure the rms with an imperfection alone, and with all others but it.
 
     Args:
-        found: the budget.
+        budget: the budget.
         path: where to save (PNG, or what the suffix says); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
-    measures, n = list(found.units), len(found.costs)
+    measures, n = list(budget.units), len(budget.costs)
     size = (1.8 + 2.0 * len(measures), 1.4 + 0.28 * max(n, 3))
-    figure = Figure(figsize=size, dpi=100, facecolor="white", layout="constrained")
+    figure = new_figure(*size)
     panels: Any = figure.subplots(1, len(measures), sharey=True, squeeze=False)
     y = np.arange(n)
     for axes, measure in zip(panels[0], measures, strict=True):
-        whole, least = found.whole[measure][0], found.least[measure][0]
+        whole, least = budget.whole[measure][0], budget.least[measure][0]
         axes.axvspan(0, least, color="#E8E8E8")
         axes.axvline(whole, color="black", linewidth=0.9, label="all")
         for offset, kind, colour in ((-0.19, "alone", ALONE), (0.19, "without", WITHOUT)):
-            values = np.array([getattr(cost, kind)[measure] for cost in found.costs]).reshape(n, 2)
+            values = np.array([getattr(cost, kind)[measure] for cost in budget.costs]).reshape(n, 2)
             values = np.where(np.isfinite(values), values, np.nan)
             axes.errorbar(
                 values[:, 0], y + offset, xerr=2 * values[:, 1], fmt="o", color=colour, markersize=3.5, linewidth=0.9
             )
-        unit = found.units[measure]
+        unit = budget.units[measure]
         axes.set(title=measure.replace("_", " "), xlabel=f"rms ({unit})" if unit != "1" else "rms", xlim=(0, None))
         axes.grid(axis="y", color="#DDDDDD", linewidth=0.6)
         axes.locator_params(axis="x", nbins=4)
-    panels[0][0].set_yticks(y, [cost.name for cost in found.costs])
+    panels[0][0].set_yticks(y, [cost.name for cost in budget.costs])
     panels[0][0].invert_yaxis()
     marks = [("line", "black", "with all"), ("o", WITHOUT, "without it"), ("o", ALONE, "with it alone")]
     figure.legend(handles=[_legend_mark(*m) for m in marks], loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(f"{title}  (grey: with none)" if title else "(grey: with none)", fontsize="medium")
-    if path is not None:
-        figure.savefig(path)
-    return figure
+    return save_figure(figure, path)
 
 
 def _legend_mark(kind: str, colour: str, label: str) -> Any:

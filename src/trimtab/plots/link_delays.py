@@ -2,17 +2,15 @@
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.live.link_test import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, save_figure
+from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, style_grid, write_title
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
 
 
@@ -26,10 +24,8 @@ def plot_link_delays(
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
     size = (WIDTH, 0.6 + ROW_HEIGHT * len(measured))
-    figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(*size)
     every: Any = figure.subplots(len(measured), 3, squeeze=False)
     for line, delays in zip(every, measured, strict=True):
         recorded, table = link_traces(delays), latency_rows(delays)
@@ -43,10 +39,8 @@ def plot_link_delays(
             axes.axvline(table[name].mean_ms, color=GREY, lw=1, ls="--")
     for axes in every[-1]:
         axes.set_xlabel("delay (ms)", fontsize=9)
-    figure.suptitle(title, fontsize=13, weight="bold", x=0.01, ha="left")
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    write_title(figure, title)
+    return save_figure(figure, path)
 
 
 def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayModel | None) -> None:
@@ -56,9 +50,7 @@ def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayMod
     if fitted is not None:
         at = (edges[1:] + edges[:-1]) / 2
         axes.plot(at, gamma_density(fitted, at / 1e3) / 1e3, color=VERMILION, lw=1.5)
-    axes.grid(color="#d8d8d8", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
+    style_grid(axes)
 
 
 def gamma_density(fitted: DelayModel, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

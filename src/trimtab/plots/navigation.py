@@ -4,7 +4,6 @@ Colours: Okabe and Ito, "Color universal design", 2008.
 """
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +12,10 @@ from trimtab.core.errors import InputError
 from trimtab.logs.consistency import gate_threshold
 from trimtab.logs.log import Log
 from trimtab.logs.navigation import Series, assess_navigation, innovations, state_series
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save_figure
+from trimtab.plots.style import BLUE, GREY, VERMILION, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
 ROOM = 1.6
 """The axes show so many times the band as it is late in the run: the start may lie far outside."""
@@ -31,8 +29,6 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above; the verdict stands beside it.
     """
-    from matplotlib.figure import Figure
-
     states, aided = state_series(log), innovations(log)
     if not states:
         problem = "the estimate in it carries no sigmas"
@@ -42,7 +38,7 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
     known = [n for n in states if states[n].error is not None]
     names = [*known, *(n for n in states if n not in known)]
     rows = max(1, -(-(len(names) + len(aided)) // COLUMNS))
-    figure = Figure(figsize=(WIDTH, TOP + rows * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(WIDTH, TOP + rows * ROW_HEIGHT)
     every: Any = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
     for axes, name in zip(every.flat, names, strict=False):
         _draw_state(axes, name, states[name], _unit(log, name))
@@ -57,9 +53,7 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
     legend = "blue: error, or bias as estimated; grey: two sigmas; red: outside"
     figure.suptitle(f"{title}{verdict}", fontsize=14, weight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.985, legend, fontsize=10, color=GREY, ha="right", va="top")
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    return save_figure(figure, path)
 
 
 def _unit(log: Log, name: str) -> str:
@@ -92,7 +86,7 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
         axes.set_ylim(centre - ROOM * reach, centre + ROOM * reach)
     words = name.replace("_", " ")
     inside = "" if s.error is None else f"{100 * np.mean(np.abs(s.error) <= 2 * s.sigma):.0f} % within"
-    _style_axes(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
+    style_axes(axes, f"{words[0].upper()}{words[1:]}{'' if s.error is None else ' error'}", inside, unit)
 
 
 def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
@@ -103,14 +97,4 @@ def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
     axes.axhline(limit, color=GREY, lw=1, ls="--")
     axes.set_yscale("log")
     axes.set_ylim(1e-3, max(30.0, 2 * float(np.max(nis[np.isfinite(nis)], initial=1.0))))
-    _style_axes(axes, f"NIS of {name}", f"{100 * np.mean(nis <= limit):.0f} % below the 95 % line", "")
-
-
-def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
-    axes.set_title(title, loc="left", fontsize=10, weight="bold")
-    axes.set_title(note, loc="right", fontsize=8, color=GREY)
-    axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
-    axes.grid(color="#d8d8d8", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8, length=2)
-    axes.spines[["top", "right"]].set_visible(False)
+    style_axes(axes, f"NIS of {name}", f"{100 * np.mean(nis <= limit):.0f} % below the 95 % line", "")

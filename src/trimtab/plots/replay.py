@@ -4,18 +4,16 @@ Which rows there are follows from the logs' paths. Colours: Okabe and Ito, "Colo
 """
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.run import BLUE, DPI, GREY, VERMILION, decimate, save_figure
+from trimtab.plots.style import BLUE, GREY, VERMILION, decimate, new_figure, save_figure, style_axes, write_title
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 SHOWN_PREFIXES = ("estimate.state.", "law.demand.", "command.value.")
 
@@ -46,14 +44,12 @@ def plot_replay(
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
     names = common_signals(recorded, replayed)
     if not names:
         problem = "the two have no estimated state, demand or command in common"
         raise InputError("plot_replay", problem, fix="record estimate, law and command")
     height = TOP + len(names) * ROW_HEIGHT
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(WIDTH, height)
     every: Any = figure.subplots(len(names), 2, sharex=True, squeeze=False)
     for (value, error), name in zip(every, names, strict=True):
         truth = interpolate_truth(log, name, recorded.ticks)
@@ -63,12 +59,8 @@ def plot_replay(
         axes.set_xlabel("time (s)", fontsize=9)
     if len(recorded) > 1:
         every[0, 0].set_xlim(recorded.t[0], recorded.t[-1])
-    figure.suptitle(title, fontsize=14, weight="bold", x=0.01, ha="left")
-    note = "blue: recorded; red, dashed: replayed; grey: truth"
-    figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    write_title(figure, title, "blue: recorded; red, dashed: replayed; grey: truth", size=14)
+    return save_figure(figure, path)
 
 
 def _draw_values(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:
@@ -76,7 +68,7 @@ def _draw_values(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
         axes.plot(*decimate(recorded.t, truth), color=GREY, lw=2.0, alpha=0.6)
     axes.plot(*decimate(recorded.t, recorded[name]), color=BLUE, lw=1.0)
     axes.plot(*decimate(replayed.t, replayed[name]), color=VERMILION, lw=1.0, ls="--")
-    _style_axes(axes, name, "", recorded.unit(name))
+    style_axes(axes, name, "", recorded.unit(name))
 
 
 def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:
@@ -84,23 +76,14 @@ def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any)
     if truth is None:
         off = replayed[name] - recorded[name]
         axes.plot(*decimate(recorded.t, off), color=VERMILION, lw=0.9)
-        _style_axes(axes, "replayed minus recorded", f"rms {_rms(off):.3g}", unit)
+        style_axes(axes, "replayed minus recorded", f"rms {_rms(off):.3g}", unit)
         return
     errors = recorded[name] - truth, replayed[name] - truth
     for off, colour, style in zip(errors, (BLUE, VERMILION), ("-", "--"), strict=True):
         axes.plot(*decimate(recorded.t, off), color=colour, lw=0.9, ls=style)
-    _style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
+    style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)
 
 
 def _rms(values: Any) -> float:
     kept = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(kept * kept))) if len(kept) else float("nan")
-
-
-def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
-    axes.set_title(title, loc="left", fontsize=10, weight="bold")
-    axes.set_title(note, loc="right", fontsize=8, color=GREY)
-    axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
-    axes.grid(color="#d8d8d8", lw=0.6)
-    axes.tick_params(labelsize=8, length=2)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -1,33 +1,26 @@
 """One picture of a run: every signal that matters over one time axis, the ideal run beside the real one.
 
 Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture.
-Colours: Okabe and Ito, "Color universal design", 2008; told apart also without colour vision.
 """
 
 import dataclasses
 import os
 import textwrap
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import replace_file
 from trimtab.logs.metrics import Target, full_path, nearest_target_value
+from trimtab.plots.style import BLUE, DPI, GREEN, GREY, SEVERAL, VERMILION, decimate, save_figure, style_grid
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
-BLUE, VERMILION, GREY, GREEN = "#0072B2", "#D55E00", "#707070", "#009E73"
-SEVERAL = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", VERMILION, "#000000")
-COLUMNS, WIDTH, ROW_HEIGHT, DPI = 3, 16.0, 1.85, 100
+COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 """Margins and the gap between columns, inches."""
-BINS = 600
-"""Bins to a line: about the pixels of a panel's width. Each keeps its extremes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +55,8 @@ def plot_run(
     from matplotlib.gridspec import GridSpec
     from matplotlib.ticker import MaxNLocator
 
-    wanted = {full_path(t.path): t for t in targets}
-    for target in wanted:
+    by_path = {full_path(t.path): t for t in targets}
+    for target in by_path:
         real[target]
     panels = select_panels(real)
     rows = max(1, -(-len(panels) // COLUMNS))
@@ -76,64 +69,44 @@ def plot_run(
     for i, panel in enumerate(panels):
         axes: Any = figure.add_subplot(grid[i // COLUMNS, i % COLUMNS], sharex=first)
         first = first or axes
-        _draw_panel(axes, panel, real, ideal, wanted.get(panel.paths[0]))
-        _style_axes(axes, panel, real, bottom=i + COLUMNS >= len(panels))
+        _draw_panel(axes, panel, real, ideal, by_path.get(panel.paths[0]))
+        _style_panel(axes, panel, real, bottom=i + COLUMNS >= len(panels))
     if first is not None and len(real) > 1:
         first.set_xlim(real.t[0], real.t[-1])
         first.xaxis.set_major_locator(MaxNLocator(6))
     figure.text(LEFT / WIDTH, 1 - 0.3 / height, title or _title(real), fontsize=14, weight="bold", va="center")
-    handles = _legend(panels, ideal is not None, bool(wanted))
+    handles = _legend(panels, ideal is not None, bool(by_path))
     where = (right, 1 - 0.3 / height)
     figure.legend(handles=handles, loc="center right", bbox_to_anchor=where, ncols=5, frameon=False, fontsize=11)
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    return save_figure(figure, path)
 
 
 def select_panels(log: Log) -> list[Panel]:
     """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags."""
     drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag")]
     goals = {p: f"law.{p.removeprefix('truth.')}_wanted" for p in drawn if p.startswith("truth.")}
-    found = [
+    panels = [
         Panel(_title_of_path(p), (p,), demand_path=goal if goal in drawn else "", compares_ideal=True)
         for p, goal in goals.items()
     ]
-    taken = set(goals.values())
+    shown = set(goals.values())
     for path in [p for p in drawn if p.startswith("actuators.")]:
         name = path.rsplit(".", 1)[-1]
         pair = f"law.demand.{name}" if path.startswith("actuators.u.") else f"command.value.{name}"
-        taken |= {path, pair}
+        shown |= {path, pair}
         kind = "mode" if _panel_kind(log, path) == "mode" else "line"
-        found.append(Panel(_title_of_path(path), (path,), kind, demand_path=pair if pair in drawn else ""))
-    rest = [p for p in drawn if p not in taken]
+        panels.append(Panel(_title_of_path(path), (path,), kind, demand_path=pair if pair in drawn else ""))
+    rest = [p for p in drawn if p not in shown]
     for path in [p for p in rest if p.startswith(("law.", "command.value.")) and not _is_idle(log, p)]:
         kind = "mode" if _panel_kind(log, path) == "mode" else "log" if "lyapunov" in path else "line"
-        found.append(Panel(_title_of_path(path), (path,), kind, compares_ideal=path.startswith("law.")))
+        panels.append(Panel(_title_of_path(path), (path,), kind, compares_ideal=path.startswith("law.")))
     ages = [p for p in drawn if p.endswith(".age") and p.startswith(("downlink.", "uplink."))]
     if ages:
-        found.append(Panel("Age of the newest sample", tuple(ages), "age"))
+        panels.append(Panel("Age of the newest sample", tuple(ages), "age"))
     flags = [p for p in log.paths if p.startswith(("law.", "actuators.")) and _panel_kind(log, p) == "flag"]
     if flags:
-        found.append(Panel("Flags", tuple(flags), "flags"))
-    return found or [Panel(_title_of_path(p), (p,), compares_ideal=True) for p in drawn]
-
-
-def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray]:
-    """Of each of `bins` stretches of a line the lowest, the highest and the first missing point; and both ends.
-
-    Drawn at that many pixels the picture is the same. Shapes (n,) and (n,) come back as (m,) and (m,), m <= 3 bins + 2.
-    """
-    n = len(x)
-    if n <= 4 * bins:
-        return t, x
-    size = -(-n // bins)
-    padded = np.append(x.astype(np.float64), np.full(-n % size, x[-1], np.float64)).reshape(-1, size)
-    missing, start = np.isnan(padded), np.arange(len(padded)) * size
-    low = start + np.where(missing, np.inf, padded).argmin(1)
-    high = start + np.where(missing, -np.inf, padded).argmax(1)
-    gaps = (start + missing.argmax(1))[missing.any(1)]
-    kept = np.unique(np.concatenate([[0, n - 1], low, high, gaps]).clip(0, n - 1))
-    return t[kept], x[kept]
+        panels.append(Panel("Flags", tuple(flags), "flags"))
+    return panels or [Panel(_title_of_path(p), (p,), compares_ideal=True) for p in drawn]
 
 
 def _panel_kind(log: Log, path: str) -> str:
@@ -210,7 +183,7 @@ def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
     axes.set_ylim(-0.6, len(panel.paths) - 0.4)
 
 
-def _style_axes(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
+def _style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
     path = panel.paths[0]
@@ -221,9 +194,8 @@ def _style_axes(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     unit = log.unit(path) if panel.kind in ("line", "log", "age") else ""
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
     axes.yaxis.set_label_coords(-0.13, 0.5)
-    axes.grid(color="#d8d8d8", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8, labelbottom=bottom, length=2)
+    style_grid(axes)
+    axes.tick_params(labelbottom=bottom, length=2)
     axes.spines[["top", "right"]].set_visible(False)
     if bottom:
         axes.set_xlabel("time (s)", fontsize=9)
@@ -255,14 +227,3 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
         handles.append(Line2D([], [], color=GREEN, lw=1.5, ls="--", label="target"))
         handles.append(Patch(color=GREEN, alpha=0.16, lw=0, label="band"))
     return handles
-
-
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Save a figure; the file appears whole or not at all."""
-    kinds = figure.canvas.get_supported_filetypes()
-    kind = path.suffix.lstrip(".").lower() or "png"
-    if kind not in kinds:
-        raise InputError(f"plot '{path}'", f"cannot be saved as {kind!r}", choices=kinds, fix="name it something.png")
-    fast: dict[str, Any] = {"pil_kwargs": {"compress_level": 3}} if kind == "png" else {}
-    with replace_file(path) as stream:
-        figure.savefig(stream, format=kind, dpi=DPI, **fast)

@@ -5,7 +5,6 @@ Colours: Okabe and Ito, "Color universal design", 2008.
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,17 +12,16 @@ import numpy as np
 from trimtab.campaign.search.axes import Axis
 from trimtab.campaign.search.map_theory import StabilityCriterion
 from trimtab.campaign.search.stability_map import StabilityMap
-from trimtab.plots.run import save_figure
+from trimtab.plots.style import new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 STABLE, UNSTABLE = "#56B4E9", "#E69F00"
 LINES = {"delay margin": ("#D55E00", "--"), "jitter margin": ("#009E73", "-."), "packet loss": ("#CC79A7", ":")}
 
 
 def plot_stability_map(
-    found: StabilityMap,
+    region: StabilityMap,
     path: str | os.PathLike[str] | None = None,
     title: str = "",
     *,
@@ -32,36 +30,34 @@ def plot_stability_map(
     """Draw a map: blue where runs succeed, orange where they fail, a dot for every point that was flown.
 
     Args:
-        found: the map.
+        region: the map.
         path: where to save (PNG, or what the suffix says); None: nowhere.
         title: what to write above; the scenario's name where not given.
         theory: criteria whose lines are drawn too.
     """
     from matplotlib.colors import LinearSegmentedColormap
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    figure = Figure(figsize=(6.4, 5.2), dpi=100, facecolor="white", layout="constrained")
+    figure = new_figure(6.4, 5.2)
     axes: Any = figure.subplots()
     colours = LinearSegmentedColormap.from_list("success", [UNSTABLE, "white", STABLE])
-    (x, y), share = found.flown_points.T, found.share
-    image = axes.pcolormesh(found.at_x, found.at_y, _cell_means(found).T, cmap=colours, vmin=0, vmax=1, rasterized=True)
+    (x, y), share = region.flown_points.T, region.share
+    means = _cell_means(region).T
+    image = axes.pcolormesh(region.at_x, region.at_y, means, cmap=colours, vmin=0, vmax=1, rasterized=True)
     axes.scatter(x, y, s=4, c="#404040", linewidths=0)
     handles: list[Any] = [Line2D([], [], color="#404040", marker="o", markersize=3, linewidth=0, label="flown")]
-    if share.min() < found.traced_boundary.threshold <= share.max():
-        axes.tricontour(x, y, share, levels=[found.traced_boundary.threshold], colors="black", linewidths=1.6)
+    if share.min() < region.traced_boundary.threshold <= share.max():
+        axes.tricontour(x, y, share, levels=[region.traced_boundary.threshold], colors="black", linewidths=1.6)
         handles.append(Line2D([], [], color="black", linewidth=1.6, label="boundary"))
     handles += [handle for one in theory for handle in _draw_criterion(axes, one)]
-    axes.set(xlabel=_label(found.x), ylabel=_label(found.y))
-    axes.set_xlim(found.at_x[0], found.at_x[-1])
-    axes.set_ylim(found.at_y[0], found.at_y[-1])
-    figure.colorbar(image, label=f"share of {found.runs} runs that succeed" if found.runs > 1 else "success")
-    points = f"{found.traced_boundary.evaluated_points} points flown of {found.traced_boundary.of}"
-    axes.set_title(f"{title or found.scenario.name}: {points}", fontsize="medium")
+    axes.set(xlabel=_label(region.x), ylabel=_label(region.y))
+    axes.set_xlim(region.at_x[0], region.at_x[-1])
+    axes.set_ylim(region.at_y[0], region.at_y[-1])
+    figure.colorbar(image, label=f"share of {region.runs} runs that succeed" if region.runs > 1 else "success")
+    points = f"{region.traced_boundary.evaluated_points} points flown of {region.traced_boundary.of}"
+    axes.set_title(f"{title or region.scenario.name}: {points}", fontsize="medium")
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    return save_figure(figure, path)
 
 
 def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
@@ -80,11 +76,11 @@ def _label(axis: Axis) -> str:
     return f"{axis.name} ({axis.unit})" if axis.unit not in ("", "1") else axis.name
 
 
-def _cell_means(found: StabilityMap) -> Any:
+def _cell_means(region: StabilityMap) -> Any:
     """The mean share at the corners of the cell that each of the finest cells lies in (nx - 1, ny - 1)."""
-    grid = found.traced_boundary.grid()
+    grid = region.traced_boundary.grid()
     whole = np.empty((grid.shape[0] - 1, grid.shape[1] - 1))
-    for i, j, size in found.traced_boundary.cells:
+    for i, j, size in region.traced_boundary.cells:
         corners = grid[[i, i, i + size, i + size], [j, j + size, j, j + size]]
         whole[i : i + size, j : j + size] = corners.mean()
     return whole

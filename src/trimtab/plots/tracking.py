@@ -5,18 +5,16 @@ Colours: Okabe and Ito, "Color universal design", 2008.
 """
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.run import BLUE, DPI, GREEN, GREY, VERMILION, decimate, save_figure
+from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, decimate, new_figure, save_figure, style_axes, write_title
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 ROOM = 1.3
 """Axes show so many times what they have to."""
@@ -46,8 +44,6 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
         path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
         title: what to write above.
     """
-    from matplotlib.figure import Figure
-
     rows = tracking_rows(log)
     if not rows:
         problem = "its law logs no signal X_wanted beside truth.X"
@@ -55,7 +51,7 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
     inputs = [p for p in log.paths if p.startswith("actuators.u.")]
     tracked = [r for r in rows if not r.is_estimated]
     count = len(rows) + -(-len(inputs) // 2)
-    figure = Figure(figsize=(WIDTH, TOP + count * ROW_HEIGHT), dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(WIDTH, TOP + count * ROW_HEIGHT)
     every: Any = figure.subplots(count, 2, sharex=True, squeeze=False)
     for axes, row in zip(every, tracked, strict=False):
         _draw_row(axes, log, row)
@@ -70,12 +66,8 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
         axes.set_xlabel("time (s)", fontsize=9)
     if len(log) > 1:
         every[0, 0].set_xlim(log.t[0], log.t[-1])
-    figure.suptitle(title, fontsize=14, weight="bold", x=0.01, ha="left")
-    note = "blue: flown; green: wanted; red: estimated"
-    figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
-    if path is not None:
-        save_figure(figure, Path(path))
-    return figure
+    write_title(figure, title, "blue: flown; green: wanted; red: estimated", size=14)
+    return save_figure(figure, path)
 
 
 def _is_wanted(log: Log, path: str) -> bool:
@@ -99,12 +91,12 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
         value.plot(*decimate(log.t, log[f"estimate.state.{row.name}"]), color=VERMILION, lw=0.9)
     value.plot(*decimate(log.t, log[path]), color=BLUE, lw=1.0)
     value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
-    _style_axes(value, _title_of_name(row.name), "", unit)
+    _style_panel(value, _title_of_name(row.name), "", unit)
     if not row.is_estimated:
         off = _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
         error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
         _set_vertical_range(error, log, off)
-        _style_axes(error, f"{_title_of_name(row.name)} minus wanted", _rms(log, off), unit)
+        _style_panel(error, f"{_title_of_name(row.name)} minus wanted", _rms(log, off), unit)
         return
     off = _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
     note = _rms(log, off)
@@ -117,7 +109,7 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
     _set_vertical_range(error, log, *shown)
     _set_vertical_range(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
-    _style_axes(error, f"{_title_of_name(row.name)}: estimate minus truth", note, unit)
+    _style_panel(error, f"{_title_of_name(row.name)}: estimate minus truth", note, unit)
 
 
 def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -143,7 +135,7 @@ def _draw_input(axes: Any, log: Log, path: str) -> None:
     name = path.removeprefix("actuators.u.")
     axes.plot(*decimate(log.t, log[path]), color=BLUE, lw=0.9)
     x = log[path]
-    _style_axes(axes, _title_of_name(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
+    _style_panel(axes, _title_of_name(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
@@ -158,14 +150,8 @@ def _title_of_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _style_axes(axes: Any, title: str, note: str, unit: str) -> None:
+def _style_panel(axes: Any, title: str, note: str, unit: str) -> None:
     from matplotlib.ticker import FuncFormatter
 
-    axes.set_title(title, loc="left", fontsize=10, weight="bold")
-    axes.set_title(note, loc="right", fontsize=8, color=GREY)
-    axes.set_ylabel(unit if unit != "1" else "", fontsize=8)
-    axes.grid(color="#d8d8d8", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8, length=2)
+    style_axes(axes, title, note, unit)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
-    axes.spines[["top", "right"]].set_visible(False)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trimtab.campaign.grammar import parse_condition
 from trimtab.campaign.search.falsify import falsify, margin, margins, with_margin
-from trimtab.campaign.statistics.condition import parse_condition
-from trimtab.campaign.statistics.metrics import Rows, parse_metric
+from trimtab.campaign.statistics.metrics import Rows, find_metric
 from trimtab.campaign.workers.block import compute_log_metrics
-from trimtab.campaign.workers.ready import prepare_campaign
+from trimtab.campaign.workers.prepare import prepare_campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf
@@ -28,7 +28,7 @@ TARGET = Target("truth.yaw_rate", 0.0, 0.1)
 
 def margins_of(signal, *texts):
     conditions = tuple(parse_condition(text) for text in texts)
-    metrics = {c.metric: parse_metric(c.metric, {"truth.yaw_rate": ()}, [TARGET]) for c in conditions}
+    metrics = {c.metric: find_metric(c.metric, {"truth.yaw_rate": ()}, [TARGET]) for c in conditions}
     rows = Rows(T, {"truth.yaw_rate": np.atleast_2d(signal)}, (TARGET,), frozenset())
     return margin(rows, conditions, metrics), conditions, metrics, rows
 

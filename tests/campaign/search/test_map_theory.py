@@ -12,8 +12,8 @@ from trimtab.campaign.search.map_theory import linear_loop, loop_delay, stabilit
 from trimtab.campaign.search.stability_map import StabilityMap, trace_boundary, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.design.delay_margin import delay_margin, jitter_margin
 from trimtab.design.loop_transfer import loop_of_gain, loop_of_law
+from trimtab.design.margins import delay_margin, jitter_margin
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.scenarios import catalogue
 from trimtab.vehicles.hovercraft import Hovercraft

@@ -6,7 +6,7 @@ import pytest
 from trimtab.campaign.sampling.distributions import parse_distribution
 from trimtab.campaign.search.falsify import spread_levels
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.workers.ready import CampaignPlan, parameters_at, prepare_campaign, scenario_at
+from trimtab.campaign.workers.prepare import CampaignPlan, parameters_at, prepare_campaign, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.scenarios.build import build
@@ -18,6 +18,27 @@ from trimtab.scenarios.build import build
 def boat():
     return build("hovercraft/zero-velocity", {"duration": "2 s"})
 """
+
+VERSION_0_1 = '''
+import numpy as np
+
+from trimtab.core.record import with_leaf
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.build import build
+
+SETTINGS = {'duration': '2 s'}
+WITHOUT = ('navigation-error',)
+FAULTS = ()
+VALUES = {'world.vehicle.mass': (2.9, 'float64')}
+
+
+def scenario() -> Scenario:
+    """The scenario with these values."""
+    made = build('hovercraft/zero-velocity', SETTINGS, WITHOUT, FAULTS)
+    for path, (value, dtype) in VALUES.items():
+        made = with_leaf(made, path, lambda old, declared, value=value, dtype=dtype: np.array(value, dtype)[()])
+    return made
+'''
 
 
 def of(path, *names):
@@ -72,3 +93,9 @@ def test_parameters_at_a_point_are_those_of_the_distributions():
 def test_a_name_that_no_scenario_can_have_is_refused(name, tmp_path):
     with pytest.raises(InputError, match="Python file"):
         check_file("--out", tmp_path / name)
+
+
+def test_a_file_written_by_version_0_1_loads(tmp_path):
+    (tmp_path / "found.py").write_text(VERSION_0_1, encoding="utf-8")
+    mass, duration = of(f"{tmp_path / 'found.py'}:scenario", "world.vehicle.mass", "duration")
+    assert (mass, duration) == (2.9, 20_000_000)

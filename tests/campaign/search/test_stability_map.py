@@ -6,16 +6,17 @@ import pytest
 from trimtab.actuators.direct import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import axis_of_link, axis_of_path, with_values
 from trimtab.campaign.search.map_theory import loop_delay
-from trimtab.campaign.search.stability_map import stability_map, target_success, values_at
+from trimtab.campaign.search.stability_map import parse_success, stability_map, target_success, values_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.design.delay_margin import delay_margin
 from trimtab.design.loop_transfer import loop_of_law
+from trimtab.design.margins import delay_margin
 from trimtab.logs.metrics import Target
 from trimtab.run.batch import simulate_batch
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
 from trimtab.vehicles.hovercraft import HovercraftState
 
 
@@ -120,3 +121,24 @@ def test_refused_before_anything_flies(linear, monkeypatch, change, says):
 def test_a_scenario_without_targets_needs_a_success_function(linear):
     with pytest.raises(InputError, match="no targets"):
         target_success(replace(linear, targets=()))
+
+
+def test_conditions_are_those_of_each_log():
+    scenario = build("hovercraft/zero-velocity", {"duration": "4"})
+    judge, signals = parse_success(scenario, ["peak:truth.surge_velocity <= 0.75", "error_rms:yaw_rate < 3.5"])
+    assert signals == ("truth.surge_velocity", "truth.yaw_rate")
+    batch = simulate_batch(scenario, seeds=range(24), signals=signals, log=True, log_period=ms(10))
+    found = judge(batch)
+    assert 0 < found.sum() < 24
+    for seed in (0, 5, 11, 23):
+        log = simulate(scenario, seed=seed, log_period=ms(10), duration=seconds(4))
+        late = log.t >= log.t[-1] / 2
+        surge = np.abs(log["truth.surge_velocity"]).max() <= 0.75
+        yaw = np.sqrt(np.mean(log["truth.yaw_rate"][late] ** 2)) < 3.5
+        assert found[seed] == (surge and yaw)
+
+
+def test_a_condition_on_what_there_is_not_is_refused():
+    scenario = build("hovercraft/zero-velocity")
+    with pytest.raises(InputError, match="no target"):
+        parse_success(scenario, ["settling:heading <= 3"])

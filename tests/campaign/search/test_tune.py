@@ -7,9 +7,10 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from trimtab.campaign.search.cost import evaluate_cost, integral_cost, parse_cost
+from trimtab.campaign.grammar import parse_cost
+from trimtab.campaign.search.cost import evaluate_cost, integral_cost
 from trimtab.campaign.search.tune import UNSEEN, parse_gain, tune
-from trimtab.campaign.search.tune_gradient import (
+from trimtab.campaign.search.tune_methods import (
     combine_estimates,
     descend_gradient,
     estimate_slope,
@@ -18,7 +19,7 @@ from trimtab.campaign.search.tune_gradient import (
     search_gains,
 )
 from trimtab.campaign.statistics.comparison import compare
-from trimtab.campaign.workers.ready import CampaignPlan, prepare_campaign
+from trimtab.campaign.workers.prepare import CampaignPlan, prepare_campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace

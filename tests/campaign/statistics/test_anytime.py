@@ -8,9 +8,9 @@ from trimtab.campaign.statistics.anytime import (
     least_trials_anytime,
     log_evidence,
     lower_bound,
-    proportion_anytime,
     ranks_anytime,
 )
+from trimtab.campaign.statistics.intervals import proportion
 from trimtab.core.errors import InputError
 
 
@@ -33,9 +33,9 @@ def test_bounds_solve_their_equation_and_mirror():
     k, n = np.array([1, 30, 99, 100]), 100
     low = lower_bound(k, n, 0.025)
     np.testing.assert_allclose(log_evidence(k, n, low), np.log(40), rtol=1e-9)
-    found, mirrored = proportion_anytime(30, 100), proportion_anytime(70, 100)
+    found, mirrored = proportion(30, 100, anytime=True), proportion(70, 100, anytime=True)
     assert (found.low, found.high) == pytest.approx((1 - mirrored.high, 1 - mirrored.low), rel=1e-12)
-    assert (proportion_anytime(0, 9).low, proportion_anytime(9, 9).high) == (0, 1)
+    assert (proportion(0, 9, anytime=True).low, proportion(9, 9, anytime=True).high) == (0, 1)
     assert found.share == 0.3
 
 
@@ -66,4 +66,4 @@ def test_least_trials():
 
 def test_refuses_what_is_no_count():
     with pytest.raises(InputError):
-        proportion_anytime(3, 2)
+        proportion(3, 2, anytime=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.statistics.metrics import Rows, parse_metric
+from trimtab.campaign.statistics.metrics import Rows, find_metric
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
@@ -35,7 +35,7 @@ def runs():
 def column(runs, text):
     rows = Rows(T, runs, TARGETS, frozenset({"truth.heading"}))
     with np.errstate(all="ignore"):
-        return parse_metric(text, SIGNALS, TARGETS).of(rows)
+        return find_metric(text, SIGNALS, TARGETS).of(rows)
 
 
 @pytest.mark.parametrize("signal", ["yaw_rate", "heading"])
@@ -89,15 +89,15 @@ def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
 )
 def test_texts_that_are_no_metric_are_refused(text, problem):
     with pytest.raises(InputError, match=r"Fix: ") as refused:
-        parse_metric(text, SIGNALS, TARGETS)
+        find_metric(text, SIGNALS, TARGETS)
     assert problem in str(refused.value)
 
 
 def test_a_function_of_a_file_is_a_metric(runs, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text('def last(rows):\n    return rows["yaw_rate"][:, -1]\n\n\nlast.signals = ("truth.yaw_rate",)\n')
-    found = parse_metric(f"{file}:last", SIGNALS, TARGETS)
+    found = find_metric(f"{file}:last", SIGNALS, TARGETS)
     assert found.signals == ("truth.yaw_rate",)
     assert found.of(Rows(T, runs, TARGETS, frozenset()))[7] == runs["truth.yaw_rate"][7, -1]
     with pytest.raises(InputError, match="last"):
-        parse_metric(f"{file}:first", SIGNALS, TARGETS)
+        find_metric(f"{file}:first", SIGNALS, TARGETS)

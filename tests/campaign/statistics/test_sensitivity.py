@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trimtab.campaign.sampling.saltelli import rows_per_base, saltelli_rows
+from trimtab.campaign.sampling.points import rows_per_base, saltelli_rows
 from trimtab.campaign.statistics.sensitivity import sensitivity
 from trimtab.core.errors import InputError
 

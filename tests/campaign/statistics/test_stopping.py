@@ -6,41 +6,11 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from trimtab.campaign.grammar import parse_requirement, parse_stopping
 from trimtab.campaign.statistics.anytime import ranks_anytime
-from trimtab.campaign.statistics.quantiles import ranks
-from trimtab.campaign.statistics.requirement import evaluate_requirement, parse_requirement
-from trimtab.campaign.statistics.stopping import TAILS, evaluate_stopping, parse_stopping
-from trimtab.core.errors import InputError
-
-
-def test_reads_both_forms():
-    found = parse_stopping("width(success) <= 0.01 @ 99%")
-    assert (found.statistic, found.metric, found.width, found.level) == ("success", "success", 0.01, 0.99)
-    found = parse_stopping("width( p95(max:truth.x) ) <= 0.5")
-    assert (found.statistic, found.metric, found.p, found.width, found.level) == (
-        "quantile",
-        "max:truth.x",
-        0.95,
-        0.5,
-        0.95,
-    )
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "success", "width(success)", "width(success) >= 0.1", "width(success) <= 0", "width(success) <= 1",
-        "width(mean(x)) <= 1", "width(max(x)) <= 1", "width(success) <= 0.1 @ 95", "width(p95(x)) <= wide",
-    ],
-)  # fmt: skip
-def test_refuses_with_what_to_type(text):
-    with pytest.raises(InputError, match=r"stopping '.*\n(Choices.*\n)?Fix:"):
-        parse_stopping(text)
-
-
-def test_refuses_a_metric_that_is_not_there():
-    with pytest.raises(InputError, match="Choices: settling:a"):
-        parse_stopping("width(p50(settling:b)) <= 1").check(["success", "settling:a"])
+from trimtab.campaign.statistics.intervals import ranks
+from trimtab.campaign.statistics.requirement import evaluate_requirement
+from trimtab.campaign.statistics.stopping import TAILS, evaluate_stopping
 
 
 def clopper_pearson(n, tails, most):

@@ -9,7 +9,7 @@ from campaign.small import BLOCK, assert_same, small
 
 from trimtab.campaign.store.parquet import as_dataset, read_parquet, write_columns, write_parquet
 from trimtab.campaign.store.store import read_store
-from trimtab.campaign.workers.ready import plan_from_dict
+from trimtab.campaign.workers.prepare import plan_from_dict
 from trimtab.core.errors import InputError
 
 COLUMNS = {

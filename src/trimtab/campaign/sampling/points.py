@@ -3,29 +3,59 @@
     random   each number its own Philox stream of (seed, path): run k has its k-th number
     sobol    scrambled Sobol points, in order
     latin    a Latin hypercube of all the runs, which therefore can't become more
-    saltelli, morris   the designs of the sensitivity analyses (saltelli.py, morris.py): the noise is a factor, too
+
+Two designs say what matters, not how often: their rows are no independent worlds, and the random numbers of a run are
+one more factor, the last. Row k depends on the seed, k and the number of factors alone: a larger design appends rows.
+
+    saltelli   two samples A and B, and A with one factor at a time taken from B
+    morris     trajectories that change one factor after the other
+
+**saltelli**: base sample j has d + 2 rows: A, then A with factor i from B for i = 0 … d - 1, then B. A and B are the
+halves of point j of one Sobol sequence in 2 d dimensions, shifted digit by digit with random words of the seed. A flies
+with one word (the `run` of its key), B with another, and the row of the noise is A flown again with B's word. No two
+base samples share a word.
+
+**morris**: a trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor
+once, in random order, by MORRIS_STEP up or down; the step of the noise flies the same point with other numbers. The
+levels keep off 0 and 1, where the quantile of a normal distribution is infinite.
 
 Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox); Owen, "Randomly permuted
-(t,m,s)-nets", 1995 (scrambling), and McKay, Beckman, Conover, Technometrics 21 (1979) (Latin), both by scipy.stats.qmc.
+(t,m,s)-nets", 1995 (scrambling), and McKay, Beckman, Conover, Technometrics 21 (1979) (Latin), both by scipy.stats.qmc;
+Saltelli et al., "Variance based sensitivity analysis of model output", Comput. Phys. Commun. 181 (2010), for its rows;
+Joe, Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), the
+sequence; L'Ecuyer, Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002, the shift; Morris,
+"Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991).
 """
 
 import warnings
 import zlib
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import qmc
 
-from trimtab.campaign.sampling.morris import morris_rows
-from trimtab.campaign.sampling.saltelli import check_factors, saltelli_rows
 from trimtab.core.errors import InputError
+from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
 """Designs whose rows are no independent worlds: they say what matters, not how often."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
+NOISE = "noise"
+"""Name of the factor that is a run's random numbers."""
+BITS = 32
+SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
+MORRIS_STREAM = zlib.crc32(b"campaign.morris")
+MORRIS_LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
+MORRIS_STEP = 0.6
+"""Two levels: from each level there is one step inside the grid, so that all levels are visited equally often."""
 
 
 class Points(NamedTuple):
-    """u: (n, d) in (0, 1).  words: (n,), second word of each run's key: which random numbers it flies with."""
+    """u: (n, d) in (0, 1).  words: (n,), second word of each run's key: which random numbers it flies with.
+
+    In a design whose noise is no factor all words are 0.
+    """
 
     u: Any
     words: Any
@@ -46,8 +76,7 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
     words = np.arange(first, last, dtype=np.uint32)
     if sampling in DESIGNS:
         check_factors(names)
-        made = (saltelli_rows if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
-        return Points(made.u, made.words)
+        return (saltelli_rows if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
     if not names:
         return Points(np.empty((last - first, 0)), words)
     if sampling == "random":
@@ -55,8 +84,6 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
     elif sampling == "sobol":
         u = _sobol(seed, len(names), first, last)
     else:
-        from scipy.stats import qmc
-
         u = qmc.LatinHypercube(len(names), rng=np.random.default_rng(seed)).random(runs)[first:last]
     return Points(np.clip(u, 2.0**-54, 1 - 2.0**-53), words)
 
@@ -68,11 +95,112 @@ def _stream(seed: int, name: str, first: int, last: int) -> Any:
 
 
 def _sobol(seed: int, d: int, first: int, last: int) -> Any:
-    from scipy.stats import qmc
-
     engine = qmc.Sobol(d, rng=np.random.default_rng(seed))
     if first:
         engine.fast_forward(first)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about balance, which the whole campaign has or has not
         return engine.random(last - first)
+
+
+def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = ()) -> None:
+    """Refuse factors whose effects can't be told apart, before anything flies.
+
+    Args:
+        factors: names of the parameters, without the noise.
+        correlated: groups of names that are drawn together.
+    """
+    groups = [tuple(g) for g in correlated if len(g) > 1]
+    if groups:
+        problem = f"{', '.join(groups[0])} are correlated: a variance of both has no share of one"
+        fix = "draw them independently for the sensitivity, or fly the campaign with random sampling"
+        raise InputError("sensitivity", problem, fix=fix)
+    if not factors:
+        raise InputError("sensitivity", "no parameter is dispersed", fix="add e.g. --spread PATH=uniform(80%, 120%)")
+    twice = sorted({f for f in factors if list(factors).count(f) > 1 or f == NOISE})
+    if twice:
+        problem = f"the factor {twice[0]!r} is there twice, or has the name of the runs' random numbers"
+        raise InputError("sensitivity", problem, fix="give each factor once, by its path")
+
+
+def rows_per_base(parameters: int, *, noise: bool = True) -> int:
+    """How many rows one base sample has: the factors, and A and B."""
+    return parameters + int(noise) + 2
+
+
+def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
+    """Rows first to last - 1 of the design.
+
+    Args:
+        seed: of the campaign.
+        first: number of the first row, from 0.
+        last: number of the row after the last.
+        parameters: how many are dispersed, at least 1, without the noise.
+        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
+    """
+    if not 0 <= first < last or not 1 <= parameters <= qmc.Sobol.MAXDIM // 2:
+        problem = f"rows {first} to {last} of {parameters} parameters are none"
+        raise InputError("saltelli", problem, fix="0 <= first < last and at least one parameter")
+    size = rows_per_base(parameters, noise=noise)
+    base, place = np.divmod(np.arange(first, last), size)
+    cube = _shifted_points(seed, int(base[0]), int(base[-1]) + 1, 2 * parameters)[base - base[0]]
+    a, b = cube[:, :parameters], cube[:, parameters:]
+    from_b = (place[:, None] == size - 1) | (place[:, None] == np.arange(parameters) + 1)
+    word = 2 * base + ((place == size - 1) | (place == parameters + 1))
+    words = word if noise else np.zeros_like(word)
+    return Points(np.where(from_b, b, a), words.astype(np.uint32))
+
+
+def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
+    """Points first to last - 1 of the shifted sequence, in (0, 1)."""
+    engine = qmc.Sobol(dimensions, scramble=False, bits=BITS)
+    if first == 0:
+        cube = np.concatenate([np.zeros((1, dimensions)), _later_points(engine, last - 1)])
+    else:
+        engine.fast_forward(first)
+        cube = engine.random(last - first)
+    digits = (cube * 2.0**BITS).astype(np.uint32)
+    word = np.uint32(seed % 2**32)
+    shift, _ = threefry2x32(word, np.uint32(SALTELLI_STREAM), np.arange(dimensions), 0)
+    return ((digits ^ np.asarray(shift, np.uint32)) + 0.5) * 2.0**-BITS
+
+
+def _later_points(engine: qmc.Sobol, count: int) -> Any:
+    """The points after the first, which is the origin; asked for in this way it doesn't mind any number of them."""
+    engine.fast_forward(1)
+    return engine.random(count) if count else np.empty((0, engine.d))
+
+
+def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
+    """How many rows one trajectory has: its start and a step of each factor."""
+    return parameters + int(noise) + 1
+
+
+def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
+    """Rows first to last - 1 of the design; row k depends on the seed, k and the number of factors alone.
+
+    Args:
+        seed: of the campaign.
+        first: number of the first row, from 0.
+        last: number of the row after the last.
+        parameters: how many are dispersed, at least 1, without the noise.
+        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
+    """
+    if not 0 <= first < last or parameters < 1:
+        problem = f"rows {first} to {last} of {parameters} parameters are none"
+        raise InputError("morris", problem, fix="0 <= first < last and at least one parameter")
+    trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
+    begin, when, up = morris_trajectories(seed, trajectory, parameters + int(noise))
+    stepped = when < place[:, None]
+    level = begin + 2 * (stepped == up)  # up: from the lower one to the one two above; down: the other way round
+    words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
+    return Points(MORRIS_LEVELS[level[:, :parameters]], words.astype(np.uint32))
+
+
+def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
+    """Of each trajectory and factor: its lower level (0 or 1), when it steps (0 first), and whether upwards."""
+    word = np.uint32(seed % 2**32)
+    drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
+    bits, order = (np.asarray(w, np.uint32) for w in drawn)
+    when = np.argsort(np.argsort(order, axis=1, kind="stable"), axis=1, kind="stable")
+    return (bits & 1).astype(int), when, (bits >> 1) & 1 == 1

@@ -11,14 +11,14 @@ Source: docs page, Tune.
 """
 
 import functools
-import re
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from trimtab.campaign.workers.ready import PreparedCampaign
+from trimtab.campaign.grammar import CostTerm, parse_metric
+from trimtab.campaign.workers.prepare import PreparedCampaign
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.logs.metrics import full_path
@@ -29,30 +29,7 @@ from trimtab.run.walk_program import signal_structure
 INTEGRALS = ("error_rms", "rms", "mean")
 
 
-class Term(NamedTuple):
-    """A metric and how much it counts."""
-
-    weight: float
-    metric: str
-
-
-def parse_cost(text: str) -> tuple[Term, ...]:
-    """The terms of a cost from its text."""
-    terms = []
-    for piece in text.split(" + "):
-        found = re.fullmatch(r"(?:([0-9.eE+-]+)\s*\*\s*)?(\S+)", piece.strip())
-        try:
-            weight = float(found[1]) if found and found[1] else 1.0
-        except ValueError:
-            weight = float("nan")
-        if not found or not (np.isfinite(weight) and weight > 0):
-            problem = f"{piece.strip()!r} is no metric with a weight above 0"
-            raise InputError("--cost", problem, fix="--cost 'error_rms:yaw_rate + 2*error_rms:sway_velocity'")
-        terms.append(Term(weight, found[2]))
-    return tuple(terms)
-
-
-def evaluate_cost(terms: tuple[Term, ...], columns: Mapping[str, Any]) -> Any:
+def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> Any:
     """Costs (n,) of a campaign's columns; infinite for a run that was lost."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
@@ -69,14 +46,14 @@ class IntegralCost(NamedTuple):
     finish: Callable[[Any, Any], tuple[Any, Any]]
 
 
-def integral_cost(terms: tuple[Term, ...], ready: PreparedCampaign) -> IntegralCost:
+def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> IntegralCost:
     """The integrals of a cost; refuses what is none."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
     seen = signal_structure(run_inputs(ready.scenario))
     declared = {path: d for path, _, d in logged_signals(seen)}
-    asked, since, kinds = [], [], []
+    integrands, since, kinds = [], [], []
     for term in terms:
-        kind, _, name = term.metric.partition(":")
+        kind, name = parse_metric(term.metric)
         path = full_path(name)
         if kind not in INTEGRALS:
             problem = f"{term.metric} is no integral over the run, and a gradient needs one"
@@ -84,24 +61,26 @@ def integral_cost(terms: tuple[Term, ...], ready: PreparedCampaign) -> IntegralC
         if kind == "error_rms" and declared[path].kind == "angle":
             problem = f"{name} is an angle, whose target depends on where the run ends"
             raise InputError("--cost", problem, fix="--method search, or the rms of a signal that does not wrap")
-        asked.append((path, targets[path] if kind == "error_rms" else 0.0, kind != "mean"))
+        integrands.append((path, targets[path] if kind == "error_rms" else 0.0, kind != "mean"))
         since.append(ready.scenario.duration // 2 if kind == "error_rms" else 0)
         kinds.append(kind != "mean")
     length = np.array([to_seconds(ready.scenario.duration - first) for first in since])
     weights = np.array([t.weight for t in terms])
     return IntegralCost(
-        _integrand(tuple(asked)), tuple(since), functools.partial(_combine_integrals, length, weights, np.array(kinds))
+        _integrand(tuple(integrands)),
+        tuple(since),
+        functools.partial(_combine_integrals, length, weights, np.array(kinds)),
     )
 
 
 @functools.cache
-def _integrand(asked: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
+def _integrand(terms: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
     """One function for one cost, so that it compiles once."""
 
-    def integrand(seen: Signals) -> Any:
-        found = {path: value for path, value, _ in logged_signals(seen)}
-        reals = [jax.numpy.asarray(found[path], np.float64) - value for path, value, _ in asked]
-        return jax.numpy.stack([x * x if squared else x for x, (_, _, squared) in zip(reals, asked, strict=True)])
+    def integrand(instant: Signals) -> Any:
+        numbers = {path: value for path, value, _ in logged_signals(instant)}
+        reals = [jax.numpy.asarray(numbers[path], np.float64) - value for path, value, _ in terms]
+        return jax.numpy.stack([x * x if squared else x for x, (_, _, squared) in zip(reals, terms, strict=True)])
 
     return integrand
 

@@ -9,7 +9,6 @@ import importlib
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,41 +55,27 @@ def evolve(
         seed: of the search's own random numbers.
     """
     cma: Any = importlib.import_module("cma")  # only a search needs it
-    tried, restart, rng = 0, 0, np.random.default_rng(seed)
+    spent, restart, rng = 0, 0, np.random.default_rng(seed)
     while True:
         x0 = np.asarray(start(restart), np.float64)
         d = len(x0)
         size = max(population, 4 + int(3 * math.log(max(d, 2)))) * 2**restart
-        if tried + size > budget:
+        if spent + size > budget:
             return
-        options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": int(rng.integers(1, 2**31))}
-        with _preserve_numpy_random(), warnings.catch_warnings():
+        randn = np.random.RandomState(int(rng.integers(1, 2**31))).randn
+        options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": math.nan, "randn": randn}
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             es = cma.CMAEvolutionStrategy(np.append(x0, 0.5) if d == 1 else x0, step, options)
-            numbers = np.random.get_state()
-        while tried + size <= budget and not es.stop():
-            with _preserve_numpy_random(numbers), warnings.catch_warnings():
+        while spent + size <= budget and not es.stop():
+            with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                asked = es.ask()
-                numbers = np.random.get_state()
-            x = np.clip(np.array(asked)[:, :d], 0.0, 1.0)
+                candidates = es.ask()
+            x = np.clip(np.array(candidates)[:, :d], 0.0, 1.0)
             f = np.asarray(of(x), np.float64)
-            with _preserve_numpy_random(numbers), warnings.catch_warnings():
+            with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                es.tell(asked, f.tolist())
-                numbers = np.random.get_state()
-            tried += len(x)
+                es.tell(candidates, f.tolist())
+            spent += len(x)
             yield Generation(x, f, np.clip(np.asarray(es.result.xfavorite)[:d], 0.0, 1.0), restart)
         restart += 1
-
-
-@contextmanager
-def _preserve_numpy_random(state: Any = None) -> Iterator[None]:
-    """The package draws from numpy's shared numbers: they are put back afterwards."""
-    kept = np.random.get_state()
-    if state is not None:
-        np.random.set_state(state)
-    try:
-        yield
-    finally:
-        np.random.set_state(kept)

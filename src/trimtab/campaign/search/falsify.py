@@ -38,13 +38,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
+from trimtab.campaign.grammar import Condition, parse_metric
 from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.search.ends import check_bounds, refuse_options
 from trimtab.campaign.search.evolution import evolve
-from trimtab.campaign.statistics.condition import Condition
 from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.workers.block import compute_log_metrics, fly_points
-from trimtab.campaign.workers.ready import CampaignPlan, PreparedCampaign, parameters_at, prepare_campaign, scenario_at
+from trimtab.campaign.workers.prepare import (
+    CampaignPlan,
+    PreparedCampaign,
+    check_bounds,
+    parameters_at,
+    prepare_campaign,
+    refuse_options,
+    scenario_at,
+)
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario
@@ -96,7 +103,7 @@ def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
 
 
 def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
-    kind, _, path = condition.metric.partition(":")
+    kind, path = parse_metric(condition.metric)
     sign = 1.0 if condition.compare in ("<", "<=") else -1.0
     if kind in ("settling", "first_reach"):
         side = "right" if condition.compare in ("<=", ">") else "left"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.campaign.workers.ready import CampaignPlan
+from trimtab.campaign.workers.prepare import CampaignPlan
 from trimtab.core.errors import InputError
 from trimtab.logs.mcap import replace_file
 from trimtab.scenarios.build import LINKS

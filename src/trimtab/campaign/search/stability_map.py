@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.campaign.grammar import parse_condition
 from trimtab.campaign.search.axes import Axis, enlarge_rings, find_quantity, with_values
-from trimtab.campaign.statistics.condition import parse_condition
-from trimtab.campaign.statistics.metrics import parse_metric
+from trimtab.campaign.statistics.metrics import find_metric
 from trimtab.campaign.workers.block import batch_rows
-from trimtab.campaign.workers.ready import signal_shapes
+from trimtab.campaign.workers.prepare import signal_shapes
 from trimtab.core.errors import InputError
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
@@ -165,7 +165,7 @@ def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[B
     """
     shapes, units = signal_shapes(scenario)
     conditions = [parse_condition(text) for text in texts]
-    metrics = [parse_metric(c.metric, shapes, scenario.targets, units) for c in conditions]
+    metrics = [find_metric(c.metric, shapes, scenario.targets, units) for c in conditions]
 
     def judge(batch: Batch) -> Any:
         rows = batch_rows(scenario, batch)

@@ -13,14 +13,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.campaign.grammar import CostTerm, parse_cost
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
-from trimtab.campaign.search.cost import Term, evaluate_cost, integral_cost, parse_cost
-from trimtab.campaign.search.ends import check_bounds, refuse_options
-from trimtab.campaign.search.tune_gradient import Slope, TuningStep, descend_gradient, search_gains
+from trimtab.campaign.search.cost import evaluate_cost, integral_cost
+from trimtab.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
 from trimtab.campaign.statistics.comparison import Comparison, compare
 from trimtab.campaign.workers.block import fly_points
-from trimtab.campaign.workers.ready import CampaignPlan, PreparedCampaign, draw_runs, parameters_at, prepare_campaign
+from trimtab.campaign.workers.prepare import (
+    CampaignPlan,
+    PreparedCampaign,
+    check_bounds,
+    draw_runs,
+    parameters_at,
+    prepare_campaign,
+    refuse_options,
+)
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
@@ -276,7 +284,7 @@ def _tuning_plan(
 class _GainFlights:
     """Runs with gains at given places."""
 
-    def __init__(self, gains: Gains, terms: tuple[Term, ...], runs: int, how: Mapping[str, Any]) -> None:
+    def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, how: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.how = gains, terms, runs, dict(how)
         self.flown_runs = 0
 

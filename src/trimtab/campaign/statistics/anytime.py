@@ -24,8 +24,6 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from trimtab.logs.proportion import Proportion, proportion
-
 HALVINGS = 60
 """Steps of the bisection: bounds are exact to 2^-60."""
 MOST = 1 << 62
@@ -50,21 +48,6 @@ def lower_bound(k: Any, n: Any, tail: float) -> Any:
             ruled_out = log_evidence(k, n, middle) >= -np.log(tail)
         low, high = np.where(ruled_out, middle, low), np.where(ruled_out, high, middle)
     return low
-
-
-def proportion_anytime(successes: int, trials: int, level: float = 0.95) -> Proportion:
-    """The share of successes with an interval that holds at every number of runs at once.
-
-    Args:
-        successes: k, how many of the first n runs succeeded.
-        trials: n, how many there are so far, at least one; runs 0 to n - 1, in order, none left out.
-        level: of confidence, between 0 and 1; half of the rest on each side.
-    """
-    fixed = proportion(successes, trials, level)  # refuses what is no count
-    tail = (1 - level) / 2
-    low = float(lower_bound(successes, trials, tail))
-    high = 1.0 - float(lower_bound(trials - successes, trials, tail))
-    return fixed._replace(low=low, high=high)
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
-from trimtab.logs.proportion import proportion
+from trimtab.campaign.statistics.intervals import proportion
 
 
 class Comparison(NamedTuple):

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.campaign.grammar import parse_metric
 from trimtab.core.errors import InputError, closest
 from trimtab.logs.metrics import SHORT, Target, full_path
 
@@ -38,8 +39,8 @@ class Rows:
     def error(self, path: str) -> Any:
         """A signal less its target (n, m), read only; for an angle, less that equal nearest to where a run ends."""
         if path not in self._errors:
-            found = self._errors[path] = self._error(path)
-            found.setflags(write=False)
+            error = self._errors[path] = self._error(path)
+            error.setflags(write=False)
         return self._errors[path]
 
     def _error(self, path: str) -> Any:
@@ -87,12 +88,12 @@ def first_reach(rows: Rows, path: str) -> Any:
     everyone = np.arange(len(error))
     hit = np.where(inside.any(axis=1), np.argmax(inside, axis=1), len(t))
     cross = np.where(crosses.any(axis=1), np.argmax(crosses, axis=1), len(t))
-    reached = np.append(t, np.inf)[hit]
+    first_row = np.append(t, np.inf)[hit]
     sooner = cross + 1 < hit
     i = np.minimum(cross, len(t) - 2)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = error[everyone, i] / (error[everyone, i] - error[everyone, i + 1])
-    return np.where(sooner, t[i] + share * (t[i + 1] - t[i]), reached)
+    return np.where(sooner, t[i] + share * (t[i + 1] - t[i]), first_row)
 
 
 def overshoot(rows: Rows, path: str) -> Any:
@@ -100,8 +101,8 @@ def overshoot(rows: Rows, path: str) -> Any:
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))
-    found = np.where(start == 0, np.abs(error).max(axis=1), np.maximum(0.0, beyond))
-    return np.where(np.isfinite(error).all(axis=1), found, np.inf)
+    excess = np.where(start == 0, np.abs(error).max(axis=1), np.maximum(0.0, beyond))
+    return np.where(np.isfinite(error).all(axis=1), excess, np.inf)
 
 
 def error_rms(rows: Rows, path: str) -> Any:
@@ -148,10 +149,10 @@ TIMES = ("settling", "first_reach")
 KINDS = (*OF_TARGETS, *OF_SIGNALS)
 
 
-def parse_metric(
+def find_metric(
     text: str, signals: Mapping[str, tuple[int, ...]], targets: Iterable[Target], units: Mapping[str, str] | None = None
 ) -> Metric:
-    """A metric from its text.
+    """The metric that a text names; refuses what the scenario doesn't have.
 
     Args:
         text: KIND:SIGNAL, or file.py:function.
@@ -159,16 +160,17 @@ def parse_metric(
         targets: of the scenario.
         units: path -> unit of each signal.
     """
-    kind, _, name = text.partition(":")
-    if kind.endswith(".py"):
+    written = parse_metric(text)
+    kind, name = written
+    if written.is_function:
         return _load_metric(text, Path(kind), name)
     part = f"--metric {text}"
     if kind not in KINDS or not name:
         near = closest(kind, KINDS, 3) or KINDS
         raise InputError(part, "is not KIND:SIGNAL", choices=KINDS, fix=f"--metric {near[0]}:{name or 'yaw_rate'}")
-    path, wanted = full_path(name), [full_path(t.path) for t in targets]
-    if kind in OF_TARGETS and path not in wanted:
-        short = [p.removeprefix("truth.") for p in wanted]
+    path, target_paths = full_path(name), [full_path(t.path) for t in targets]
+    if kind in OF_TARGETS and path not in target_paths:
+        short = [p.removeprefix("truth.") for p in target_paths]
         fix = (
             f"--metric {kind}:{short[0]}"
             if short

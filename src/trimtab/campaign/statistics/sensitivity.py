@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from trimtab.campaign.sampling.saltelli import NOISE, check_factors, rows_per_base
-from trimtab.campaign.statistics.quantiles import as_column
+from trimtab.campaign.sampling.points import NOISE, check_factors, rows_per_base
+from trimtab.campaign.statistics.intervals import as_column
 from trimtab.core.errors import InputError
 
 RESAMPLES = 1000

@@ -16,42 +16,17 @@ tails made smaller until exact calculation shows the coverage; the factor is our
 """
 
 import math
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.statistics.quantiles import quantile
-from trimtab.campaign.statistics.requirement import LEVEL, read_level, read_statistic, success_proportion
-from trimtab.core.errors import InputError, closest
+from trimtab.campaign.grammar import StoppingRule
+from trimtab.campaign.statistics.intervals import quantile
+from trimtab.campaign.statistics.requirement import success_proportion
 
-FORMS = ("width(success) <= 0.01 @ 95%", "width(p95(METRIC)) <= 0.5 @ 95%")
 TAILS = 0.6
 """Tails of the interval of a probability, relative to those of one for a fixed number of runs."""
-_WHOLE = re.compile(r"width\s*\((?P<what>.+)\)\s*<=\s*(?P<width>[^@]+?)\s*(?:@(?P<level>[^@]*))?")
-
-
-class StoppingRule(NamedTuple):
-    """When to stop. text: as written.  statistic: success or quantile.  metric, p: of which.
-
-    width: of the whole interval, upper bound minus lower, in the metric's unit.  level: two-sided confidence.
-    """
-
-    text: str
-    statistic: str
-    metric: str
-    p: float
-    width: float
-    level: float
-
-    def check(self, metrics: Iterable[str]) -> None:
-        """Refuse a metric that the campaign doesn't give, before anything flies."""
-        names = list(metrics)
-        if self.metric not in names:
-            fix = f"add the metric {self.metric!r} to the campaign or stop on one that it has"
-            near = closest(self.metric, names) or names
-            raise InputError(f"stopping '{self.text}'", f"there is no metric {self.metric!r}", choices=near, fix=fix)
 
 
 class StoppingState(NamedTuple):
@@ -78,41 +53,20 @@ class StoppingState(NamedTuple):
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}), {self.trials} runs, {rest}"
 
 
-def parse_stopping(text: str) -> StoppingRule:
-    """Read `width(success) <= W @ 95%` or `width(pNN(METRIC)) <= W @ 95%`; without `@` the confidence is 95 %."""
-    part = f"stopping '{text}'"
-    whole = _WHOLE.fullmatch(text.strip())
-    if whole is None:
-        raise InputError(part, "that is no width to stop at", choices=FORMS, fix=f"write e.g. `{FORMS[0]}`")
-    statistic, metric, p = read_statistic(whole["what"].strip(), part, FORMS)
-    if statistic not in ("success", "quantile"):
-        problem = f"there is no interval of the {statistic} that holds when flying stops on it"
-        raise InputError(part, problem, choices=FORMS, fix="stop on the success or on a quantile, e.g. p50")
-    try:
-        width = float(whole["width"])
-    except ValueError:
-        width = math.nan
-    if not 0 < width < (1 if statistic == "success" else math.inf):
-        fix = "give a number above 0, in the metric's unit; for the success below 1"
-        raise InputError(part, f"{whole['width']!r} is no width", fix=fix)
-    level = LEVEL if whole["level"] is None else read_level(whole["level"], part)
-    return StoppingRule(text.strip(), statistic, metric, p, width, level)
-
-
-def evaluate_stopping(wanted: StoppingRule, columns: Mapping[str, Any]) -> StoppingState:
-    """Whether the interval is as narrow as wanted.
+def evaluate_stopping(rule: StoppingRule, columns: Mapping[str, Any]) -> StoppingState:
+    """Whether the interval is as narrow as the rule asks.
 
     Args:
-        wanted: the rule.
+        rule: which.
         columns: metrics by name, each of shape (n,): rows 0 to n - 1 of independent runs, none left out.
     """
-    wanted.check(columns)
-    if wanted.statistic == "success":
-        found = success_proportion(columns[wanted.metric], 1 - TAILS * (1 - wanted.level))
-        value, low, high, trials = found.share, found.low, found.high, found.trials
+    rule.check(columns)
+    if rule.statistic == "success":
+        interval = success_proportion(columns[rule.metric], 1 - TAILS * (1 - rule.level))
+        value, low, high, trials = interval.share, interval.low, interval.high, interval.trials
     else:
-        band = quantile(columns[wanted.metric], wanted.p, wanted.level, anytime=True)
+        band = quantile(columns[rule.metric], rule.p, rule.level, anytime=True)
         value, low, high, trials = band.value, band.low, band.high, band.trials
     width = high - low if np.isfinite([low, high]).all() else math.inf
-    foreseen = trials * max((width / wanted.width) ** 2, 1.0)
-    return StoppingState(width <= wanted.width, value, low, high, trials, foreseen)
+    expected = trials * max((width / rule.width) ** 2, 1.0)
+    return StoppingState(width <= rule.width, value, low, high, trials, expected)

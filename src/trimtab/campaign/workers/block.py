@@ -13,7 +13,7 @@ import numpy as np
 
 from trimtab.campaign.sampling.spread import spread_arrays, spread_values
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.workers.ready import PreparedCampaign, draw_runs, program_options, scenario_variant
+from trimtab.campaign.workers.prepare import PreparedCampaign, draw_runs, program_options, scenario_variant
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log

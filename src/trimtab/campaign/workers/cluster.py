@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, WorkersLost, fly_block, uses_c
-from trimtab.campaign.workers.ready import PreparedCampaign, identity, plan_from_dict, prepare_campaign
+from trimtab.campaign.workers.prepare import PreparedCampaign, identity, plan_from_dict, prepare_campaign
 from trimtab.core.errors import InputError
 from trimtab.run.program import thread_count
 

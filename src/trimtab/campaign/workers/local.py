@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, fly_block
-from trimtab.campaign.workers.ready import FEWEST, PreparedCampaign
+from trimtab.campaign.workers.prepare import FEWEST, PreparedCampaign
 
 AHEAD = 2
 """Blocks under way: one's metrics are taken while the other flies on all cores."""
@@ -21,53 +21,74 @@ class _CampaignAborted(Exception):
     """Nobody waits for the block any more."""
 
 
-def local_workers(threads: int | None = None, progress: Callable[[int], None] | None = None) -> Workers:
+class RowCount:
+    """Tells how many rows are done, never fewer than before: those that fly count before they are kept."""
+
+    def __init__(self, progress: Callable[[int], None] | None) -> None:
+        self._progress, self._alone, self._most = progress, threading.Lock(), 0
+        self._pieces: dict[int, int] = {}
+
+    def fly(self, start: int, done: int) -> None:
+        """Of the piece that starts there, so many have flown; start is -1 for what was there before."""
+        with self._alone:
+            self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
+            self._tell(sum(self._pieces.values()))
+
+    def keep(self, done: int) -> None:
+        """So many are kept."""
+        with self._alone:
+            self._tell(done)
+
+    def _tell(self, done: int) -> None:
+        if self._progress is not None and done >= self._most:
+            self._most = done
+            self._progress(done)
+
+
+def local_workers(threads: int | None = None, count: RowCount | None = None) -> Workers:
     """Workers in this process.
 
     Args:
         threads: as many as there are cores when None.
-        progress: called a few times a second with the number of rows that are done, those of before among them.
+        count: hears a few times a second how many rows have flown.
     """
+    rows = count or RowCount(None)
 
-    def fly(ready: PreparedCampaign, blocks: Blocks, used: str) -> BlockResults:
-        ended, alone = threading.Event(), threading.Lock()
-        flown = {-1: ready.plan.runs - sum(last - first for first, last in blocks)}
+    def fly(ready: PreparedCampaign, blocks: Blocks, backend: str) -> BlockResults:
+        aborted = threading.Event()
+        rows.fly(-1, ready.plan.runs - sum(last - first for first, last in blocks))
 
         def check(start: int, done: int) -> None:
-            """Of the piece that starts there, so many are done."""
-            if ended.is_set():
+            if aborted.is_set():
                 raise _CampaignAborted
-            if progress is not None:
-                with alone:
-                    flown[start] = max(flown.get(start, 0), done)  # runs of other choices begin at 0 again
-                    progress(sum(flown.values()))
+            rows.fly(start, done)
 
         def block(first: int, last: int) -> dict[str, Any]:
-            made = []
-            for start, end in _split_block(first, last, used):
+            pieces = []
+            for start, end in _split_block(first, last, backend):
                 tell = functools.partial(check, start)
                 tell(0)
-                made.append(fly_block(ready, start, end, backend=used, threads=threads, progress=tell))
+                pieces.append(fly_block(ready, start, end, backend=backend, threads=threads, progress=tell))
                 tell(end - start)
-            return {name: np.concatenate([columns[name] for columns in made]) for name in made[0]}
+            return {name: np.concatenate([columns[name] for columns in pieces]) for name in pieces[0]}
 
-        with ThreadPoolExecutor(AHEAD) as pilots:
-            coming: deque[tuple[int, Future[dict[str, Any]]]] = deque()
+        with ThreadPoolExecutor(AHEAD) as pool:
+            flying: deque[tuple[int, Future[dict[str, Any]]]] = deque()
             try:
                 for first, last in blocks:
-                    coming.append((first, pilots.submit(block, first, last)))
-                    if len(coming) > AHEAD:
-                        now, columns = coming.popleft()
-                        yield now, columns.result()
-                for now, columns in coming:
-                    yield now, columns.result()
+                    flying.append((first, pool.submit(block, first, last)))
+                    if len(flying) > AHEAD:
+                        start, columns = flying.popleft()
+                        yield start, columns.result()
+                for start, columns in flying:
+                    yield start, columns.result()
             finally:
-                ended.set()
+                aborted.set()
 
     return fly
 
 
-def _split_block(first: int, last: int, used: str) -> Blocks:
+def _split_block(first: int, last: int, backend: str) -> Blocks:
     """What is flown in one call: JAX can't be broken off, and a processor gains nothing by more runs at once."""
-    size = FEWEST if used == "jax" and jax.default_backend() == "cpu" else last - first
+    size = FEWEST if backend == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

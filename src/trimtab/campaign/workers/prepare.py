@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.campaign.grammar import Condition, parse_condition
 from trimtab.campaign.sampling.distributions import Amount, Distribution
-from trimtab.campaign.sampling.points import DESIGNS, Points, points
-from trimtab.campaign.sampling.saltelli import check_factors
+from trimtab.campaign.sampling.points import DESIGNS, Points, check_factors, points
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
-from trimtab.campaign.statistics.condition import Condition, parse_condition
-from trimtab.campaign.statistics.metrics import Metric, default_metrics, parse_metric, short_name
+from trimtab.campaign.statistics.metrics import Metric, default_metrics, find_metric, short_name
 from trimtab.core.errors import InputError
 from trimtab.core.record import Option, Quantity, leaves, with_leaf
 from trimtab.core.time import ms
@@ -130,14 +129,14 @@ def prepare_campaign(
     shapes, units = signal_shapes(scenario)
     targets = tuple(scenario.targets)
     texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
-    metrics = tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
+    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
     conditions = tuple(parse_condition(text) for text in plan.success)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
     if not conditions:
         settled = [f"settling:{short_name(t.path)}" for t in targets]
         needed = [name for name in settled if name not in [m.name for m in metrics]]
         conditions = tuple(Condition(name, "<", np.inf) for name in settled)
-    metrics += tuple(parse_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
+    metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
     spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
@@ -225,3 +224,34 @@ def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scena
     """The scenario with the choices of these numbers, by what was written."""
     texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario
+
+
+def refuse_options(ready: PreparedCampaign, part: str) -> None:
+    """Refuse a spread of what shapes the program: a search moves numbers."""
+    for text, factor in program_options(ready).items():
+        problem = f"{factor.path} shapes the program, and a search moves numbers"
+        fix = f"one search each, e.g. --set '{factor.path}={factor.distribution.choices[0]}'"
+        raise InputError(f"{part} {text}", problem, fix=fix)
+
+
+def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
+    """Refuse bounds beyond what a part can be flown with: each parameter at its ends, and all at once.
+
+    Args:
+        ready: the campaign.
+        ends: (2, d), the least and the largest point.
+        part: what the refusal names.
+    """
+    middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
+    corners = [(ends[side], "all at one end") for side in (0, 1)]
+    for i, name in enumerate(names):
+        for side in (0, 1):
+            point = middle.copy()
+            point[i] = ends[side, i]
+            corners.insert(0, (point, name))
+    for point, name in corners:
+        try:
+            scenario_at(ready, point).check()
+        except InputError as error:
+            problem = f"can't be flown at its end: {error.part}: {error.problem}"
+            raise InputError(f"{part} {name}", problem, choices=error.choices, fix="narrower bounds") from None

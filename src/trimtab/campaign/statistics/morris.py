@@ -1,41 +1,33 @@
-"""Screening of many factors with few runs: elementary effects along random trajectories.
+"""Screening of many factors with few runs: elementary effects along the trajectories of a Morris design.
 
-A trajectory has d + 1 rows: it starts at a random point of a grid of four levels and changes each factor once, in
-random order, by STEP up or down. What the metric then changes by, over that step, is an elementary effect: the slope
-over the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
+What a metric changes by when a trajectory changes one factor, over that step, is an elementary effect: the slope over
+the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
 
     mu = mean of the effects         mu* = mean of their sizes         sigma = their standard deviation
 
 mu* says whether a factor matters; sigma near or above mu* that it does so in a non-linear way or together with others.
 
-The random numbers of a run are one more factor, the last: its step flies the same point with other numbers. What
-changes then is divided by 1/3, the mean distance of two independent draws of a uniform factor, so that noise reads as a
-factor of the same spread would. Its sign means nothing, and so its mu is about 0.
+The random numbers of a run are one more factor, the last. What changes with them is divided by 1/3, the mean distance
+of two independent draws of a uniform factor, so that noise reads as a factor of the same spread would. Its sign means
+nothing, and so its mu is about 0.
 
 Source: [1] Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991); mu*:
 [2] Campolongo, Cariboni, Saltelli, "An effective screening design for sensitivity analysis of large models", Environ.
-Model. Softw. 22 (2007); interval of sigma: [3] Miller, "Jackknifing variances", Ann. Math. Statist. 39 (1968). The
-levels keep off 0 and 1, where the quantile of a normal distribution is infinite.
+Model. Softw. 22 (2007); interval of sigma: [3] Miller, "Jackknifing variances", Ann. Math. Statist. 39 (1968).
 """
 
-import zlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from trimtab.campaign.sampling.saltelli import NOISE, DesignRows, check_factors
-from trimtab.campaign.statistics.quantiles import as_column
+from trimtab.campaign.sampling.points import MORRIS_STEP, NOISE, check_factors, morris_trajectories, rows_per_trajectory
+from trimtab.campaign.statistics.intervals import as_column
 from trimtab.campaign.statistics.sensitivity import explain_no_variance, rank_values
 from trimtab.core.errors import InputError
-from trimtab.core.rng import threefry2x32
 
-LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
-STEP = 0.6
-"""Two levels: from each level there is one step inside the grid, so that all levels are visited equally often."""
 NOISE_STEP = 1 / 3
-STREAM = zlib.crc32(b"campaign.sampling.morris")
 LEAST = 4
 """Fewer trajectories say nothing of sigma."""
 
@@ -67,32 +59,6 @@ class Morris(NamedTuple):
     def order(self) -> tuple[str, ...]:
         """The factors, largest mu* first."""
         return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
-
-
-def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
-    """How many rows one trajectory has: its start and a step of each factor."""
-    return parameters + int(noise) + 1
-
-
-def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> DesignRows:
-    """Rows first to last - 1 of the design; row k depends on the seed, k and the number of factors alone.
-
-    Args:
-        seed: of the campaign.
-        first: number of the first row, from 0.
-        last: number of the row after the last.
-        parameters: how many are dispersed, at least 1, without the noise.
-        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
-    """
-    if not 0 <= first < last or parameters < 1:
-        problem = f"rows {first} to {last} of {parameters} parameters are none"
-        raise InputError("morris", problem, fix="0 <= first < last and at least one parameter")
-    trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
-    begin, when, up = _trajectories(seed, trajectory, parameters + int(noise))
-    stepped = when < place[:, None]
-    level = begin + 2 * (stepped == up)  # up: from the lower one to the one two above; down: the other way round
-    words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
-    return DesignRows(LEVELS[level[:, :parameters]], words.astype(np.uint32))
 
 
 def morris(
@@ -134,20 +100,11 @@ def morris(
     return Morris(names, *mu, *size_of, *_deviation_interval(effects, level), count, count * size, level, "")
 
 
-def _trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Of each trajectory and factor: its lower level (0 or 1), when it steps (0 first), and whether upwards."""
-    word = np.uint32(seed % 2**32)
-    drawn = threefry2x32(word, np.uint32(STREAM), trajectory[:, None], np.arange(factors)[None])
-    bits, order = (np.asarray(w, np.uint32) for w in drawn)
-    when = np.argsort(np.argsort(order, axis=1, kind="stable"), axis=1, kind="stable")
-    return (bits & 1).astype(int), when, (bits >> 1) & 1 == 1
-
-
 def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
     """Elementary effects, shape (trajectories, factors)."""
-    _, when, up = _trajectories(seed, np.arange(len(table)), parameters + int(noise))
+    _, when, up = morris_trajectories(seed, np.arange(len(table)), parameters + int(noise))
     change = np.take_along_axis(np.diff(table, axis=1), when, axis=1)
-    step = np.where(up, STEP, -STEP)
+    step = np.where(up, MORRIS_STEP, -MORRIS_STEP)
     if noise:
         step[:, -1] = NOISE_STEP
     return change / step

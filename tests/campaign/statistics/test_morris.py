@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from trimtab.campaign.sampling.morris import LEVELS, STEP, morris, morris_rows, rows_per_trajectory
+from trimtab.campaign.sampling.points import MORRIS_LEVELS, MORRIS_STEP, morris_rows, rows_per_trajectory
+from trimtab.campaign.statistics.morris import morris
 from trimtab.core.errors import InputError
 
 NAMES = ("one", "two", "three")
@@ -18,13 +19,13 @@ def ishigami(u):
 
 def every_effect(function, parameters):
     """Elementary effects of each factor at all points of the grid, upwards; (effects, parameters)."""
-    grid = np.array(list(itertools.product(LEVELS, repeat=parameters)))
+    grid = np.array(list(itertools.product(MORRIS_LEVELS, repeat=parameters)))
     found = []
     for i in range(parameters):
         low = grid[grid[:, i] < 0.5]
         high = low.copy()
-        high[:, i] += STEP
-        found.append((function(high) - function(low)) / STEP)
+        high[:, i] += MORRIS_STEP
+        found.append((function(high) - function(low)) / MORRIS_STEP)
     return np.array(found).T
 
 
@@ -32,9 +33,9 @@ def test_each_trajectory_changes_each_factor_once():
     rows = morris_rows(5, 0, 400 * 5, 3)
     assert rows_per_trajectory(3) == 5
     u, words = rows.u.reshape(400, 5, 3), rows.words.reshape(400, 5)
-    assert np.isin(u, LEVELS).all()
+    assert np.isin(u, MORRIS_LEVELS).all()
     change = np.diff(u, axis=1)
-    np.testing.assert_allclose(np.abs(change).sum(axis=1), STEP)
+    np.testing.assert_allclose(np.abs(change).sum(axis=1), MORRIS_STEP)
     redrawn = np.diff(words, axis=1)
     assert ((change != 0).sum(axis=2) + redrawn == 1).all()
     np.testing.assert_array_equal(words[:, 0], 2 * np.arange(400))
@@ -43,7 +44,7 @@ def test_each_trajectory_changes_each_factor_once():
     counts = np.unique(orders, axis=0, return_counts=True)[1]
     assert len(counts) == 24
     assert ((counts - 400 / 24) ** 2 / (400 / 24)).sum() < 50  # chi square with 23: 0.1 %
-    for level in LEVELS:
+    for level in MORRIS_LEVELS:
         assert np.mean(u[:, 0] == level) == pytest.approx(0.25, abs=0.05)
 
 

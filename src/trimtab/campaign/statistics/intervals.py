@@ -1,0 +1,216 @@
+"""What the runs flown say of all worlds: a probability, a quantile and a mean, each with its interval.
+
+**Probability**: Clopper and Pearson's interval, whose bounds are quantiles of a beta distribution,
+
+    low:  P(X >= k | low) = (1 - level)/2          high: P(X <= k | high) = (1 - level)/2          X ~ Bin(n, p)
+
+**Quantile**: how many of n independent values lie below the p-quantile is binomial, so that order statistics bound it,
+
+    P(X(l) > q_p) <= P(B <= l - 1) <= tail        P(X(u) < q_p) <= P(B >= u) <= tail        B ~ Bin(n, p)
+
+with X(1) <= ... <= X(n), the largest such l and the smallest such u. It holds for any distribution, with steps too.
+
+**Mean**: metrics of runs are skew (a few settle very late), and for one-sided bounds Student's t is then off by the
+order of 1/sqrt(n). A cubic transformation takes the skewness g of the runs out, which leaves an error of the order of
+1/n:
+
+    h(w) = w + g w^2/3 + g^2 w^3/27 + g/(6 n)        w = (mean - mu)/s        sqrt(n) h(w) about as Student's t
+
+It is monotonic and has an inverse, so that bounds follow: mu = mean - s h^-1(t/sqrt(n)).
+
+Intervals that hold at every number of runs at once, for stopping on what one sees, are in `anytime`.
+
+Source: [1] Clopper, Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
+Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discrete distributions", Wiley 2005, section
+3.8.3; [3] Thompson, "On confidence ranges for the median and other expectation distributions", Ann. Math. Statist. 7
+(1936); [4] David, Nagaraja, "Order Statistics", 3rd ed., Wiley 2003, section 7.1; the quantile itself is the inverse of
+the empirical distribution, definition 1 of [5] Hyndman, Fan, "Sample quantiles", American Statistician 50 (1996);
+[6] Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54 (1992), eq. 2.6 and the bounds after
+it; Student's quantiles in place of the normal ones are ours: for g = 0 it is Student's interval.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special, stats
+
+from trimtab.campaign.statistics.anytime import least_trials_anytime, lower_bound, ranks_anytime
+from trimtab.core.errors import InputError
+
+LEAST_FOR_MEAN = 30
+"""Fewer runs say too little of their skewness: then there is no interval of the mean."""
+
+
+class Proportion(NamedTuple):
+    """A share of successes. low, high: its exact interval; the true probability lies within in `level` of all cases."""
+
+    successes: int
+    trials: int
+    share: float
+    low: float
+    high: float
+    level: float
+
+    def __str__(self) -> str:
+        """In per cent, as in "97.3 % (96.1 to 98.2)"."""
+        return f"{100 * self.share:.1f} % ({100 * self.low:.1f} to {100 * self.high:.1f})"
+
+
+def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: bool = False) -> Proportion:
+    """The share of successes among independent trials, with the interval of Clopper and Pearson.
+
+    It never promises too much: it holds the truth at least as often as `level` says, for any probability and any number
+    of trials, also when all trials succeed.
+
+    Args:
+        successes: k, how many succeeded.
+        trials: n, how many there were, at least one.
+        level: of confidence, between 0 and 1; half of the rest on each side.
+        anytime: whether the interval must hold at every number of runs at once, for stopping on what it says; then the
+            trials are runs 0 to n - 1, in order, none left out.
+    """
+    k, n = int(successes), int(trials)
+    if n < 1 or not 0 <= k <= n or (k, n) != (successes, trials):
+        problem = f"{successes} of {trials} is no count of successes"
+        raise InputError("proportion", problem, fix="give whole numbers, 0 <= successes <= trials, trials at least 1")
+    if not 0 < level < 1:
+        raise InputError("proportion: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    tail = (1 - level) / 2
+    if anytime:
+        low, high = float(lower_bound(k, n, tail)), 1.0 - float(lower_bound(n - k, n, tail))
+    else:
+        low = float(special.betaincinv(k, n - k + 1, tail)) if k > 0 else 0.0
+        high = float(special.betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
+    return Proportion(k, n, k / n, low, high, level)
+
+
+class Quantile(NamedTuple):
+    """A quantile of the runs flown, and the band that holds the quantile of all worlds in `level` of all campaigns.
+
+    p: which quantile.  value: the smallest value that at least p of the runs don't exceed: always one that a run had.
+    low, high: the band; -inf or inf where so few runs have no bound on that side.  trials: how many runs.
+    not_finite: how many of them had no finite value.  needed_runs: how many runs a band with both bounds takes
+    at least.
+    """
+
+    p: float
+    value: float
+    low: float
+    high: float
+    level: float
+    trials: int
+    not_finite: int
+    needed_runs: int
+
+    @property
+    def name(self) -> str:
+        """As in "p95"."""
+        return f"p{100 * self.p:.10g}"
+
+    def __str__(self) -> str:
+        """As in "p95 8.31 (8.02 to 8.77)"."""
+        few = "" if self.trials >= self.needed_runs else f"; both bounds want {self.needed_runs} runs"
+        return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
+
+
+def quantile(
+    values: Any, p: float, level: float = 0.95, *, missing: float = math.inf, anytime: bool = False
+) -> Quantile:
+    """A quantile with its band; several quantiles of one metric each hold at `level`, not all together.
+
+    Args:
+        values: the metric of each run, shape (n,); runs are independent.
+        p: which quantile, between 0 and 1.
+        level: of confidence, between 0 and 1; half of the rest on each side.
+        missing: what a run counts as that gave NaN (it ran away, or never settled): worse than every other, inf. For a
+            metric of which little is bad, -inf.
+        anytime: whether the band must hold at every number of runs at once, for stopping on what it says.
+    """
+    if not 0 < p < 1:
+        raise InputError("quantile", f"{p} is no share of the runs", fix="give e.g. 0.95")
+    if not 0 < level < 1:
+        raise InputError("quantile: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    x = as_column(values, "quantile")
+    n = len(x)
+    ordered = np.sort(np.where(np.isnan(x), missing, x))
+    below, above = (ranks_anytime if anytime else ranks)(n, p, level)
+    low = float(ordered[below - 1]) if below >= 1 else -math.inf
+    high = float(ordered[above - 1]) if above <= n else math.inf
+    value = float(ordered[max(math.ceil(n * p * (1 - 1e-14)), 1) - 1])
+    not_finite = int(np.count_nonzero(~np.isfinite(x)))
+    return Quantile(p, value, low, high, level, n, not_finite, least_trials(p, level, anytime=anytime))
+
+
+def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
+    """Which order statistics (1 the smallest) hold the p-quantile between them, in `level` of all campaigns.
+
+    0 for the first, or trials + 1 for the second, says that so few runs have no bound on that side.
+    """
+    tail = (1 - level) / 2
+    return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
+
+
+def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
+    """How many runs it takes at least until the band has both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
+    tail, rare = (1 - level) / 2, max(p, 1 - p)
+    return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
+
+
+def as_column(values: Any, part: str) -> Any:
+    """Values of runs as float64, shape (n,), at least one; refuses what is none."""
+    x = np.asarray(values)
+    if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
+        problem = f"an array of shape {x.shape} and type {x.dtype} is no column of runs"
+        raise InputError(part, problem, fix="give one number for each run, of at least one run")
+    return x.astype(np.float64)
+
+
+class Mean(NamedTuple):
+    """The mean of the runs flown and an interval of that of all worlds; without bounds where the runs don't tell any.
+
+    not_finite: how many runs had no finite value; one is enough to make the mean infinite.
+    """
+
+    value: float
+    low: float
+    high: float
+    level: float
+    trials: int
+    not_finite: int
+
+    def __str__(self) -> str:
+        """As in "4.21 (4.05 to 4.4)"."""
+        return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
+
+
+def mean(values: Any, level: float = 0.95) -> Mean:
+    """The mean with its interval; approximate (docs/campaign/mean.md has the coverage), unlike that of a quantile.
+
+    Runs without a finite value make it inf, without an interval. Below 30 runs, or when all gave the same value, the
+    bounds are -inf and inf.
+
+    Args:
+        values: the metric of each run, shape (n,); runs are independent.
+        level: of confidence, between 0 and 1; half of the rest on each side.
+    """
+    if not 0 < level < 1:
+        raise InputError("mean: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    x = as_column(values, "mean")
+    n, bad = len(x), int(np.count_nonzero(~np.isfinite(x)))
+    if bad:
+        return Mean(math.inf, -math.inf, math.inf, level, n, bad)
+    centre = float(x.mean())
+    deviation = float(x.std(ddof=1)) if n > 1 else 0.0
+    if n < LEAST_FOR_MEAN or deviation <= 1e-12 * abs(centre):
+        return Mean(centre, -math.inf, math.inf, level, n, 0)
+    skewness = float(np.mean(((x - centre) / x.std()) ** 3))
+    t = float(stats.t.ppf((1 + level) / 2, n - 1)) / math.sqrt(n)
+    low, high = (centre - deviation * _invert_skewness(y, skewness, n) for y in (t, -t))
+    return Mean(centre, low, high, level, n, 0)
+
+
+def _invert_skewness(y: float, skewness: float, n: int) -> float:
+    if abs(skewness) < 1e-6:
+        return y
+    return 3 / skewness * float(np.cbrt(1 + skewness * (y - skewness / (6 * n))) - 1)

@@ -1,0 +1,124 @@
+"""Pictures of a search: the margins of a search for the worst case, and the cost and gains of a tuning."""
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.campaign.search.falsify import FalsificationResult
+from trimtab.campaign.search.tune import TuningResult
+from trimtab.plots.style import BLUE, GREY, SEVERAL, VERMILION, new_figure, save_figure, style_grid, write_title
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+WIDTH, FALSIFY_HEIGHT, TUNE_HEIGHT = 13.0, 4.6, 4.2
+WORST = 60
+"""How many of the worst candidates are drawn across the box."""
+
+
+def plot_falsify(
+    search: FalsificationResult, path: str | os.PathLike[str] | None = None, title: str = "Search for the worst case"
+) -> "Figure":
+    """Draw the search.
+
+    Args:
+        search: what `falsify` gave.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+    """
+    names = [name.rsplit(".", 1)[-1] for name in search.names]
+    size = (WIDTH, max(FALSIFY_HEIGHT, 1.6 + 0.32 * len(names)))
+    figure = new_figure(*size)
+    axes: Any = figure.subplots(1, 2, gridspec_kw={"width_ratios": (3, 2)})
+    _draw_margins(axes[0], search)
+    _draw_candidates(axes[1], search, names)
+    for one in axes:
+        style_grid(one)
+    verdict = "failure, margin" if search.fails else "no failure, least margin"
+    write_title(figure, f"{title}: {verdict} {search.margin:.4g}")
+    return save_figure(figure, path)
+
+
+def _draw_margins(axes: Any, search: FalsificationResult) -> None:
+    each = search.candidate_margins.shape[1]
+    least = search.candidate_margins.min(axis=1)
+    at = each * np.arange(1, len(least) + 1)
+    stages = np.unique(search.stages)
+    for stage in stages:
+        mine = search.stages == stage
+        name, colour = f"restart {stage}" if stage else "CMA-ES", SEVERAL[(max(stage, 0) + 1) % len(SEVERAL)]
+        if stage == -1:
+            name, colour = "over the box", GREY
+        elif stage == stages[-1] and len(stages) > 2:
+            name, colour = "other random numbers", SEVERAL[3]
+        axes.plot(at[mine], least[mine], ".", ms=3, color=colour, alpha=0.6, label=name)
+    axes.plot(at, np.minimum.accumulate(least), color=BLUE, lw=1.8, label="least so far")
+    axes.axhline(0, color=VERMILION, lw=1.4)
+    axes.set_xlabel("runs flown", fontsize=9)
+    axes.set_ylabel("margin (failure below 0)", fontsize=9)
+    axes.legend(fontsize=8, frameon=False, ncols=2)
+
+
+def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
+    """Coordinates of the worst candidates; the worst of all is joined by a line."""
+    _, once = np.unique(search.points, axis=0, return_index=True)
+    worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
+    rows = np.arange(len(names))
+    for i in worst:
+        axes.plot(search.points[i], rows, ".", color=GREY, ms=5, alpha=0.3)
+    axes.plot(search.point, rows, "o-", color=VERMILION, lw=1.2, ms=5)
+    axes.set_yticks(rows, names, fontsize=8)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlabel(f"place between the bounds: the worst, and {len(worst)} bad ones", fontsize=9)
+
+
+def plot_tune(tuning: TuningResult, path: str | os.PathLike[str] | None = None, title: str = "Tuning") -> "Figure":
+    """Draw a tuning.
+
+    Args:
+        tuning: what `tune` gave.
+        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        title: what to write above.
+    """
+    figure = new_figure(WIDTH, TUNE_HEIGHT)
+    axes: Any = figure.subplots(1, 3, gridspec_kw={"width_ratios": (3, 3, 2)})
+    flown = np.array([s.flown_runs for s in tuning.steps])
+    axes[0].plot(flown, [s.cost for s in tuning.steps], ".-", color=BLUE, lw=1.2)
+    axes[0].set_ylabel(
+        "mean cost of a generation's best" if tuning.method == "search" else "mean cost near by, each of new runs"
+    )
+    axes[0].set_title(tuning.method, loc="left", fontsize=10, weight="bold")
+    places = np.array([s.x for s in tuning.steps])
+    for i, name in enumerate(tuning.before):
+        label = f"{name.rsplit('.', 1)[-1]}: {tuning.before[name]:.4g} → {tuning.after[name]:.4g}"
+        axes[1].plot(flown, places[:, i], ".-", color=SEVERAL[i % len(SEVERAL)], lw=1.2, label=label)
+    axes[1].set_ylim(-0.03, 1.03)
+    axes[1].set_ylabel("gain, as place in its range")
+    axes[1].legend(fontsize=8, frameon=False)
+    for one in axes[:2]:
+        one.set_xlabel("runs flown", fontsize=9)
+    _draw_comparisons(axes[2], tuning)
+    for one in axes:
+        style_grid(one)
+        one.yaxis.label.set_size(9)
+    verdict = "helps" if tuning.is_improvement else "does NOT help"
+    write_title(figure, f"{title}: {verdict} in runs it did not see")
+    return save_figure(figure, path)
+
+
+def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:
+    """Mean paired differences with their intervals."""
+    bars = (("seen", tuning.seen_comparison, GREY), ("held out", tuning.held_out_comparison, BLUE))
+    for i, (_, c, colour) in enumerate(bars):
+        if np.isfinite(c.difference):
+            axes.errorbar(
+                i, c.difference, [[c.difference - c.low], [c.high - c.difference]], fmt="o", color=colour, capsize=5
+            )
+        else:
+            axes.text(i, 0, f"{c.better} better\n{c.worse} worse", ha="center", va="bottom", fontsize=8, color=colour)
+    axes.axhline(0, color=VERMILION, lw=1.4)
+    axes.set_xlim(-0.6, 1.6)
+    axes.set_xticks((0, 1), [f"{name}\n{c.runs} runs" for name, c, _ in bars])
+    axes.set_ylabel(f"change of the cost, {100 * tuning.held_out_comparison.level:.0f} %")
