@@ -5,7 +5,7 @@
 The flight is that of the tests, tests/export/inertial_flight.py: feed-forward dual filter, inertial unit and heading
 each 6.5536 ms, position each 100 ms, steps of 1 ms. Counted are whole steps, as exported: samples judged, put in
 order of measurement into a history of 64, filters, what the estimate tells, law and allocation. QEMU counts
-instructions; the processor's cycles are another matter (docs/export/microcontroller.md).
+instructions; the processor's cycles are another matter (docs/export/boards.md).
 
 Exits with 1 where the board computes something else, 2 where its tools are missing.
 """

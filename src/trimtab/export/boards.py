@@ -2,7 +2,7 @@
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
 ``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit by bit, the instructions of every step,
-flash, RAM and stack. The firmware around the autopilot is in ``firmware/``; docs/export/microcontroller.md says what
+flash, RAM and stack. The firmware around the autopilot is in ``firmware/``; docs/export/boards.md says what
 each number means.
 """
 

@@ -55,7 +55,7 @@ def test_stopped_interval_holds_every_probability_as_often_as_it_says(width, blo
 
 
 def test_plain_interval_stopped_at_a_width_holds_less_than_it_says():
-    """The number of docs/campaign/stopping.md; and what the repair costs in runs."""
+    """The number of docs/campaign/metrics.md; and what the repair costs in runs."""
     p = np.linspace(0.005, 0.5, 60)
     plain, short = stopped_coverage(0.1, 5, 0.05, p)
     _, long = stopped_coverage(0.1, 5, TAILS * 0.05, p)
@@ -116,7 +116,7 @@ def stopped_at_width(rows, p, width, block, bounds):
 
 @pytest.mark.slow
 def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
-    """The numbers of docs/campaign/stopping.md: it stops while it happens to lie below the cliff. About 10 s."""
+    """The numbers of docs/campaign/metrics.md: it stops while it happens to lie below the cliff. About 10 s."""
     rows = cliff(np.random.default_rng(6), (2000, 4000))
     plain, _ = stopped_at_width(rows, 0.901, 5.0, 50, ranks)
     anytime, _ = stopped_at_width(rows, 0.901, 5.0, 50, ranks_anytime)
@@ -126,7 +126,7 @@ def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
 
 @pytest.mark.slow
 def test_stopping_when_a_requirement_is_met():
-    """The numbers of docs/campaign/stopping.md: success is exactly 0.9, demanded is more than that. About a minute."""
+    """The numbers of docs/campaign/metrics.md: success is exactly 0.9, demanded is more than that. About a minute."""
     wanted = parse_requirement("success >= 0.9 @ 95%")
     success = np.random.default_rng(8).random((2000, 4000)) < 0.9
     counts = success.cumsum(axis=1)[:, 49::50]

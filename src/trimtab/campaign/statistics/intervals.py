@@ -185,7 +185,7 @@ class Mean(NamedTuple):
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
-    """The mean with its interval; approximate (docs/campaign/mean.md has the coverage), unlike that of a quantile.
+    """The mean with its interval; approximate (docs/campaign/intervals.md has the coverage), unlike that of a quantile.
 
     Runs without a finite value make it inf, without an interval. Below 30 runs, or when all gave the same value, the
     bounds are -inf and inf.

@@ -9,7 +9,7 @@ stopped at a width holds some probabilities in 93.4 % only, a plain quantile's b
 - a quantile gets the band that holds at every number of runs at once (`anytime.py`): how often any other held would
   depend on the metric's distribution, which nobody knows.
 
-docs/campaign/stopping.md has the numbers.
+docs/campaign/metrics.md has the numbers.
 
 Source: [1] Frey, "Fixed-width sequential confidence intervals for a proportion", American Statistician 64 (2010), for
 tails made smaller until exact calculation shows the coverage; the factor is ours.

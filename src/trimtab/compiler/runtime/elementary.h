@@ -1,6 +1,6 @@
 /* The functions, once for both shapes. elementary.py replaces F64 (number), U64 (its bits), M64 (truth value), INLINE,
  * COLD (seldom called) and FN(name), and puts scalar.h or vector.h before. A blank line stands between two functions,
- * nowhere else. ma(a, b, c) is a b + c; coefficients are minimax, found as docs/export/elementary.md says. */
+ * nowhere else. ma(a, b, c) is a b + c; coefficients are minimax, found as docs/compiler/generator.md says. */
 
 INLINE F64 FN(abs)(F64 x)
 {
