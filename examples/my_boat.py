@@ -2,13 +2,13 @@
 
 import jax.numpy as jnp
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.signals import Motion, PlanarForce
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.laws.velocity import ForwardMomentum
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import DelayChain
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario

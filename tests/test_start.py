@@ -71,7 +71,7 @@ def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
     "module",
     [
         "trimtab.cli",
-        "trimtab.logs.comma_separated",
+        "trimtab.logs.samples",
         "trimtab.logs.log",
         "trimtab.logs.mcap",
         "trimtab.logs.stream",

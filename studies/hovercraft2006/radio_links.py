@@ -12,8 +12,8 @@ import numpy as np
 from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import ms
-from trimtab.links.bluetooth import TABLE, bluetooth_link
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.latency import TABLE, bluetooth_link
+from trimtab.links.wire import DelayChain
 from trimtab.study import Row, at_most, band, within
 
 SECTION = "5.3"

@@ -16,8 +16,7 @@ import numpy as np
 from studies.hypersonic2022.printed_matrices import COLUMNS, INPUTS
 from trimtab.core.record import replace
 from trimtab.design.linearise import linearise
-from trimtab.scenarios.hypersonic._design import V, design_model, error_model
-from trimtab.scenarios.hypersonic._envelope import accelerations
+from trimtab.scenarios.hypersonic._design import V, accelerations, design_model, error_model
 from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED

@@ -17,7 +17,7 @@ from trimtab.core.record import replace
 from trimtab.scenarios.hypersonic._internal import LevelTrim, level_trim
 from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
-from trimtab.vehicles.hypersonic_modes import KMODES
+from trimtab.vehicles.hypersonic_aerodynamics import KMODES
 from trimtab.vehicles.hypersonic_printed import (
     A_PRINTED,
     QUOTED_ALPHA,

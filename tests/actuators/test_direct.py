@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.interfaces import Actuators, Allocation
 from trimtab.core.record import replace
 from trimtab.core.signals import PlanarForce, new_sample

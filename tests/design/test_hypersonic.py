@@ -18,7 +18,7 @@ from trimtab.design.normal_form import normal_form
 from trimtab.design.trim import trim
 from trimtab.design.zero_dynamics import zero_dynamics
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
-from trimtab.vehicles.hypersonic_modes import FlexibleModes
+from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes
 
 pytestmark = pytest.mark.slow
 

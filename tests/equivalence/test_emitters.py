@@ -7,7 +7,7 @@ import pytest
 from contracts.parts import example, made, rollout
 from trimtab.actuators.drive import FanDrive
 from trimtab.laws.stable_inversion import StableInversion
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import DelayChain
 from trimtab.sensors.imu import Imu
 
 PARTS = (("sensors", Imu), ("links", DelayChain), ("laws", StableInversion), ("actuators", FanDrive))

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from firmware.host import KEY
 
-from trimtab.actuators.direct import DirectActuation
+from trimtab.actuators.allocation import DirectActuation
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace

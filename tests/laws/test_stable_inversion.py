@@ -14,7 +14,7 @@ from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.laws.stable_inversion import StableInversion
 from trimtab.loop.checks import check_values
-from trimtab.sensors.flexible_truth import FlexibleTruth, FlexibleTruthReading
+from trimtab.sensors.flight_state import FlexibleTruth, FlexibleTruthReading
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicState
 
 LAW = StableInversion(internal=QuasiStaticInternal(), command=FilteredClimb(dh=1000.0, dV=200.0))

@@ -8,7 +8,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.rng import key
 from trimtab.core.time import ms
-from trimtab.links.bluetooth import TABLE, bluetooth_link
+from trimtab.links.latency import TABLE, bluetooth_link
 
 PRINTED = """
 Free2Move/Linksys   2.9/41.0 | 51.04 15.09 22 118 | 39.02 9.23 20 74    | 95.48 18.01 58 157

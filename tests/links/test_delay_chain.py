@@ -11,7 +11,7 @@ from trimtab.core.interfaces import Channel
 from trimtab.core.rng import key
 from trimtab.core.signals import PlanarForce, Sample, new_sample
 from trimtab.core.time import ms
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import DelayChain
 
 
 @pytest.mark.parametrize(("period", "steps"), [(ms(6), 6), (ms(20), 2), (ms(1), 1), (65536, 3), (ms(6), 0)])

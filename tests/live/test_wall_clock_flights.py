@@ -16,7 +16,7 @@ from live.bands import Links, bands, compared, released
 from live.pair import fly_pair
 
 from trimtab.core.time import ms, to_seconds
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import DelayChain
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue

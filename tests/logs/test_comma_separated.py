@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.logs.comma_separated import read_csv
+from trimtab.logs.samples import read_csv
 
 GOOD = """time, gyro_z [rad/s], "force" (m/s^2)
 10.00, 0.1, -9.8

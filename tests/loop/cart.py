@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.actuators.direct import DirectAllocation, DirectOutput
+from trimtab.actuators.allocation import DirectAllocation, DirectOutput
 from trimtab.core.record import part, period, quantity, record, replace
 from trimtab.core.signals import Sample, new_sample, no_motion
 from trimtab.core.time import seconds

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.actuators.direct import DirectActuation
+from trimtab.actuators.allocation import DirectActuation
 from trimtab.compiler.function import compile_function
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays

@@ -13,7 +13,7 @@ from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.loop.relayed_sensor import RelayedSensor
-from trimtab.sensors.acting_input import ActingInput
+from trimtab.sensors.flight_state import ActingInput
 
 EVERY = 37
 MESSAGE = 24

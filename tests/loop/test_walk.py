@@ -6,7 +6,7 @@ from loop.cart import SECOND, Place, Ruler, cart_autopilot, cart_world
 
 from trimtab.core.rng import key
 from trimtab.core.time import Clock, ms, timetable
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.wire import DelayChain
 from trimtab.loop.walk import instant, logged_signals, pack_row, signals, start, walk
 
 

@@ -11,8 +11,7 @@ from trimtab.core.record import period, quantity, record, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Command
 from trimtab.core.time import Clock, ms
-from trimtab.links.delay_chain import DelayChain
-from trimtab.links.wire import Wire
+from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.structure import strengthen_types
 
 ALL = frozenset({SECOND})

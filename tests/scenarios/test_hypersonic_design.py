@@ -18,7 +18,7 @@ from trimtab.design.observability import constant_rank
 from trimtab.estimators.flexible.model import modal_dynamics
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic import _design as hypersonic
-from trimtab.scenarios.hypersonic._envelope import recorded_numbers
+from trimtab.scenarios.hypersonic._design import recorded_numbers
 from trimtab.vehicles.hypersonic import Hypersonic
 
 D, SMALL = hypersonic.SCALE, 1e-5 * np.eye(4)

@@ -14,7 +14,7 @@ from trimtab.design.stable_inversion import bounded_residual
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import internal_rates
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, noncausal_table
-from trimtab.vehicles.hypersonic_modes import FlexibleModes
+from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes
 
 DEG = np.pi / 180
 

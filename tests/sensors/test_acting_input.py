@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.actuators.direct import DirectActuation
+from trimtab.actuators.allocation import DirectActuation
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.rng import key
@@ -11,9 +11,8 @@ from trimtab.core.signals import Command
 from trimtab.core.time import Clock, ms
 from trimtab.links.wire import Wire
 from trimtab.loop.world import World
-from trimtab.sensors.acting_input import ActingInput
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
-from trimtab.sensors.flexible_truth import FlexibleTruth
+from trimtab.sensors.flight_state import ActingInput, FlexibleTruth
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 X = HypersonicState(85000.0, 7702.0, 0.028, 0.030, 0.001, 0.9, 0.1, 0.75, -0.2)

@@ -12,11 +12,10 @@ from trimtab.compiler.function import lower_function
 from trimtab.core.record import to_arrays
 from trimtab.loop.structure import strengthen_types
 from trimtab.native.build import build_library, load_library
-from trimtab.sensors.encoder import Encoder
+from trimtab.sensors.encoder import Encoder, Tachometer
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.imu import GyroErrors, Imu
 from trimtab.sensors.magnetometer import FloorSteel, Magnetometer, RunningMotor
-from trimtab.sensors.tachometer import Tachometer
 
 SENSORS = {
     "imu": Imu.microstrain_3dm_gx1(lever_arm=(0.1, 0.0, 0.02)),

@@ -10,7 +10,7 @@ from trimtab.core.interfaces import Sensor
 from trimtab.core.rng import key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms
-from trimtab.sensors.tachometer import BESSEL4, Tachometer, bessel4
+from trimtab.sensors.encoder import BESSEL4, Tachometer, bessel4
 
 
 def followed(tachometer, rates, seed=0):

@@ -17,8 +17,7 @@ from trimtab.core.record import Quantity, leaves, replace, to_arrays, with_leaf
 from trimtab.core.rotation import from_euler
 from trimtab.vehicles import imperial
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic, HypersonicInput, HypersonicState
-from trimtab.vehicles.hypersonic_aerodynamics import RigidForces
-from trimtab.vehicles.hypersonic_modes import KMODES, FlexibleModes
+from trimtab.vehicles.hypersonic_aerodynamics import KMODES, FlexibleModes, RigidForces
 
 H, V = 85000.0, 7702.0808
 DEG = math.pi / 180

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.time import UNITS_PER_SECOND, ms, seconds
-from trimtab.links.bluetooth import bluetooth_link
-from trimtab.links.latency import normal_scores
+from trimtab.links.latency import bluetooth_link, normal_scores
 from trimtab.wire.time_sync import TimeSync, TimeSyncExchange, fit_offset_line
 
 OFFSET = 123_456_789_012

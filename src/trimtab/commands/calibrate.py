@@ -21,10 +21,9 @@ from trimtab.identify.allan import (
     octave_averages,
     refuse_motion,
 )
-from trimtab.logs.comma_separated import read_csv
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, replace_file
-from trimtab.logs.samples import sample_path, samples
+from trimtab.logs.samples import read_csv, sample_path, samples
 
 AT_REST = 1e-6
 """A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""

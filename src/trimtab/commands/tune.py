@@ -10,8 +10,7 @@ import click
 
 from trimtab.campaign.search import tune as search
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.search.tune import TuningResult
-from trimtab.campaign.statistics.comparison import Comparison
+from trimtab.campaign.search.tune import Comparison, TuningResult
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, THREADS, WITHOUT
 from trimtab.commands.output import check_folder, check_picture, print_files, print_json, show_progress

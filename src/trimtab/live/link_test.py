@@ -18,9 +18,8 @@ import numpy as np
 
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, to_seconds
-from trimtab.links.bluetooth import BELOW_MIN_MS, SEND_PERIODS, Latencies
 from trimtab.links.fifo import required_slots
-from trimtab.links.latency import gamma_table
+from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_table
 from trimtab.links.latency_trace import Trace
 from trimtab.live.clock_time import (
     LOAD_DOWN,

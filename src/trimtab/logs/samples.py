@@ -1,15 +1,107 @@
 """A sensor's own samples out of a log: each once, at the time it was measured, however often the log has rows.
 
 A log's rows hold the last sample until there is a new one. Which is which, the sample's own time says.
+
+Logs as CSV files, as other loggers write them: a line of names, then a line of numbers for each instant.
+
+Names may say their unit, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``.
 """
 
+import os
+import re
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, format_time, to_seconds
 from trimtab.logs.log import Log
+
+TIMES = ("t", "time", "time_s", "timestamp", "seconds")
+"""Names of the column of times, whatever their case."""
+TIME_UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+"""Seconds of each unit that the column of times may say; without one it is seconds."""
+BLOCK = "csv"
+"""Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
+
+
+def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
+    """Read a CSV file; times start at 0 in the log and are rounded to 100 ns.
+
+    Args:
+        path: the file.
+        time: name of the column of times, in s or the unit that it says; the first of TIMES that there is when None.
+    """
+    where = f"log file '{path}'"
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
+    lines = [line for line in text.splitlines() if line.strip()]
+    head = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
+    names = [re.split(r"\s*[\[(]", name)[0] for name in head]
+    units = [found[1].strip() if (found := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
+    chosen = [n for n in names if n == time or (time is None and n.lower() in TIMES)]
+    if not chosen:
+        problem = f"has no column {time!r}" if time else "has no column of times"
+        raise InputError(where, problem, choices=names, fix="name it time (in seconds), or say --time NAME")
+    paths = _signal_paths(where, names, chosen[0])
+    rows = _parse_numbers(where, lines[1:], len(names))
+    seconds = rows[:, names.index(chosen[0])]
+    since = (seconds - seconds[0]) * _time_scale(where, chosen[0], units[names.index(chosen[0])])
+    ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
+    signals = {path: rows[:, names.index(n)] for n, path in paths.items()}
+    declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
+    if (np.diff(ticks) <= 0).any():
+        at = int(np.argmax(np.diff(ticks) <= 0))
+        problem = f"its times do not rise after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
+        raise InputError(where, problem, fix="sort it, leave out repeated rows, and give times to at least 100 ns")
+    return Log(
+        t=to_seconds(ticks), ticks=ticks, signals=signals, declarations=declared, metadata={"file": Path(path).name}
+    )
+
+
+def _time_scale(where: str, name: str, unit: str) -> float:
+    """Seconds of one unit of the column of times."""
+    if unit not in TIME_UNITS:
+        problem = f"its column of times {name!r} is in {unit!r}"
+        fix = f"convert it to seconds and name it {name}, or {name} [s]"
+        raise InputError(where, problem, choices=("s", "ms", "us", "ns"), fix=fix)
+    return TIME_UNITS[unit]
+
+
+def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
+    """Signal of each column but the times; two columns of one signal would hide each other."""
+    paths: dict[str, str] = {}
+    for i, name in enumerate(names):
+        path = f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
+        same = next((n for n, p in paths.items() if p == path), None)
+        if same is not None or name in names[:i]:
+            problem = f"columns {same or name!r} and {name!r} are one signal, {path}"
+            raise InputError(where, problem, fix=f"give them names that differ in letters or digits, e.g. {name}_2")
+        if name != time:
+            paths[name] = path
+    return paths
+
+
+def _parse_numbers(where: str, lines: list[str], columns: int) -> np.ndarray:
+    cells = [line.split(",") for line in lines]
+    for i, row in enumerate(cells):
+        if len(row) != columns:
+            problem = f"line {i + 2} has {len(row)} columns, the names are {columns}"
+            raise InputError(where, problem, fix="give one number for each name, without commas inside")
+    try:
+        rows = np.array(cells, np.float64).reshape(len(cells), columns)
+    except ValueError as error:
+        raise InputError(where, f"holds what is no number: {error}", fix="write numbers with a decimal point") from None
+    if not len(rows) or not np.isfinite(rows).all():
+        problem = (
+            "has no rows" if not len(rows) else f"line {int(np.argmin(np.isfinite(rows).all(1))) + 2} is not finite"
+        )
+        raise InputError(where, problem, fix="leave such lines out; gaps are then named by their time")
+    return rows
 
 
 class Samples(NamedTuple):

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without

@@ -1,15 +1,116 @@
-"""An optical encoder on a vertical shaft: the heading of what turns, in counts."""
+"""An optical encoder on a vertical shaft: the heading of what turns, in counts.
+
+A tachometer on a vertical shaft: the yaw rate, band-limited and noisy.
+"""
 
 import math
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.record import Scalar, period, quantity, record
-from trimtab.core.rng import Key
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, period, quantity, record
+from trimtab.core.rng import Key, normal2
+from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
-from trimtab.core.time import ms
+from trimtab.core.time import format_time, ms, to_seconds
+
+DEG = math.pi / 180
+BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
+"""Natural frequency over the -3 dB frequency, and quality, of the two sections of a fourth-order Bessel low-pass."""
+
+
+@record
+class RateReading:
+    """What a tachometer gives. Frames: clockwise from above. Source: docs page, Tachometer."""
+
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn.", frame="B")
+
+
+@record
+class TachometerState:
+    """Noise key and the low-pass's two sections. Source: this module."""
+
+    key: Key = part("Of the noise.")
+    started: Scalar = quantity("1", "Whether the low-pass has seen a sample.", kind="flag")
+    first: SectionState = part("Memory of the first section.")
+    second: SectionState = part("Memory of the second section.")
+
+
+def bessel4(bandwidth: Any, sampling_period: Any) -> tuple[Section, Section]:
+    """The two sections of a fourth-order Bessel low-pass with its -3 dB at `bandwidth` (Hz).
+
+    Source: Zverev, "Handbook of filter synthesis", Bessel filters; sections by the bilinear transform, each exact at
+    its natural frequency.
+    """
+    sections = [low_pass(over * bandwidth, 0.5 / quality, sampling_period) for over, quality in BESSEL4]
+    return sections[0], sections[1]
+
+
+@record
+class Tachometer:
+    """Tachometer of a shaft that turns with the vehicle, behind a fourth-order Bessel low-pass.
+
+        z = (1 + s) L(r) + b + w
+
+    with scale error s and offset b of its calibration, low-pass L, white noise w.
+
+    Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple by angle.
+    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+             section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
+    """
+
+    noise: Scalar = quantity(
+        "rad/s", "Standard deviation of each sample.", default=3.5 * DEG, low=0, off={"tachometer-noise": 0.0}
+    )
+    scale_factor: Scalar = quantity(
+        "1", "Error of the calibrated scale.", default=0.0, off={"tachometer-scale-factor": 0.0}
+    )
+    offset: Scalar = quantity("rad/s", "Error of the calibrated zero.", default=0.0, off={"tachometer-offset": 0.0})
+    bandwidth: Scalar = quantity(
+        "Hz",
+        "-3 dB of the low-pass; 0: none.",
+        default=5.0,
+        low=0,
+        source="[1] sec. 6.2.1",
+        off={"tachometer-bandwidth": 0.0},
+    )
+    period: int = period("Time between samples.", default=ms(1))
+
+    def check(self) -> None:
+        """Both sections lie below half the sampling rate."""
+        most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
+        if not self.bandwidth < most:
+            problem = f"{self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
+            raise InputError("bandwidth", problem, fix=f"--set bandwidth=VALUE below {most:g} Hz, or 0")
+
+    def init(self, key: Key) -> TachometerState:
+        """Low-pass not yet started."""
+        rest = SectionState(jnp.asarray(0.0), jnp.asarray(0.0))
+        return TachometerState(key=key, started=jnp.asarray(False), first=rest, second=rest)
+
+    def measure(self, motion: Motion) -> RateReading:
+        """The measurement h(x) of a motion, without error."""
+        return RateReading(yaw_rate=motion.w_WB_B[2])
+
+    def step(self, t: Any, state: TachometerState, motion: Motion) -> tuple[TachometerState, Sample]:
+        """The sample at integer time t."""
+        true, dt = self.measure(motion).yaw_rate, to_seconds(self.period)
+        narrow = self.bandwidth > 0
+        sections = bessel4(jnp.where(narrow, self.bandwidth, 0.1 / dt), dt)
+        memories, passed = [], true
+        for section, memory in zip(sections, (state.first, state.second), strict=True):
+            rest = steady_state(section, true)
+            settled = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), memory, rest)
+            memory, passed = filter_sample(section, settled, passed)
+            memories.append(memory)
+        rate = jnp.where(narrow, passed, true)
+        w, _ = normal2(state.key, t // self.period)
+        seen = (1 + self.scale_factor) * rate + self.offset + self.noise * w
+        new = TachometerState(state.key, jnp.asarray(True), memories[0], memories[1])
+        return new, new_sample(t, RateReading(yaw_rate=seen))
 
 
 @record

@@ -6,8 +6,7 @@ import jax.numpy as jnp
 
 from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import Motion
-from trimtab.vehicles.hypersonic_aerodynamics import Forces, RigidForces
-from trimtab.vehicles.hypersonic_modes import FlexibleModes
+from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes, Forces, RigidForces
 from trimtab.vehicles.imperial import FOOT
 
 STANDARD_GRAVITY = 1.39e16 / (20903500.0 + 85000.0) ** 2

@@ -22,8 +22,8 @@ import numpy as np
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import seconds
 from trimtab.wire.definitions import Message
+from trimtab.wire.dialect import unique_name
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.names import unique_name
 from trimtab.wire.protocol import REAL_32, ParameterChange
 
 LONGEST = 16

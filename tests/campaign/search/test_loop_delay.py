@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import axis_of_link, with_values
 from trimtab.campaign.search.map_theory import loop_delay
 from trimtab.core.errors import InputError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from design import hovercraft_loops as loops
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.campaign.search.axes import axis_of_link, axis_of_path, with_values
 from trimtab.campaign.search.map_theory import linear_loop, loop_delay, stability_criteria
 from trimtab.campaign.search.stability_map import StabilityMap, trace_boundary, values_at

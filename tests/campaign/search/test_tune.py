@@ -9,7 +9,7 @@ from scipy import stats
 
 from trimtab.campaign.grammar import parse_cost
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
-from trimtab.campaign.search.tune import UNSEEN, parse_gain, tune
+from trimtab.campaign.search.tune import UNSEEN, compare, parse_gain, tune
 from trimtab.campaign.search.tune_methods import (
     combine_estimates,
     descend_gradient,
@@ -18,7 +18,6 @@ from trimtab.campaign.search.tune_methods import (
     merit,
     search_gains,
 )
-from trimtab.campaign.statistics.comparison import compare
 from trimtab.campaign.workers.prepare import CampaignPlan, prepare_campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from trimtab.campaign.statistics.anytime import (
+from trimtab.campaign.statistics.intervals import (
     least_trials_anytime,
     log_evidence,
     lower_bound,
+    proportion,
     ranks_anytime,
 )
-from trimtab.campaign.statistics.intervals import proportion
 from trimtab.core.errors import InputError
 
 

@@ -7,8 +7,7 @@ import pytest
 from scipy import special, stats
 
 from trimtab.campaign.grammar import parse_requirement, parse_stopping
-from trimtab.campaign.statistics.anytime import ranks_anytime
-from trimtab.campaign.statistics.intervals import ranks
+from trimtab.campaign.statistics.intervals import ranks, ranks_anytime
 from trimtab.campaign.statistics.requirement import evaluate_requirement
 from trimtab.campaign.statistics.stopping import TAILS, evaluate_stopping
 

@@ -39,7 +39,7 @@ from trimtab.estimators.flexible.model import FlexibleFlight, ModalFrequencies, 
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
 from trimtab.vehicles.hypersonic import Hypersonic
-from trimtab.vehicles.hypersonic_modes import KMODES
+from trimtab.vehicles.hypersonic_aerodynamics import KMODES
 
 X = np.array([0.9, 3.0, 0.7, -4.0, 0.08, -0.06])
 FILTERS = {

@@ -24,7 +24,7 @@ from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynami
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
-from trimtab.vehicles.hypersonic_modes import KMODES, FlexibleModes
+from trimtab.vehicles.hypersonic_aerodynamics import KMODES, FlexibleModes
 
 A_PARKER = np.array(
     [

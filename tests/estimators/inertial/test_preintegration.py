@@ -6,8 +6,7 @@ import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.core.rotation import planar
-from trimtab.estimators.inertial.mechanisation import mechanise
-from trimtab.estimators.inertial.preintegration import append_sample, empty_imu_history, preintegrate
+from trimtab.estimators.inertial.mechanisation import append_sample, empty_imu_history, mechanise, preintegrate
 
 TICK = 65536
 

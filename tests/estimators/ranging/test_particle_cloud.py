@@ -9,7 +9,7 @@ from scipy import stats
 from trimtab.compiler.function import lower_function
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.estimators.inertial.preintegration import PreintegratedMotion
+from trimtab.estimators.inertial.mechanisation import PreintegratedMotion
 from trimtab.estimators.ranging import particle_cloud as pc
 from trimtab.estimators.ranging.particle import Particle
 from trimtab.estimators.ranging.particle_cloud import initialise_cloud

@@ -12,10 +12,9 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.imperfections import without
 from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf
 from trimtab.core.time import ms
-from trimtab.links.delay_chain import DelayChain
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency import NODES, MeasuredLatency, normal_scores
-from trimtab.links.wire import Wire
+from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 LINKS = ("uplink", "downlink")

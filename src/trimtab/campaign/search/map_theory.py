@@ -21,9 +21,8 @@ from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.design.loop_transfer import FeedbackLoop, loop_of_law
 from trimtab.design.margins import critical_loss, delay_margin, jitter_margin
-from trimtab.links.delay_chain import DelayChain
 from trimtab.links.latency import MeasuredLatency, normal_scores
-from trimtab.links.wire import Wire
+from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096

@@ -5,6 +5,17 @@ Source: docs page, Tune.
 Gains that tuning may move: a parameter and its range, ``autopilot.law.k1=0.5:3``, as a place x in [0, 1].
 
 A range that is ``loguniform(LOW, HIGH)`` is moved in by ratio; a number may end in %, of the scenario's own value.
+
+Two settings flown with the same random numbers: what the second is better by, and how sure that is.
+
+    D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
+
+Common random numbers take what both have in common out of the difference. Where a cost is infinite there is no mean;
+then the runs in which the second is better are counted against those in which it is worse, and the share of them has
+its exact interval (sign test).
+
+Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
+numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946).
 """
 
 import time
@@ -12,13 +23,14 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import special
 
 from trimtab.campaign.grammar import CostTerm, parse_cost
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
 from trimtab.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
-from trimtab.campaign.statistics.comparison import Comparison, compare
+from trimtab.campaign.statistics.intervals import proportion
 from trimtab.campaign.workers.block import fly_points
 from trimtab.campaign.workers.prepare import (
     CampaignPlan,
@@ -35,6 +47,43 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.gradient import gradients
 from trimtab.run.program import check_seed
 from trimtab.scenarios.build import build
+
+
+class Comparison(NamedTuple):
+    """runs: pairs.  before, after: mean costs.  difference, low, high: after - before and its interval; nan without.
+
+    better, worse: runs in which the second costs less, and more.  improves: whether the interval says so.
+    """
+
+    runs: int
+    before: float
+    after: float
+    difference: float
+    low: float
+    high: float
+    better: int
+    worse: int
+    level: float
+    improves: bool
+
+
+def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
+    """Costs (n,) of the same runs, before and after; n at least 2."""
+    n = len(before)
+    better, worse = int((after < before).sum()), int((after > before).sum())
+    if np.isfinite(before).all() and np.isfinite(after).all():
+        d = after - before
+        half = float(special.stdtrit(n - 1, (1 + level) / 2) * d.std(ddof=1) / np.sqrt(n))
+        middle = float(d.mean())
+        low, high = middle - half, middle + half
+        improves = high < 0
+    else:
+        middle = low = high = float("nan")
+        improves = better + worse > 0 and proportion(better, better + worse, level).low > 0.5
+    return Comparison(
+        n, float(np.mean(before)), float(np.mean(after)), middle, low, high, better, worse, level, bool(improves)
+    )
+
 
 RANGES = ("uniform", "loguniform")
 

@@ -16,8 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.grammar import EXTREMES, LEVEL, Requirement
-from trimtab.campaign.statistics.anytime import least_trials_anytime
-from trimtab.campaign.statistics.intervals import LEAST_FOR_MEAN, Proportion, as_column, mean, proportion, quantile
+from trimtab.campaign.statistics.intervals import (
+    LEAST_FOR_MEAN,
+    Proportion,
+    as_column,
+    least_trials_anytime,
+    mean,
+    proportion,
+    quantile,
+)
 from trimtab.core.errors import InputError
 
 MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"

@@ -17,15 +17,18 @@ from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.aided import Intake, read_samples
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms
-from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
-from trimtab.estimators.inertial.preintegration import (
+from trimtab.estimators.inertial.mechanisation import (
+    DIMENSION,
+    Belief,
     ImuHistory,
+    InertialStart,
+    LeverArms,
     PreintegratedMotion,
     append_sample,
     empty_imu_history,
     preintegrate,
 )
+from trimtab.estimators.inertial.navigation_state import NavigationState, reference_kinematics
 from trimtab.estimators.inertial.sensor_watch import NEVER, SensorWatch, increment, initial_watch
 from trimtab.estimators.ranging.particle_cloud import (
     Cloud,

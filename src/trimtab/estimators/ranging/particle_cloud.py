@@ -21,8 +21,7 @@ from trimtab.core.rng import Key, uniform2
 from trimtab.core.rotation import planar, wrap
 from trimtab.estimators.inertial.coupled import SIGNS, coupled_process_noise
 from trimtab.estimators.inertial.dual_filter import InertialNoise
-from trimtab.estimators.inertial.mechanisation import DIMENSION, rotate_lever
-from trimtab.estimators.inertial.preintegration import PreintegratedMotion
+from trimtab.estimators.inertial.mechanisation import DIMENSION, PreintegratedMotion, rotate_lever
 from trimtab.estimators.kalman import update
 from trimtab.estimators.ranging.multilateration import intersect_circles
 from trimtab.estimators.ranging.range_errors import RangeErrorModel

@@ -13,8 +13,8 @@ from trimtab.actuators.allocation import ThrustVectorAllocation
 from trimtab.actuators.drive import NEUTRAL_COMMAND, FanDrive, drive_failsafe
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.links.bluetooth import bluetooth_link
-from trimtab.links.delay_chain import DelayChain
+from trimtab.links.latency import bluetooth_link
+from trimtab.links.wire import DelayChain
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario

@@ -6,7 +6,7 @@ vehicle", Aerospace 2022, 9(4), 206. Commands, filters, noise and limits are not
 
 from typing import Any, Literal
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.flexible.adaptive import AdaptiveFlexibleModeFilter
@@ -28,10 +28,8 @@ from trimtab.scenarios.hypersonic._internal import (
     preview_internal,
     sylvester_internal,
 )
-from trimtab.sensors.acting_input import ActingInput
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
-from trimtab.sensors.flexible_truth import FlexibleTruth
-from trimtab.sensors.flight_state import FlightStateSensor
+from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, FlightStateSensor
 from trimtab.vehicles.hypersonic import Hypersonic
 
 Filter = Literal["tuned", "accurate", "printed", "none", "adaptive"]

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.time import seconds, to_seconds
 from trimtab.environment.geodetic import STANDARD
 from trimtab.environment.magnetic import COLLEGE_PARK

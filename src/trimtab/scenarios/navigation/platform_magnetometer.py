@@ -4,9 +4,9 @@ from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
+from trimtab.sensors.encoder import Tachometer
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu
-from trimtab.sensors.tachometer import Tachometer
 
 
 def scenario(covariance: Covariance = "consistent", form: Form = "feedforward") -> Scenario:

@@ -8,10 +8,10 @@ from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
+from trimtab.sensors.encoder import Tachometer
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu
-from trimtab.sensors.tachometer import Tachometer
 
 Compensation = Literal["yes", "no"]
 

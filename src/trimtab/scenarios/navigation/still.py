@@ -4,7 +4,7 @@ Everything but the inertial unit keeps a time of 5 ms, shorter than the unit's t
 millisecond at which something is due, holds every sample of the unit, and no more rows than that takes.
 """
 
-from trimtab.actuators.direct import DirectActuation, DirectAllocation
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.laws.velocity import ZeroVelocity
