@@ -1,0 +1,76 @@
+"""A flight recorded by version 0.1.0, kept for good: each later version replays it to the bit.
+
+`old-log.mcap` is what `trimtab run hovercraft/forward --navigation ins --duration 0.25 --seed 4 --no-ideal --out DIR`
+wrote. It is never recorded again: where a replay differs, or the log can't be read, people's logs can't either.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from trimtab.cli import main
+
+OLD = Path(__file__).parent / "old-log.mcap"
+STEPS = 250
+TICK_NS = 1_000_000
+
+
+def replayed(file):
+    done = CliRunner().invoke(main, ["replay", str(file), "--json"])
+    assert done.exit_code in (0, 1), done.output
+    return done.exit_code, json.loads(done.stdout)
+
+
+def rewritten(target, change):
+    """The old log with its messages passed through `change(topic, time_ns, content)`; all else as it is."""
+    with OLD.open("rb") as source, target.open("wb") as stream:
+        reader, writer = make_reader(source), Writer(stream)
+        writer.start(library="trimtab")
+        for found in reader.iter_metadata():
+            writer.add_metadata(found.name, found.metadata)
+        channels = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.id not in channels:
+                kept = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kept)
+            content = json.loads(message.data)
+            change(channel.topic, message.log_time, content)
+            data = json.dumps(content, separators=(",", ":")).encode()
+            times = {"log_time": message.log_time, "publish_time": message.publish_time}
+            writer.add_message(channels[channel.id], data=data, sequence=message.sequence, **times)
+        writer.finish()
+    return target
+
+
+def test_it_comes_again_to_the_bit():
+    code, found = replayed(OLD)
+    assert (code, found["equal"], found["first"], found["steps"]) == (0, True, None, STEPS)
+    assert found["exact"] or not found["strict"]  # strict where the machine and the backend are those of the log
+
+
+def test_written_anew_it_is_still_the_same(tmp_path):
+    code, found = replayed(rewritten(tmp_path / "same.mcap", lambda *_: None))
+    assert (code, found["equal"], found["steps"]) == (0, True, STEPS)
+
+
+@pytest.mark.parametrize(("topic", "path"), [("/command", "value.rudder_pulse"), ("/law", "demand.FY")])
+def test_one_number_whose_last_bit_is_flipped_is_found(tmp_path, topic, path):
+    block, name = path.split(".")
+
+    def flip(where, time_ns, content):
+        if (where, time_ns) == (topic, 200 * TICK_NS):
+            content[block][name] = math.nextafter(content[block][name], math.inf)
+
+    wrong = rewritten(tmp_path / "wrong.mcap", flip)
+    code, found = replayed(wrong)
+    if not found["strict"]:
+        pytest.skip("this machine or backend is not that of the log, so bits can't be asked for")
+    first = found["first"]
+    assert (code, found["equal"]) == (1, False)
+    assert (first["t"], first["path"]) == (pytest.approx(0.2, abs=1e-9), f"{topic[1:]}.{path}")
+    assert first["recorded"] == math.nextafter(first["replayed"], math.inf)
