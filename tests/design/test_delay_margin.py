@@ -85,4 +85,4 @@ def test_refusals():
     with pytest.raises(InputError, match="not stable without a delay: pole \\+2"):
         delay_margin(loop_of_polynomials([-3.0], [1.0, 1.0]))
     with pytest.raises(InputError, match="sampled"):
-        delay_margin(loop_of_polynomials([1.0], [1.0, 0.0]).sampled(0.1))
+        delay_margin(loop_of_polynomials([1.0], [1.0, 0.0]).discretise(0.1))

@@ -42,18 +42,18 @@ def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
 
 def test_samples_by_hand():
     """L = k/(z - 1): |z - 1| |T| is highest at z = -1, 2k/(2 - k)."""
-    loop = loop_of_polynomials([0.3], [1.0, 0.0]).sampled(1.0)
+    loop = loop_of_polynomials([0.3], [1.0, 0.0]).discretise(1.0)
     assert jitter_margin_samples(loop) == pytest.approx(1.7 / 0.6, rel=1e-9)
 
 
 def test_samples_of_a_fast_clock_are_the_continuous_margin():
     loop, h = loops.forward(), 1e-3
-    assert jitter_margin_samples(loop.sampled(h)) * h == pytest.approx(jitter_margin(loop), rel=0.01)
+    assert jitter_margin_samples(loop.discretise(h)) * h == pytest.approx(jitter_margin(loop), rel=0.01)
 
 
 @pytest.mark.parametrize("pattern", ["random", "constant", "saw"])
 def test_flights_with_varying_delays_inside_the_margin_come_to_rest(pattern):
-    loop = loops.forward().sampled(0.02)
+    loop = loops.forward().discretise(0.02)
     N = int(np.ceil(jitter_margin_samples(loop)) - 1)
     assert N == 8  # 172 ms in periods of 20 ms
     assert _late(loop, N, pattern) < 1e-6
@@ -81,6 +81,6 @@ def test_a_direct_part_leaves_no_margin_and_misuse_is_refused():
     with pytest.raises(InputError, match="continuous"):
         jitter_margin_samples(loops.forward())
     with pytest.raises(InputError, match="sampled"):
-        jitter_margin(loops.forward().sampled(0.1))
+        jitter_margin(loops.forward().discretise(0.1))
     with pytest.raises(InputError, match="delay -1"):
         jitter_margin(loops.forward(), delay=-1.0)

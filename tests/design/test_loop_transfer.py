@@ -59,13 +59,13 @@ def test_of_a_law_with_modes_it_is_the_loop_of_one():
 
 def test_a_sampled_loop_is_that_of_its_exact_step():
     a, h = 1.5, 0.1
-    loop = loop_of_gain([[a]], [[2.0]], [[-3.0]]).sampled(h)
+    loop = loop_of_gain([[a]], [[2.0]], [[-3.0]]).discretise(h)
     np.testing.assert_allclose(loop.A, np.exp(a * h))
     np.testing.assert_allclose(loop.B, 2 * (np.exp(a * h) - 1) / a)
     z = np.exp(1j * h)
     np.testing.assert_allclose(loop.frequency_response(1.0)[0, 0, 0], 3 * loop.B[0, 0] / (z - np.exp(a * h)))
     with pytest.raises(InputError, match="continuous"):
-        loop.sampled(h)
+        loop.discretise(h)
 
 
 def test_hidden_poles_do_not_count_and_seen_ones_do():
@@ -74,7 +74,7 @@ def test_hidden_poles_do_not_count_and_seen_ones_do():
     assert bad.unstable_poles() == pytest.approx((0.3,))
     integrator = FeedbackLoop(*(np.array(m, float) for m in ([[0.0]], [[1.0]], [[0.0]], [[0.0]])))
     assert integrator.unstable_poles() == ()
-    assert loop_of_gain([[0.0]], [[1.0]], [[-3.0]]).sampled(1.0).unstable_poles() == pytest.approx((-2.0,))
+    assert loop_of_gain([[0.0]], [[1.0]], [[-3.0]]).discretise(1.0).unstable_poles() == pytest.approx((-2.0,))
 
 
 def test_the_grid_is_dense_at_a_light_mode():

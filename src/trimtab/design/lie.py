@@ -122,10 +122,10 @@ def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) 
 def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Function:
     """The order-th time derivative of an output (or of several: indices) along f, input held: a function of (x, u)."""
 
-    def made(x: Any, u: Any) -> Any:
+    def differentiate(x: Any, u: Any) -> Any:
         return lie_derivative(lambda a: model.h(a, u)[output], lambda a: model.f(a, u), order)(x)
 
-    return made
+    return differentiate
 
 
 def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:

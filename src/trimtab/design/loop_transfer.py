@@ -78,7 +78,7 @@ class FeedbackLoop(NamedTuple):
             raise InputError(part, problem, fix="change the gains, or the sign: the loop is closed by e = -y")
         return self
 
-    def sampled(self, period: float) -> "FeedbackLoop":
+    def discretise(self, period: float) -> "FeedbackLoop":
         """The loop as a computer sees it that samples y and holds e, each `period` (s)."""
         from scipy.signal import cont2discrete
 

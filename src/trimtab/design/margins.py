@@ -227,7 +227,7 @@ def jitter_margin_samples(loop: FeedbackLoop) -> float:
     Raises: InputError where the loop is continuous, or not stable without delay.
     """
     if not loop.period:
-        fix = "loop.sampled(period), or jitter_margin for a continuous loop"
+        fix = "loop.discretise(period), or jitter_margin for a continuous loop"
         raise InputError("jitter_margin_samples", "the loop is continuous", fix=fix)
     loop.require_stable("jitter_margin_samples")
 

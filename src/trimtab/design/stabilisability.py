@@ -104,10 +104,10 @@ def byrnes_isidori(
 def _compile_function(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """f of the stacked (x, u), and its derivative."""
 
-    def stacked(z: Any) -> Any:
+    def stack_arguments(z: Any) -> Any:
         return f(z[:n], z[n:])
 
-    return jax.jit(stacked), jax.jit(jax.jacfwd(stacked))
+    return jax.jit(stack_arguments), jax.jit(jax.jacfwd(stack_arguments))
 
 
 def is_reachable(

@@ -37,11 +37,11 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
         os.close(lock)
         raise address.input_error(f"it can't be listened at ({error})", "another name, or a shorter TMPDIR") from None
 
-    def closed() -> None:
+    def release() -> None:
         place.unlink(missing_ok=True)
         os.close(lock)
 
-    return StreamLink(AcceptingDialer(listener, closed=closed))
+    return StreamLink(AcceptingDialer(listener, closed=release))
 
 
 def socket_folder() -> Path:

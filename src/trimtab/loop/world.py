@@ -92,14 +92,14 @@ class World:
         t = clock.t
         states, samples, links, received = {}, {}, {}, {}
 
-        def sampled(name: str, sensor: Any) -> Any:
+        def sample_sensor(name: str, sensor: Any) -> Any:
             felt = _sensor_input(name, sensor, lambda: self.vehicle.motion(t, s.x, s.u), s.x, s.u)
             return sensor.step(t, s.sensors[name], felt)
 
         for name, sensor in self.sensors.items():
             states[name], samples[name] = step_if(
                 clock.due(sensor.period),
-                lambda sensor=sensor, name=name: sampled(name, sensor),
+                lambda sensor=sensor, name=name: sample_sensor(name, sensor),
                 lambda name=name: (s.sensors[name], hold_sample(t, s.sampled[name])),
             )
             links[name], received[name] = step_if(

@@ -86,7 +86,7 @@ def error_budget(
     if not _is_measurable(scenario):
         _refuse_scenario(scenario)
 
-    def flown(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
+    def fly_without(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
         changed = scenario
         for name in switched_off:
             changed = changed.without(name)
@@ -95,12 +95,14 @@ def error_budget(
         tell(label)
         return found
 
-    whole = flown(ALL, ())
+    whole = fly_without(ALL, ())
     if not whole:
         _refuse_scenario(scenario)
-    least = flown(NONE, known)
+    least = fly_without(NONE, known)
     costs = [
-        Cost(name, flown(f"without {name}", [name]), flown(f"{name} alone", [n for n in known if n != name]))
+        Cost(
+            name, fly_without(f"without {name}", [name]), fly_without(f"{name} alone", [n for n in known if n != name])
+        )
         for name in wanted
     ]
     rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]

@@ -130,12 +130,12 @@ def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
 def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
     """Where the beacons (n, 3) really are at integer time t: map, survey error, and the move of a fault."""
 
-    def surveyed(i: Any) -> Any:
+    def draw_survey_error(i: Any) -> Any:
         north, east = normal2(key, i, SURVEY)
         down, _ = normal2(key, i, SURVEY + 1)
         return jnp.stack([north, east, down])
 
-    error = beacons.survey_error * lax.map(surveyed, jnp.arange(np.shape(beacons.map)[0]))
+    error = beacons.survey_error * lax.map(draw_survey_error, jnp.arange(np.shape(beacons.map)[0]))
     return jnp.asarray(beacons.map) + error + jnp.where(t >= beacons.fault_time, beacons.moved, 0.0)
 
 

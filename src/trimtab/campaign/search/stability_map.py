@@ -274,13 +274,13 @@ def stability_map(
     numbers = scenario.duration // step * (len(wanted) or ALL)
     flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, flies, [])
 
-    def flown(index: Any) -> Any:
+    def fly_points_at(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
         share = flights.share({path: np.stack([v[path] for v in values]) for path in paths})
         tell(f"{len(index)} points", len(index))
         return share
 
-    traced = trace_boundary(flown, (len(x.values), len(y.values)), depth, threshold=threshold)
+    traced = trace_boundary(fly_points_at, (len(x.values), len(y.values)), depth, threshold=threshold)
     return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
 
 

@@ -115,11 +115,11 @@ def _triangular_solve(site: Site) -> list[Array]:
     def place(i: Value, j: Value) -> list[Value]:
         return [i, j] if left else [j, i]
 
-    def divided(i: Value, total: Value) -> Value:
+    def divide(i: Value, total: Value) -> Value:
         return total if p["unit_diagonal"] else b.op("div", total, a(i, i), dtype=dtype)
 
     if is_small(A.shape) and is_small(B.shape):
-        return [_unroll_substitution(site, n, m, forwards, a, place, divided)]
+        return [_unroll_substitution(site, n, m, forwards, a, place, divide)]
     made = copy_array(b, B)
     X = Matrix(site, made)
 
@@ -134,7 +134,7 @@ def _triangular_solve(site: Site) -> list[Array]:
                 return [b.op("select", known, less, carried[0], dtype=dtype)]
 
             r, s = place(i, j)
-            X[r, s] = divided(i, b.loop(n, [X[r, s]], add)[0])
+            X[r, s] = divide(i, b.loop(n, [X[r, s]], add)[0])
 
         b.repeat(n, turn)
 
@@ -149,7 +149,7 @@ def _unroll_substitution(
     forwards: bool,
     a: Callable[[Value, Value], Value],
     place: Callable[[Value, Value], list[Value]],
-    divided: Callable[[Value, Value], Value],
+    divide: Callable[[Value, Value], Value],
 ) -> Array:
     b, dtype, B = site.b, site.dtype, site.operands[1]
     found = np.empty(site.shape, object)
@@ -161,7 +161,7 @@ def _unroll_substitution(
             total = read_element(b, B, place(index[i], index[j]))
             for q, known in column.items():
                 total = b.op("sub", total, b.op("mul", a(index[i], index[q]), known, dtype=dtype), dtype=dtype)
-            column[i] = divided(index[i], total)
+            column[i] = divide(index[i], total)
             found[tuple(int(v.const) for v in place(index[i], index[j]))] = column[i]
     return Array(site.shape, dtype, found)
 
