@@ -12,11 +12,8 @@ import numpy as np
 SAMPLES = 9
 """Values of each signal that are written out: evenly spaced from the first to the last."""
 COMMENTS = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
-<<<<<<< HEAD
-=======
 STAMP = "#define BUILD_STAMP "
 """How a line of C begins that says when the firmware was written."""
->>>>>>> golden
 LONG = 400
 """Characters of a line of text that are written out."""
 
@@ -80,22 +77,13 @@ def code_of(text: str) -> tuple[list[str], list[str]]:
 def of_file(file: Path) -> tuple[Any, Any]:
     """What must be equal in a file that was exported, and what may differ.
 
-<<<<<<< HEAD
-    Of C the text without comments must, and comments may; of a README all may; a table is its digest and some rows;
-    export.json goes without the number of the version.
-=======
     Of C the text without comments must, and comments may; the line that holds the time of writing is left out. Of a
     README all may; a table is its digest and some rows; export.json goes without the number of the version.
->>>>>>> golden
     """
     text = file.read_text(encoding="utf-8")
     if file.suffix in (".c", ".h"):
         code, comments = code_of(text)
-<<<<<<< HEAD
-        return _lines(code), comments
-=======
         return _lines([line for line in code if not line.startswith(STAMP)]), comments
->>>>>>> golden
     if file.suffix == ".md":
         return "", text.splitlines()
     if file.suffix == ".json":

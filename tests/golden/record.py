@@ -17,10 +17,7 @@ import argparse
 import json
 import os
 import re
-<<<<<<< HEAD
-=======
 import shutil
->>>>>>> golden
 import sys
 import time
 from collections.abc import Iterator
@@ -69,11 +66,8 @@ def main() -> int:
 def record(group: str, out: Path, match: str, logs: Path | None) -> bool:
     """Record one group, file by file as it is made; whether it came to its end."""
     files = (out / group / "files").absolute()
-<<<<<<< HEAD
-=======
     if not match:  # what an earlier recording left there would be found again
         shutil.rmtree(files, ignore_errors=True)
->>>>>>> golden
     files.mkdir(parents=True, exist_ok=True)
     began = mark = time.monotonic()
     try:

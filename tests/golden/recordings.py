@@ -7,10 +7,7 @@ the messages in them must be the same.
 
 import hashlib
 import json
-<<<<<<< HEAD
-=======
 import shutil
->>>>>>> golden
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,11 +77,7 @@ def replay(folder: Path, wanted: str, logs: Path | None) -> Iterator[tuple[str, 
 
 
 def contents(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-<<<<<<< HEAD
-    """Messages of a log by topic, and its settings; classes of its parts and its version may differ."""
-=======
     """Messages of a log by topic, and its settings; when it was made, classes of its parts and words may differ."""
->>>>>>> golden
     hashes: dict[str, Any] = {}
     rows: dict[str, int] = {}
     last: dict[str, Any] = {}
@@ -100,11 +93,7 @@ def contents(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             about |= found.metadata
     topics = {t: {"rows": rows[t], "digest": hashes[t].hexdigest()[:16], "last": json.loads(last[t])} for t in hashes}
     settings = of_settings(json.loads(about.pop("parameters", "{}")))
-<<<<<<< HEAD
-    notes = {k: about.pop(k, None) for k in ("parts", "version", "machine", "declared")}
-=======
     notes = {k: about.pop(k, None) for k in ("parts", "version", "machine", "declared", "started")}
->>>>>>> golden
     return {"topics": topics, "settings": settings, "about": {k: digest(v.encode()) for k, v in about.items()}}, notes
 
 
@@ -114,11 +103,8 @@ def _recorded(name: str, words: tuple[str, ...], own: Path, folder: Path) -> dic
 
 
 def _lockstep(name: str, scenario: str, own: Path, folder: Path) -> dict[str, Any]:
-<<<<<<< HEAD
-=======
     for side in ("there", "here"):  # a log that is there is never written over
         shutil.rmtree(folder / f"{name}-{side}", ignore_errors=True)
->>>>>>> golden
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
