@@ -175,7 +175,7 @@ runs = int(sys.argv[2])
 for size in ("64m", None):
     try:
         found = small(runs).run(f"{place}/rows.zarr")
-        print(found.flown, flush=True)
+        print(found.flown_runs, flush=True)
     except InputError as error:
         print(error.part, error.problem, error.fix, sep="|", flush=True)
         mount("-o", f"remount,size={size}")

@@ -126,7 +126,7 @@ class _Dialer:
         except Exception as error:
             raise OSError(str(error)) from error
 
-    def awaits(self):
+    def wait_event(self):
         return -1, 0
 
     def close(self):

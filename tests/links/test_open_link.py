@@ -149,7 +149,7 @@ def test_attempts_become_rarer_up_to_two_seconds():
             self.times.append(now[0])
             raise OSError
 
-        def awaits(self):
+        def wait_event(self):
             return -1, 0
 
         def close(self):

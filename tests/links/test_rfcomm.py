@@ -37,7 +37,7 @@ def test_another_stack_may_make_the_connection():
             ours.setblocking(False)
             return ours.detach()
 
-        def awaits(self):
+        def wait_event(self):
             return -1, 0
 
         def close(self):

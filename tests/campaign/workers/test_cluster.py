@@ -75,13 +75,13 @@ def test_nobody_listens(folder):
 def test_worker_whose_rows_would_be_others():
     ready = small(BLOCK).ready
     told = machine_identity(ready, "c")
-    columns = fly_rows(ready.plan.plain(), told, 3, 7)
+    columns = fly_rows(ready.plan.as_dict(), told, 3, 7)
     whole = small(BLOCK).run().columns
     for name, column in columns.items():
         assert column.tobytes() == whole[name][3:7].tobytes()
     for name in told:
         with pytest.raises(InputError, match=f"would not give the same rows: .*{name}: ") as refused:
-            fly_rows(ready.plan.plain(), {**told, name: "other"}, 3, 7)
+            fly_rows(ready.plan.as_dict(), {**told, name: "other"}, 3, 7)
         assert ("a C compiler" in refused.value.fix) == (name == "backend")
 
 
