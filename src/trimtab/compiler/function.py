@@ -141,7 +141,7 @@ def compile_function(function: Callable[..., Any], *example: Any) -> Callable[..
     outputs, tree = jax.tree.flatten(shapes)
     wanted = jax.tree.structure(example)
 
-    def call(*arguments: Any) -> Any:
+    def run_compiled(*arguments: Any) -> Any:
         flat, given = jax.tree.flatten(arguments)
         if given != wanted:
             raise InputError("compiled function", f"takes {wanted}, was given {given}", fix="pass the same trees")
@@ -154,7 +154,7 @@ def compile_function(function: Callable[..., Any], *example: Any) -> Callable[..
         call(_pointer_array(held), _pointer_array(results), ctypes.c_int32(1))
         return jax.tree.unflatten(tree, results)
 
-    return call
+    return run_compiled
 
 
 def _pointer_array(arrays: list[Any]) -> Any:
