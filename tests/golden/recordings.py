@@ -93,7 +93,7 @@ def contents(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             about |= found.metadata
     topics = {t: {"rows": rows[t], "digest": hashes[t].hexdigest()[:16], "last": json.loads(last[t])} for t in hashes}
     settings = of_settings(json.loads(about.pop("parameters", "{}")))
-    notes = {k: about.pop(k, None) for k in ("parts", "version", "machine", "declared", "started")}
+    notes = {k: about.pop(k, None) for k in ("parts", "version", "machine", "declared", "started", "choices")}
     return {"topics": topics, "settings": settings, "about": {k: digest(v.encode()) for k, v in about.items()}}, notes
 
 

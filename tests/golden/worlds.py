@@ -63,7 +63,7 @@ def _flown(scenario: str, arguments: dict[str, Any], backend: str) -> dict[str, 
     same = {
         "columns": {name: of_array(column) for name, column in found.columns.items()},
         "success": plain([success.share, success.low, success.high, success.level]),
-        "flown": found.flown,
+        "flown": getattr(found, "flown_runs", None) or found.flown,
     }
     return {"same": same, "notes": {"identity": found.identity, "order": list(found.columns)}}
 
