@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
-from trimtab.design.observability import dilution, dilution_map
+from trimtab.design.dilution import dilution, dilution_map
 
 H = 2.7048
 SQUARE = np.array([[1.5, 1.5, -H], [1.5, -1.5, -H], [-1.5, -1.5, -H], [-1.5, 1.5, -H]])

@@ -1,7 +1,7 @@
 import numpy as np
 from matplotlib.image import imread
 
-from trimtab.design.observability import dilution_map
+from trimtab.design.dilution import dilution_map
 from trimtab.plots.dilution import plot_dilution
 
 SQUARE = np.array([[1.5, 1.5, -2.7], [1.5, -1.5, -2.7], [-1.5, -1.5, -2.7], [-1.5, 1.5, -2.7]])

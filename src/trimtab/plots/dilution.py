@@ -10,7 +10,7 @@ from trimtab.plots.style import VERMILION, new_figure, save_figure
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
-    from trimtab.design.observability import DilutionMap
+    from trimtab.design.dilution import DilutionMap
 
 LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 

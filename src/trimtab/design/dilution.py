@@ -1,0 +1,91 @@
+"""Where on the floor a constellation of beacons locates well: dilution of precision.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, quantity, record
+
+CONE = math.pi / 4
+REACH = 9.144
+
+
+@record
+class DilutionMap:
+    """Horizontal dilution of precision over the floor: error of a fix over error of a range.
+
+    Frames:  W.    Source:  Langley, "Dilution of precision", GPS World, May 1999; cone and reach: [1] section 5.5.
+    """
+
+    north: Any = quantity("m", "Of the rows (a,).", frame="W")
+    east: Any = quantity("m", "Of the columns (b,).", frame="W")
+    dilution: Any = quantity("1", "sqrt(trace((H'H)^-1)) (a, b); infinite where there is no fix.")
+    visible: Any = quantity("1", "How many beacons are in reach and cone (a, b).", kind="count")
+    beacons: Any = quantity("m", "The beacons (n, 3).", frame="W")
+    down: Scalar = quantity("m", "Down coordinate of the unit.", frame="W")
+
+    def coverage(self, limit: float = 2.0) -> float:
+        """Part of the map, 0 to 1, where the dilution is `limit` or less."""
+        return float(np.mean(np.asarray(self.dilution) <= limit))
+
+
+def dilution(directions: Any, visible: Any, *, common_error: bool = False) -> Any:
+    """sqrt(trace((H'H)^-1)) of the horizontal position, for unit error of each range.
+
+    Args:
+        directions: rate of each range with north and east (..., n, 2): the horizontal part of the unit vectors.
+        visible: which ranges there are (..., n).
+        common_error: whether a range error common to all is estimated too, as the closed form does.
+
+    Returns: (...), infinite where the ranges don't fix a position.
+    """
+    H = np.where(visible[..., None], directions, 0.0)
+    if common_error:
+        H = np.concatenate([H, visible[..., None].astype(np.float64)], axis=-1)
+    information = np.swapaxes(H, -1, -2) @ H
+    solvable = np.linalg.matrix_rank(information, hermitian=True, tol=1e-9) == information.shape[-1]
+    safe = np.where(solvable[..., None, None], information, np.eye(information.shape[-1]))
+    covariance = np.linalg.inv(safe)
+    found = np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
+    return np.where(solvable, found, np.inf)
+
+
+def dilution_map(
+    beacons: Any,
+    north: Any,
+    east: Any,
+    *,
+    down: float = 0.0,
+    cone: float = CONE,
+    reach: float = REACH,
+    common_error: bool = False,
+) -> DilutionMap:
+    """The dilution over a grid of places on the floor.
+
+    Args:
+        beacons: positions in W (m), shape (n, 3).
+        north: of the rows (m), shape (a,).
+        east: of the columns (m), shape (b,).
+        down: down coordinate of the unit (m).
+        cone: half the opening angle of beacons that look straight down (rad).
+        reach: longest range (m).
+        common_error: as `dilution`.
+    """
+    beacons = np.asarray(beacons, np.float64)
+    if beacons.ndim != 2 or beacons.shape[1] != 3:
+        raise InputError(
+            "dilution_map.beacons", f"has shape {beacons.shape}", fix="give one row north, east, down each"
+        )
+    north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
+    N, E = np.meshgrid(north, east, indexing="ij")
+    line = np.stack([N, E, np.full_like(N, down)], axis=-1)[:, :, None] - beacons
+    distance = np.linalg.norm(line, axis=-1)
+    safe = np.maximum(distance, 1e-9)
+    visible = (distance <= reach) & (np.arccos(np.clip(line[..., 2] / safe, -1, 1)) <= cone)
+    found = dilution(line[..., :2] / safe[..., None], visible, common_error=common_error)
+    return DilutionMap(north, east, found, visible.sum(-1).astype(np.int32), beacons, down)
