@@ -12,7 +12,7 @@ import time
 import numpy as np
 from paired import Ratio, load, machine, row
 
-RUN = [sys.executable, "-m", "trimtab.cli", "run", "hovercraft/zero-velocity"]
+RUN = [sys.executable, "-m", "trimtab", "run", "hovercraft/zero-velocity"]
 IMPORT = [sys.executable, "-c", "import jax, matplotlib"]
 
 

@@ -20,8 +20,6 @@ trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        and its autop
 trimtab replay here/flight.mcap                  a log's frames once more: the same to the bit
 """
 
-import sys
-
 import click
 
 from trimtab import __version__
@@ -32,6 +30,3 @@ VERBS += ("vehicle", "fly", "inject", "replay", "link-test", "live-faults", "exp
 
 main = Verbs(VERBS, help=__doc__, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 main = click.version_option(__version__, prog_name="trimtab")(main)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -20,7 +20,7 @@ def test_example_is_under_sixty_lines_and_runs(file, tmp_path):
 
 def test_a_vehicle_outside_the_package_flies(tmp_path):
     (tmp_path / "my_boat.py").write_text((ROOT / "examples" / "my_boat.py").read_text(encoding="utf-8"), "utf-8")
-    command = [sys.executable, "-m", "trimtab.cli", "run", "my_boat.py:scenario", "--json"]
+    command = [sys.executable, "-m", "trimtab", "run", "my_boat.py:scenario", "--json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)

@@ -20,7 +20,7 @@ class Served:
     def __init__(self, config, *options) -> None:
         self.port = free_port(socket.SOCK_DGRAM)
         self.config = config
-        command = [sys.executable, "-m", "trimtab.cli", "vehicle", "hovercraft/forward", "--json"]
+        command = [sys.executable, "-m", "trimtab", "vehicle", "hovercraft/forward", "--json"]
         command += ["--listen", f"udp://127.0.0.1:{self.port}", *options]
         self._process = subprocess.Popen(
             command,

@@ -150,7 +150,7 @@ def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
 
 
 def campaign(*words, timeout):
-    command = [sys.executable, "-m", "trimtab.cli", "live-faults", "--json", *words]
+    command = [sys.executable, "-m", "trimtab", "live-faults", "--json", *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, env=dict(os.environ))
     assert done.stdout, done.stderr
     return done, json.loads(done.stdout.splitlines()[-1])

@@ -12,12 +12,12 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import replace
 from trimtab.core.time import Timetable, format_time, timetable
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import WalkResult, logged_signals, walk
+from trimtab.loop.walk import WalkResult, walk
 from trimtab.native.build import BuildError
 from trimtab.native.compiler import NoCompilerError, find_compiler, lane_count
 from trimtab.run.inputs import RunInputs, flat_inputs, own_rows
 from trimtab.run.program import Column, RunResults, check_seed, fly_runs, row_numbers, row_width
-from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, signal_structure, walk_structure
+from trimtab.run.walk_program import WalkStructure, build_walk_library, final_columns, row_columns, walk_structure
 
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
@@ -67,10 +67,10 @@ def choose_c(backend: str, prepare: Callable[[], Any]) -> bool:
     return True
 
 
-def check_signals(inputs: RunInputs, signals: tuple[str, ...]) -> None:
+def check_signals(of: WalkStructure) -> None:
     """Refuse names of signals that there are none of."""
-    paths = [path for path, _, _ in logged_signals(signal_structure(inputs))]
-    for name in signals:
+    paths = [column.path for column in row_columns(of._replace(signals=()))]
+    for name in of.signals:
         if not any(path == name or path.startswith(name + ".") for path in paths):
             near = closest(name, paths, 6) or sorted({p.split(".")[0] for p in paths})
             raise InputError("signals", f"there is no signal {name!r}", choices=near, fix=f"signals=({near[0]!r},)")
@@ -111,11 +111,11 @@ class FlownRuns(NamedTuple):
 
 def fly(job: RunJob, backend: str) -> FlownRuns:
     """Fly runs. backend: "auto", "c" or "jax"; see `choose_c`."""
-    check_signals(job.inputs, job.signals)
     of = walk_structure(job.inputs, job.table.always, job.signals)
+    check_signals(of)
     columns, final = row_columns(of), final_columns(of)
     libraries: list[Any] = []
-    if not choose_c(backend, lambda: libraries.append(_build_library(job))):
+    if not choose_c(backend, lambda: libraries.append(_build_library(of, job))):
         return FlownRuns(_fly_jax(job), columns, final, "jax")
     path, lanes = libraries[0]
     results = fly_runs(
@@ -133,9 +133,9 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
     return FlownRuns(results, columns, final, "c lanes" if lanes else "c")
 
 
-def _build_library(job: RunJob) -> Any:
+def _build_library(of: WalkStructure, job: RunJob) -> Any:
     """The library, scalar or over lanes, with the number of lanes: 0 of a scalar one."""
-    of, own = walk_structure(job.inputs, job.table.always, job.signals), frozenset(job.own)
+    own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
     lanes = lane_count(compiler) if compiler is not None else 1
     if lanes > 1:

@@ -50,8 +50,8 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
     """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
     scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
     inputs = run_inputs(scenario)
-    check_signals(inputs, signals)
     of = walk_structure(inputs, table.always, signals)
+    check_signals(of)
     return Program(
         library=build_walk_library(of),
         shared_inputs=flat_inputs(inputs),
