@@ -1,59 +1,96 @@
-"""The ideal model: the hovercraft's equations closed with a law that reads the true state."""
+"""The ideal model: the hovercraft's equations closed with a law that reads the true state.
 
-from functools import partial
+The closed loop is compiled as a block, the law's numbers as its parameters: C is ready sooner than XLA's code.
+"""
+
+import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
+from trimtab.compiler.block import BlockDefinition
+from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.integrate import rk4
 from trimtab.core.rng import key
 from trimtab.core.signals import Estimate
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 MS = 10_000
+ROWS = 10
+"""That a call of the compiled block gives."""
+PLANT = Hovercraft()
 
 
 def true_estimate(t, x):
     return Estimate(t=t, age=0.0, fresh=True, valid=True, state=x)
 
 
-@partial(jax.jit, static_argnames=("steps", "every"))
-def _sampled(law, starts, steps, every, h):
-    plant = Hovercraft()
+def sample(law, carry, every, h):
+    """The law each h s, its demand held; carry after `every` steps, and the output of the first."""
 
-    def one(carry, _):
+    def tick(_, carry):
         t, x, state = carry
         state, output = law.step(t, state, true_estimate(t, x))
-        x = rk4(lambda t, x: plant.dynamics(t, x, output.demand), 0.0, x, h)
-        return (t + MS, x, state), output
+        x = rk4(lambda t, x: PLANT.dynamics(t, x, output.demand), 0.0, x, h)
+        return t + MS, x, state
 
-    def block(carry, _):
-        start = carry[1]
-        carry, first = one(carry, None)
-        carry, _ = jax.lax.scan(lambda c, _: (one(c, None)[0], None), carry, length=every - 1)
-        return carry, (start, first)
-
-    def run(x):
-        return jax.lax.scan(block, (jnp.int64(0), x, law.init(key(0))), length=steps // every)[1]
-
-    return jax.vmap(run)(starts)
+    t, x, state = carry
+    return jax.lax.fori_loop(0, every, tick, carry), law.step(t, state, true_estimate(t, x))[1]
 
 
-@partial(jax.jit, static_argnames=("steps", "every"))
-def _continuous(law, starts, steps, every, h):
-    plant = Hovercraft()
+def integrate(law, carry, every, h):
+    """A law without memory inside the derivative."""
 
     def rate(t, x):
-        return plant.dynamics(t, x, law.step(0, (), true_estimate(0, x))[1].demand)
+        return PLANT.dynamics(t, x, law.step(0, (), true_estimate(0, x))[1].demand)
 
-    def block(x, _):
-        return jax.lax.fori_loop(0, every, lambda _, x: rk4(rate, 0.0, x, h), x), x
+    t, x, state = carry
+    return (t, jax.lax.fori_loop(0, every, lambda _, x: rk4(rate, 0.0, x, h), x), state), ()
 
-    def run(x):
-        return jax.lax.scan(block, x, length=steps // every)[1]
 
-    return jax.vmap(run)(starts)
+@functools.cache
+def compiled(advance, structure, every, h):
+    """A block that gives the next `ROWS` rows, and their structure: (state, output)."""
+    law = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
+    x = HovercraftState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def init(law):
+        return jnp.int64(0), x, law.init(key(0))
+
+    def step(law, carry, given):
+        start, first = given
+        t, x, state = init(law)
+        carry = jax.tree.map(lambda a, b: jnp.where(first, a, b), (t, start, state), carry)
+
+        def row(carry, _):
+            after, output = advance(law, carry, every, h)
+            return after, (carry[1], output)
+
+        return jax.lax.scan(row, carry, length=ROWS)
+
+    block = compile_block(BlockDefinition("ideal", "The ideal model.", step, init, law, (x, False)))
+    return block, jax.eval_shape(lambda law: step(law, init(law), (x, False))[1], law)
+
+
+def fly(advance, law, starts, steps, every, h):
+    """States and outputs: each leaf is (starts, rows)."""
+    numbers, structure = jax.tree.flatten(law)
+    block, rows = compiled(advance, structure, every, h)
+    for parameter, number in zip(block.parameters.values(), numbers, strict=True):
+        parameter[...] = number
+    calls = steps // every // ROWS
+    table = np.zeros((len(starts.heading), calls, len(block.outputs)))
+    for run, x in zip(table, np.stack(jax.tree.leaves(starts), axis=1), strict=True):
+        for k in range(calls):
+            block.inputs[:] = *x, k == 0
+            block.step()
+            run[k] = block.outputs
+    shape = len(table), calls * ROWS
+    columns = zip(block.writes.values(), jax.tree.leaves(rows), strict=True)
+    leaves = [table[:, :, where].reshape(shape + v.shape[1:]).astype(v.dtype) for where, v in columns]
+    return jax.tree.structure(rows).unflatten(leaves)
 
 
 @pytest.fixture(scope="session")
@@ -61,7 +98,7 @@ def sampled():
     """run(law, starts, duration, every=10): law sampled each 1 ms, demand held; (states, outputs) every `every` ms."""
 
     def run(law, starts, duration, every=10):
-        return _sampled(law, starts, round(duration * 1000), every, 1e-3)
+        return fly(sample, law, starts, round(duration * 1000), every, 1e-3)
 
     return run
 
@@ -71,7 +108,7 @@ def continuous():
     """run(law, starts, duration, h, every=1): memoryless law inside the derivative, RK4 steps of h s; states."""
 
     def run(law, starts, duration, h, every=1):
-        return _continuous(law, starts, round(duration / h), every, h)
+        return fly(integrate, law, starts, round(duration / h), every, h)[0]
 
     return run
 
@@ -81,9 +118,9 @@ def starts():
     """make(u, v, r, heading=0): states from arrays that are stretched to one length."""
 
     def make(u, v, r, heading=0.0):
-        n = max(jnp.size(a) for a in (u, v, r, heading))
-        u, v, r, heading = (jnp.broadcast_to(jnp.asarray(a, float), (n,)) for a in (u, v, r, heading))
-        zero = jnp.zeros(n)
+        n = max(np.size(a) for a in (u, v, r, heading))
+        u, v, r, heading = (np.broadcast_to(np.asarray(a, float), (n,)) for a in (u, v, r, heading))
+        zero = np.zeros(n)
         return HovercraftState(u, v, r, zero, zero, heading)
 
     return make
