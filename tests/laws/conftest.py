@@ -61,7 +61,7 @@ def compiled(advance, structure, every, h):
 
     def step(law, carry, given):
         start, first = given
-        t, x, state = init(law)
+        t, _, state = init(law)
         carry = jax.tree.map(lambda a, b: jnp.where(first, a, b), (t, start, state), carry)
 
         def row(carry, _):
