@@ -23,6 +23,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
         "frame": None,
         "sampling": None,
         "equilibrium": None,
+        "variance": 0.0,
     }
 )
 """What a part may have besides its interface, and what stands for it in one that hasn't.
@@ -37,6 +38,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - Actuators: `frame`, the period at which they latch a command; None: their period.
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
 - Law: `equilibrium()`, the state at which its loop rests; None: not known.
+- a heading or position measured: `variance`, of its noise; 0: not stated.
 
 What can be switched off in a part is declared with `off=` at its fields: `core.imperfections`.
 """

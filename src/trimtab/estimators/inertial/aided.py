@@ -18,10 +18,10 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.interfaces import InertialForm
+from trimtab.core.interfaces import InertialForm, optional_member
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame
+from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial.measurement_history import (
     AIDING_KINDS,
@@ -201,7 +201,7 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
 def read_samples(
     intake: Intake, aided_by: str, t: Any, state: Any, frame: Frame
 ) -> dict[str, tuple[Event, SampleValidation]]:
-    """Each sensor's event, the IMU's first, with what was found about it.
+    """Each sensor's event, the IMU's first, with whether it is fit for use.
 
     Args:
         intake: what is read.
@@ -222,20 +222,19 @@ def read_samples(
     readings = {"imu": (Event(inertial.t, IMU, inertial.value, doubt), inertial._replace(watch=watch))}
     if intake.heading:
         sample = frame.samples[intake.heading]
-        numbers = sample.value.heading, _stated_variance(sample.value)
-        heading = validate_sample(state.heading, t, sample, numbers, frozen_after=intake.frozen_heading, ordered=False)
-        readings["heading"] = Event(heading.t, HEADING, heading.value, np.zeros(2)), _reject_frozen(heading)
+        numbers = sample.value.heading, optional_member(sample.value, "variance")
+        readings["heading"] = _read_aiding(state.heading, t, sample, HEADING, numbers, intake.frozen_heading)
     if intake.position:
         sample = frame.samples[intake.position]
         numbers = range_numbers(sample.value) if aided_by == "ranges" else position_numbers(sample.value)
-        place = validate_sample(state.position, t, sample, numbers, frozen_after=intake.frozen_position, ordered=False)
-        readings["position"] = Event(place.t, AIDING_KINDS[aided_by], place.value, np.zeros(2)), _reject_frozen(place)
+        kind = AIDING_KINDS[aided_by]
+        readings["position"] = _read_aiding(state.position, t, sample, kind, numbers, intake.frozen_position)
     return readings
 
 
 def position_numbers(value: Any) -> tuple[Any, ...]:
     """North and east (m) of a position and its variance (m^2), 0 where it states none."""
-    return value.north, value.east, _stated_variance(value)
+    return value.north, value.east, optional_member(value, "variance")
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:
@@ -245,14 +244,12 @@ def range_numbers(value: Any) -> tuple[Any, ...]:
     return (*ranges, value.unit)
 
 
-def _stated_variance(value: Any) -> Any:
-    """The field that a reading of heading or position may have."""
-    return getattr(value, "variance", 0.0)
-
-
-def _reject_frozen(validation: SampleValidation) -> SampleValidation:
-    """Samples of a frozen sensor that only aids are not used at all; an IMU's are, with doubt."""
-    return validation._replace(usable=validation.usable & ~validation.watch.frozen)
+def _read_aiding(
+    watch: SensorWatch, t: Any, sample: Sample, kind: int, numbers: tuple[Any, ...], frozen_after: Any
+) -> tuple[Event, SampleValidation]:
+    """The event of a sensor that only aids: frozen, it is not used at all; an IMU is, with doubt."""
+    one = validate_sample(watch, t, sample, numbers, frozen_after=frozen_after, ordered=False)
+    return Event(one.t, kind, one.value, np.zeros(2)), one._replace(usable=one.usable & ~one.watch.frozen)
 
 
 def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple[Event, SampleValidation]]) -> Any:

@@ -12,13 +12,7 @@ import numpy as np
 from trimtab.core.record import Scalar, option, part, quantity, record, replace
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import (
-    Intake,
-    check_intake,
-    initial_inertial_state,
-    listened_sensors,
-    navigate,
-)
+from trimtab.estimators.inertial.aided import Intake, check_intake, initial_inertial_state, listened_sensors, navigate
 from trimtab.estimators.inertial.dual_filter import (
     InertialNoise,
     belief_covariance,

@@ -10,13 +10,7 @@ import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import planar, wrap
-from trimtab.estimators.inertial.aided import (
-    Intake,
-    check_intake,
-    initial_inertial_state,
-    listened_sensors,
-    navigate,
-)
+from trimtab.estimators.inertial.aided import Intake, check_intake, initial_inertial_state, listened_sensors, navigate
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,

@@ -19,6 +19,10 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial.mechanisation import rotate_lever
 
 TABLE = "[1] section 6.2.1"
+HEADING_ROW = np.array([[1.0, 0.0]])
+"""H of a heading measurement for x1."""
+POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
+"""H of a position fix for x2."""
 
 
 @record
@@ -142,12 +146,6 @@ def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
             jnp.concatenate([vb.T, rb.T, jnp.diag(growth[4:6])], axis=1),
         ]
     )
-
-
-HEADING_ROW = np.array([[1.0, 0.0]])
-"""H of a heading measurement for x1."""
-POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
-"""H of a position fix for x2."""
 
 
 class DualModel(NamedTuple):

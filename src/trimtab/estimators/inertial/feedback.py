@@ -10,13 +10,7 @@ import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.rotation import wrap
-from trimtab.estimators.inertial.aided import (
-    Intake,
-    check_intake,
-    initial_inertial_state,
-    listened_sensors,
-    navigate,
-)
+from trimtab.estimators.inertial.aided import Intake, check_intake, initial_inertial_state, listened_sensors, navigate
 from trimtab.estimators.inertial.dual_filter import (
     HEADING_ROW,
     POSITION_ROWS,
@@ -25,12 +19,7 @@ from trimtab.estimators.inertial.dual_filter import (
     belief_covariance,
     dual_model,
 )
-from trimtab.estimators.inertial.mechanisation import (
-    Belief,
-    InertialStart,
-    LeverArms,
-    mechanise_corrected,
-)
+from trimtab.estimators.inertial.mechanisation import Belief, InertialStart, LeverArms, mechanise_corrected
 from trimtab.estimators.inertial.navigation_state import (
     HeadingFix,
     PositionFix,

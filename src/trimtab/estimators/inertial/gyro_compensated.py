@@ -1,8 +1,4 @@
-"""Aided inertial navigation behind the inverse of its gyro's dynamics.
-
-[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-The inverse of a gyro's identified dynamics: what the gyro was turned by, out of what it says.
+"""Aided inertial navigation behind the inverse of its gyro's identified dynamics.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -12,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, quantity, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.second_order import Section
 from trimtab.core.signals import Estimate, Frame
@@ -101,8 +97,9 @@ class CompensatedInertial:
     def init(self, key: Key) -> CompensatedState:
         """Nothing measured."""
         o = jnp.zeros(3)
-        memory = CompensatorState(y1=o, y2=o)
-        return CompensatedState(compensator=memory, rate=o, last=np.int64(NEVER), navigation=self.navigation.init(key))
+        return CompensatedState(
+            compensator=self.compensator.start(o), rate=o, last=np.int64(NEVER), navigation=self.navigation.init(key)
+        )
 
     def step(self, t: Any, state: CompensatedState, frame: Frame) -> tuple[CompensatedState, Estimate]:
         """The navigation's estimate at integer time t."""
@@ -112,8 +109,8 @@ class CompensatedInertial:
         sound = jnp.all(jnp.isfinite(y))
         new = sample.fresh & sample.valid & (sample.t > state.last) & (sample.t <= t)
         follows = sample.t - state.last <= self.gap
-        y1, y2 = (jnp.where(follows, past, y) for past in (state.compensator.y1, state.compensator.y2))
-        memory, rate = self.compensator.compensate(CompensatorState(y1=y1, y2=y2), y)
+        before = tree_where(follows, state.compensator, self.compensator.start(y))
+        memory, rate = self.compensator.compensate(before, y)
         passed_rate = jnp.where(new, jnp.where(sound, rate, y), y)
         frame = replace(
             frame,
@@ -122,10 +119,7 @@ class CompensatedInertial:
         inner, estimate = self.navigation.step(t, state.navigation, frame)
         use = new & sound
         new_state = CompensatedState(
-            compensator=CompensatorState(
-                y1=jnp.where(use, memory.y1, state.compensator.y1),
-                y2=jnp.where(use, memory.y2, state.compensator.y2),
-            ),
+            compensator=tree_where(use, memory, state.compensator),
             rate=jnp.where(use, rate, state.rate),
             last=jnp.where(use, sample.t, state.last),
             navigation=inner,

@@ -103,10 +103,10 @@ def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
         i, rings = carry
         return i - 1, _write_slot(rings, _slot_index(h, i), _read_slot(rings, _slot_index(h, i - 1)))
 
-    rings = {name: getattr(h, name) for name in ("t", "kind", "value", "doubt")}
+    rings = {"t": h.t, "kind": h.kind, "value": h.value, "doubt": h.doubt}
     last = np.int32(h.t.shape[0] - 1)
     _, rings = lax.while_loop(lambda carry: carry[0] > place, up, (last, rings))
-    new = {name: getattr(event, name) for name in rings}
+    new = event._asdict()
     short = h.value.shape[1] - np.shape(event.value)[0]
     if short:
         new["value"] = jnp.concatenate([event.value, jnp.zeros(short)])

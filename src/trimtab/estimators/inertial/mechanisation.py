@@ -4,20 +4,6 @@ Frames: W north-east-down, B at the vehicle's reference point, x forward, y star
 navigated point is the IMU's: no angular acceleration is needed to get there.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
-
-What an IMU felt between two instants, summed up once for any number of filters that start from different states.
-
-With the turn a since the first instant, everything in the body's axes of that instant:
-
-    turn,  dv = int R(a) f dt,  dr = int dv dt,  D1 = int R(a) dt,  D2 = int D1 dt
-
-so that from heading phi, velocity v, position r and biases (bg, ba), T later:
-
-    phi + turn - bg T,   v + B(phi) (dv - D1 ba),   r + v T + B(phi) (dr - D2 ba)
-
-to first order in the biases; what bg T does to B within the step is left out (for 1 deg/s and 0.1 s, 0.002 of dv).
-
-Source: Lupton, Sukkarieh, "Visual-inertial-aided navigation for high-dynamic motion", IEEE Trans. Robotics 28 (2012).
 """
 
 from typing import Any, NamedTuple
@@ -164,7 +150,22 @@ class ImuHistory:
 
 
 class PreintegratedMotion(NamedTuple):
-    """Between two instants: time (s), turn (rad), velocity (2,), position (2,), D1 and D2 (2, 2), doubt (2,)."""
+    """What an IMU felt between two instants, summed up once for filters that start from different states.
+
+    time: T (s).  turn: (rad).  velocity: dv (2,).  position: dr (2,).  D1, D2: (2, 2).  doubt: (2,).
+    With the turn a since the first instant, everything in the body's axes of that instant:
+
+        turn,  dv = int R(a) f dt,  dr = int dv dt,  D1 = int R(a) dt,  D2 = int D1 dt
+
+    so that from heading phi, velocity v, position r and biases (bg, ba), T later:
+
+        phi + turn - bg T,   v + B(phi) (dv - D1 ba),   r + v T + B(phi) (dr - D2 ba)
+
+    to first order in the biases; what bg T does to B within the step is left out (for 1 deg/s and 0.1 s, 0.002 of dv).
+
+    Source: Lupton, Sukkarieh, "Visual-inertial-aided navigation for high-dynamic motion", IEEE Trans. Robotics 28
+    (2012).
+    """
 
     time: Any
     turn: Any

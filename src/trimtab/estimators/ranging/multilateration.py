@@ -12,6 +12,7 @@ moved in between counts as heading error, unless inertial navigation says how mu
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -171,18 +172,11 @@ def solve_leaving_one_out(
         i, end, solutions = carry
         one = solve(plan, height, ranges, used & (jnp.arange(n) != i - 1))
         end = jnp.where((i == 0) & suffices(one), 1, end)
-        put = [lax.dynamic_update_index_in_dim(a, b, i, 0) for a, b in zip(solutions, _as_tuple(one), strict=True)]
-        return i + 1, end, tuple(put)
+        solutions = jax.tree.map(lambda a, b: lax.dynamic_update_index_in_dim(a, b, i, 0), solutions, one)
+        return i + 1, end, solutions
 
-    none = jnp.zeros((n + 1, 2)), jnp.zeros(n + 1), jnp.zeros(n + 1)
-    _, _, solutions = lax.while_loop(
-        lambda carry: carry[0] < carry[1], solve_next, (jnp.int32(0), jnp.int32(n + 1), none)
-    )
-    return Solution(*solutions)
-
-
-def _as_tuple(one: Solution) -> tuple[Any, Any, Any]:
-    return one.place, one.bias, one.residual
+    none = Solution(jnp.zeros((n + 1, 2)), jnp.zeros(n + 1), jnp.zeros(n + 1))
+    return lax.while_loop(lambda carry: carry[0] < carry[1], solve_next, (jnp.int32(0), jnp.int32(n + 1), none))[2]
 
 
 def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:

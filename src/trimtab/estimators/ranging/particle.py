@@ -11,7 +11,7 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, quantity, record, replace, tree_where
 from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
@@ -44,7 +44,6 @@ from trimtab.estimators.ranging.particle_cloud import (
 from trimtab.estimators.ranging.position import PAIR, SQUARE, check_positions
 from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
-from trimtab.estimators.ranging.start import tree_where
 
 COMB = 3
 """Stream of the draws."""

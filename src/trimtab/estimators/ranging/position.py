@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar
 from trimtab.core.signals import Estimate, Frame
@@ -182,7 +182,7 @@ class RangingPosition:
         two = count == 2
         mode = jnp.where(two, jnp.where(known & (pair.residual <= self.residual_limit), TWO, INCONSISTENT), mode)
         mode = jnp.where(count < 2, NONE, jnp.where(two & ~known, NONE, mode))
-        best = jax.tree.map(lambda a, b: jnp.where(two, a, b), pair, every)
+        best = tree_where(two, pair, every)
         used = count - ((mode == ONE_REJECTED) & ~two)
         rejected = jnp.where(mode == ONE_REJECTED, rejected, -1)
         return _UnitLocation(best.place, best.bias, best.residual, used, rejected, mode)
@@ -252,7 +252,7 @@ class RangingPosition:
         fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
         fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
         vehicle = self._vehicle_fix(fix, place, unit, places, times)
-        fix = jax.tree.map(lambda new, old: jnp.where(good, new, old), vehicle, fix)
+        fix = tree_where(good, vehicle, fix)
         measured = jnp.where(good, t, s.measured)
         return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
 

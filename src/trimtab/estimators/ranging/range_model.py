@@ -25,6 +25,8 @@ TOP = LINEAR / (1 - 2 * QUADRATIC)
 """The angle (rad), about 0.003, at which e(beta) cos(beta) is greatest; its slope vanishes there."""
 START, FARTHEST = 2.2 * TOP, 1.4
 """Angles (rad) between which Newton's method begins. Below 2 TOP there is no root for a range above the height."""
+POSE = np.array([0, 3, 4])
+"""Heading and position among the states: what a range depends on."""
 
 
 def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
@@ -97,10 +99,6 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
     direction = away / jnp.where(aside > 0, aside, 1.0)
     slope = g / e - direction * (rises * height / (e * e * distance))
     return RangePrediction(distance / e, slope, curvature)
-
-
-POSE = np.array([0, 3, 4])
-"""Heading and position among the states: what a range depends on."""
 
 
 class Geometry(NamedTuple):

@@ -13,12 +13,11 @@ Source: this module; integration in the body's axes: Lupton, Sukkarieh, IEEE Tra
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.linalg import solve_spd
-from trimtab.core.record import Scalar, quantity, record, replace
+from trimtab.core.record import Scalar, quantity, record, replace, tree_where
 from trimtab.core.rotation import planar
 from trimtab.estimators.inertial.mechanisation import mechanise, rotate_lever
 
@@ -127,8 +126,3 @@ def solve_start(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, 
 def _add_equations(start: RangingStart, A: Any, z: Any, W: Any) -> RangingStart:
     WA = W @ A
     return replace(start, N=start.N + A.T @ WA, g=start.g + WA.T @ z, square=start.square + z @ W @ z)
-
-
-def tree_where(condition: Any, a: Any, b: Any) -> Any:
-    """The tree a where a condition holds, else b."""
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

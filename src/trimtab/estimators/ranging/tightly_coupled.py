@@ -11,17 +11,11 @@ from jax import lax
 
 from trimtab.core.errors import InputError
 from trimtab.core.linalg import symmetric
-from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, quantity, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.rotation import planar, wrap
 from trimtab.core.signals import Estimate, Frame
-from trimtab.estimators.inertial.aided import (
-    InertialState,
-    Intake,
-    initial_inertial_state,
-    listened_sensors,
-    navigate,
-)
+from trimtab.estimators.inertial.aided import InertialState, Intake, initial_inertial_state, listened_sensors, navigate
 from trimtab.estimators.inertial.coupled import SIGNS, is_force_significant, propagate_coupled
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import DIMENSION, Belief, InertialStart, LeverArms
@@ -43,7 +37,6 @@ from trimtab.estimators.ranging.start import (
     empty_start,
     propagate_start,
     solve_start,
-    tree_where,
 )
 
 
