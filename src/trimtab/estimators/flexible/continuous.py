@@ -20,7 +20,6 @@ from trimtab.estimators.flexible.model import (
     estimated_flight,
     first_instant,
     forcing,
-    initial_model_prediction,
     listened_sensors,
     modal_dynamics,
     next_instant,
@@ -105,7 +104,7 @@ class ContinuousModeFilter:
             P=jnp.diag(jnp.asarray(self.P0)),
             modal=zero,
             used=no,
-            bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
+            bare=ModelPrediction(jnp.asarray(self.eta0), model.Ad, model.Bd),
             **first_instant(),
         )
 

@@ -19,7 +19,6 @@ from trimtab.estimators.flexible.model import (
     estimated_flight,
     first_instant,
     forcing,
-    initial_model_prediction,
     listened_sensors,
     modal_dynamics,
     next_instant,
@@ -140,7 +139,7 @@ class FlexibleModeFilter:
             model=model,
             eta=jnp.asarray(self.eta0),
             P=jnp.diag(jnp.asarray(self.P0)),
-            bare=initial_model_prediction(self.eta0, model.Ad, model.Bd),
+            bare=ModelPrediction(jnp.asarray(self.eta0), model.Ad, model.Bd),
             **first_instant(),
             seen=np.int64(NEVER),
         )

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.record import Scalar, part, quantity, record, replace, tree_where
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import to_seconds
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -126,26 +126,16 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
     return jnp.stack([still, first, still, second]), q_rate - moment / craft.Iyy, moment / craft.Iyy
 
 
-def rigid_flight(sample: Sample, before: RigidFlight) -> tuple[RigidFlight, Any]:
-    """chi of a sample in the SI, in the vehicle's units, and whether it can be used; if not, what was held before."""
-    z = sample.value
-    new = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
-    usable = sample.valid & _is_finite(new)
-    return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
-
-
-def acting_input(sample: Sample, before: HypersonicInput) -> tuple[HypersonicInput, Any]:
-    """What engine and elevator have done since the last instant, and whether it can be used; if not, what was held."""
-    new = HypersonicInput(sample.value.Phi, sample.value.delta_e)
-    usable = sample.valid & _is_finite(new)
-    return jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, before), usable
-
-
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
-    """The samples of flight, acceleration and acting input, named in that order, and what a filter's state held."""
+    """The samples of flight (SI), acceleration and acting input, named in that order, and what a state held before."""
     flight, acceleration, acting = (frame.samples[name] for name in listens)
-    chi, usable = rigid_flight(flight, state.chi)
-    u, input_usable = acting_input(acting, state.u)
+    z = flight.value
+    measured = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
+    usable = flight.valid & _is_finite(measured)
+    chi = tree_where(usable, measured, state.chi)
+    acted = HypersonicInput(acting.value.Phi, acting.value.delta_e)
+    input_usable = acting.valid & _is_finite(acted)
+    u = tree_where(input_usable, acted, state.u)
     started = state.started | (usable & input_usable)
     return FlightSamples(chi, u, usable, started, jnp.where(usable, flight.t, state.flight_t), acceleration)
 
@@ -163,7 +153,7 @@ def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, 
     due = ~state.started | (t - state.t >= form.period)
     new = form.advance(t, state, frame)
     new = replace(new, bare=_advance_model_prediction(form.craft, state, new.u))
-    state = jax.tree.map(lambda a, b: jnp.where(due, a, b), new, state)
+    state = tree_where(due, new, state)
     state = replace(state, updated=due & state.updated)
     age = to_seconds(t - state.flight_t)
     return state, Estimate(t=t, age=age, fresh=state.updated, valid=state.started, state=form.estimated_flight(state))
@@ -194,11 +184,6 @@ def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
         "flight_t": samples.flight_t,
         "started": samples.has_started,
     }
-
-
-def initial_model_prediction(eta0: Any, Ad: Any, Bd: Any) -> ModelPrediction:
-    """The modes by the model alone, from eta0 (4,), moved once a period by Ad and Bd (4, 4)."""
-    return ModelPrediction(jnp.asarray(eta0), Ad, Bd)
 
 
 def _advance_model_prediction(craft: Hypersonic, state: Any, u: HypersonicInput) -> ModelPrediction:
