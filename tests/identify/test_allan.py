@@ -18,11 +18,13 @@ from trimtab.identify.allan import (
     fit_allan,
     octave_averages,
     overlapping_variance,
+    refuse_motion,
 )
 from trimtab.sensors.imu import Imu
 
 DT = 0.0065536
 N_SAMPLES = 16_384
+SIZE = 20_000
 
 
 def flicker(rng, n, B):
@@ -148,3 +150,32 @@ def test_logs_that_say_nothing_are_refused(y, averages, says):
     with pytest.raises(InputError, match=says):
         fit_allan(y, DT, averages)
     assert octave_averages(1024) == (1, 2, 4, 8, 16, 32, 64, 128)
+
+
+def long_noise(seed, walk=1e-4):
+    g = np.random.default_rng(seed)
+    return g.standard_normal(SIZE) * 1e-3 / np.sqrt(DT) + np.cumsum(g.standard_normal(SIZE)) * walk * np.sqrt(DT)
+
+
+def test_noise_passes_also_quantised_and_with_a_walk_that_leads_far():
+    for seed in range(30):
+        for y in (long_noise(seed), long_noise(seed, 0.05), np.round(long_noise(seed) / 0.02) * 0.02):
+            refuse_motion("gyro", y, fit_allan(y, DT))
+
+
+t = np.arange(SIZE) * DT
+MOTIONS = {
+    "knock": (np.where(np.arange(SIZE) == 9_000, 0.3, 0.0), "times the usual, 58.9"),
+    "step": (np.where(t > 60, 0.3, 0.0), "times the usual"),
+    "swinging": (0.1 * np.sin(2 * np.pi * t / 3), "not the noise of a still sensor"),
+    "turned by hand": (0.5 * np.exp(-(((t - 40) / 2) ** 2)), "not the noise of a still sensor"),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_motion_is_refused_with_what_was_seen(name):
+    motion, wanted = MOTIONS[name]
+    for seed in range(5):
+        y = long_noise(seed) + motion
+        with pytest.raises(InputError, match=wanted):
+            refuse_motion("gyro", y, fit_allan(y, DT))

@@ -1,5 +1,4 @@
-"""The Kalman filter's two steps on small matrices, for linear models and linearised ones, and how a continuous linear
-model becomes a discrete one: pure, unrolled, exportable, no LAPACK.
+"""The Kalman filter's two steps on small matrices, and a discrete model of a continuous one: pure, unrolled, no LAPACK.
 
 An innovation y = z - h(x) comes from the caller, so that the same update serves a linear filter, an extended one and
 a filter of errors. A measurement that is not finite is never used, and neither is one outside the gate; both leave
@@ -196,10 +195,7 @@ def matrix_exponential(A: Any) -> Any:
 def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
     """x' = A x + b + w over a step.
 
-    Args:
-        A: (n, n).
-        Q: power spectral density of w (n, n), symmetric.
-        dt: length of the step (s); A dt as `matrix_exponential` takes it.
+    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: (s); A dt as `matrix_exponential` takes it.
     """
     n = A.shape[0]
     zero, one = jnp.zeros((n, n)), jnp.eye(n)

@@ -10,14 +10,6 @@ coefficients are fitted with it. So the stated errors are those that repeated lo
 
 Source: IEEE Std 952-1997, annex C, for the coefficients; Greenhall, IEEE Trans. UFFC 38 (1991), and Riley, NIST SP 1065
 (2008), section 5, for the overlapping estimator and its covariance.
-
-Was the sensor still? A knock, a step or a motion in a log spoils its noise coefficients; here it is refused.
-
-Noise that is white, flicker and walk has differences that are Gaussian and an Allan deviation of the fitted form. A
-slow and steady motion that looks like a walk can't be told from one.
-
-Source: this module; the scale of the differences from their median, so that a few knocks don't change it: Huber,
-"Robust statistics", Wiley 1981.
 """
 
 import functools
@@ -36,6 +28,12 @@ NORMAL95 = 1.959963984540054
 ROUNDS = 8
 FINEST = 32
 """Lags of a covariance are taken at least this often in the shorter averaging time."""
+KNOCK = 10.0
+"""A change between two samples of more than so many of its usual sigmas is no noise: 1e-23 for a Gaussian."""
+MISFIT = 10.0
+"""Weighted squares of the misfit over the degrees of freedom: 1 for a log of this kind of noise."""
+MEDIAN = 0.6744897501960817
+"""Of the size of a standard normal number."""
 
 
 @record
@@ -157,6 +155,32 @@ def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterN
     return FilterNoise(sample_variance=N2 / dt, integral_variance=N2 * dt, bias_variance=(K2 + share) * dt)
 
 
+def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
+    """Refuse a log of an axis of this name whose samples y (n,), with this fit, are not those of a still sensor.
+
+    Noise that is white, flicker and walk has differences that are Gaussian and an Allan deviation of the fitted form; a
+    knock, a step or a motion spoils that. A slow and steady motion that looks like a walk can't be told from one.
+
+    Source: this module; the scale of the differences from their median, so that a few knocks don't change it: Huber,
+    "Robust statistics", Wiley 1981.
+    """
+    change = np.diff(np.asarray(y, np.float64))
+    usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN
+    size = np.abs(change - np.median(change))
+    if usual > 0 and size.max() > KNOCK * usual:
+        at = float((np.argmax(size) + 1) * fit.sampling_period)
+        jump = size.max()
+        problem = f"changes by {jump:.3g} within one sample, {jump / usual:.0f} times the usual, {at:.2f} s in"
+        raise InputError(f"signal {name!r}", problem, fix="keep the sensor still, or cut the log there")
+    if fit.misfit > MISFIT:
+        off = np.abs(np.log(fit.deviation / fit.model))
+        problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s its Allan deviation is"
+        problem += f" {fit.deviation[np.argmax(off)]:.3g}, that of the nearest noise {fit.model[np.argmax(off)]:.3g}"
+        problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
+        fix = "keep the sensor still and its temperature steady; if it only filters its output, say --shortest TIME"
+        raise InputError(f"signal {name!r}", problem, fix=fix)
+
+
 def _coefficient(square: float, error: float) -> Coefficient:
     """A coefficient from its square: the interval is that of the square, its ends rooted."""
     high = math.sqrt(square + NORMAL95 * error)
@@ -213,37 +237,3 @@ def _covariance(theta: Any, moments: Any) -> Any:
     """Covariance (n, n) of the Allan variances under the model, kept positive definite."""
     C = np.einsum("c,ijcd,d->ij", theta, moments, theta)
     return C + np.diag(1e-9 * np.diag(C))
-
-
-KNOCK = 10.0
-"""A change between two samples of more than so many of its usual sigmas is no noise: 1e-23 for a Gaussian."""
-MISFIT = 10.0
-"""Weighted squares of the misfit over the degrees of freedom: 1 for a log of this kind of noise."""
-MEDIAN = 0.6744897501960817
-"""Of the size of a standard normal number."""
-
-
-def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
-    """Raise InputError where a log is not that of a still sensor.
-
-    Args:
-        name: of the axis, for the message.
-        y: samples (n,).
-        fit: what `fit_allan` found in them.
-    """
-    change = np.diff(np.asarray(y, np.float64))
-    usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN
-    size = np.abs(change - np.median(change))
-    if usual > 0 and size.max() > KNOCK * usual:
-        at = float((np.argmax(size) + 1) * fit.sampling_period)
-        problem = (
-            f"changes by {size.max():.3g} within one sample, {size.max() / usual:.0f} times the usual, {at:.2f} s in"
-        )
-        raise InputError(f"signal {name!r}", problem, fix="keep the sensor still, or cut the log there")
-    if fit.misfit > MISFIT:
-        off = np.abs(np.log(fit.deviation / fit.model))
-        problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s its Allan deviation is"
-        problem += f" {fit.deviation[np.argmax(off)]:.3g}, that of the nearest noise {fit.model[np.argmax(off)]:.3g}"
-        problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
-        fix = "keep the sensor still and its temperature steady; if it only filters its output, say --shortest TIME"
-        raise InputError(f"signal {name!r}", problem, fix=fix)

@@ -196,15 +196,14 @@ class AdaptiveFlexibleModeFilter:
         """Variances that are variances, hypotheses within the bound, a period for which the series is exact."""
         name = "AdaptiveFlexibleModeFilter"
         check_variances(name, Q=self.Q, P0=self.P0)
-        for field in ("deviation", "walk"):
-            value = np.asarray(getattr(self, field), float)
-            if not (np.isfinite(value).all() and (value >= 0).all()):
-                raise InputError(
-                    f"{name}.{field}", f"{value.tolist()} must be finite and not below 0", fix="two numbers"
-                )
-        for field in ("R", "bound", "excitation"):
-            if not math.isfinite(getattr(self, field)):
-                raise InputError(f"{name}.{field}", f"{getattr(self, field)} is not finite", fix="a finite number")
+        for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
+            values = np.asarray(pair, float)
+            if not (np.isfinite(values).all() and (values >= 0).all()):
+                problem = f"{values.tolist()} must be finite and not below 0"
+                raise InputError(f"{name}.{field}", problem, fix="two numbers")
+        for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
+            if not math.isfinite(value):
+                raise InputError(f"{name}.{field}", f"{value} is not finite", fix="a finite number")
         outermost = math.exp(APART * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = f"hypotheses start at a factor {outermost:.3g}, beyond {float(self.bound):g}"
@@ -254,10 +253,8 @@ class AdaptiveFlexibleModeFilter:
         Returns: x, P, innovation, its variance, logarithm of the likelihood, which frequencies learn (2,), whether one
         was held at its bound.
         """
-        expected, H = (
-            modal_accelerations(self.craft, x)[0],
-            jax.jacfwd(lambda x: modal_accelerations(self.craft, x)[0])(x),
-        )
+        expected = modal_accelerations(self.craft, x)[0]
+        H = jax.jacfwd(lambda x: modal_accelerations(self.craft, x)[0])(x)
         r = modal - expected
         S = H @ P @ H + self.R
         noise = r * r <= self.gate * S

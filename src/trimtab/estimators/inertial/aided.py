@@ -203,12 +203,8 @@ def read_samples(
 ) -> dict[str, tuple[Event, SampleValidation]]:
     """Each sensor's event, the IMU's first, with whether it is fit for use.
 
-    Args:
-        intake: what is read.
-        aided_by: "positions" or "ranges", what the sensor at intake.position gives.
-        t: integer time.
-        state: has the watches imu, heading and position.
-        frame: the samples.
+    aided_by: "positions" or "ranges", what the sensor at intake.position gives.  t: integer time.
+    state: has the watches imu, heading and position.
     """
     sample = frame.samples[intake.imu]
     reading = sample.value

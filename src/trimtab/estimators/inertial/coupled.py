@@ -184,11 +184,7 @@ def low_pass_gain(dt: Any, constant: Any) -> Any:
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
     """Phi (8, 8) of the errors in the order of Belief.x, biases true minus estimated; exact for a constant force.
 
-    Args:
-        dt: step in s.
-        heading: rad.
-        force: per mass, in B (2,).
-
+    dt: step (s).  heading: (rad).  force: per mass, in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, as A^4 = 0.
     """
     B = planar(heading)

@@ -100,12 +100,7 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
 
         v + dt/2 (f1 + f0)        r + v dt + dt^2/6 (f1 + 2 f0)                                       [1, eq. 3.42]
 
-    Args:
-        dt: step in s.
-        f0: specific force in W at its start (2,).
-        f1: and at its end.
-        v: velocity at the start.
-        r: position at the start.
+    f0, f1: specific force in W at both ends of the step (2,).  v, r: velocity and position at its start (2,).
     """
     return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
 
@@ -113,12 +108,9 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
 def mechanise_corrected(dt: Any, before: Any, felt: Any, x: Any) -> tuple[Any, Any, Any]:
     """Heading, velocity and position a time dt (s) on, of an INS whose biases are taken off what its IMU reads.
 
-    Args:
-        dt: step in s.
-        before: what the IMU read at its start (3,).
-        felt: and reads at its end.
-        x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
-            heading, as in Phi.
+    before, felt: what the IMU read at the step's start (3,), and reads at its end.
+    x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
+    heading, as in Phi.
     """
     phi, v, r, gyro_bias, force_bias = x
     B = planar(phi)

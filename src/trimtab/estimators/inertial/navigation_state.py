@@ -167,11 +167,7 @@ def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
 def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
     """The kinematic fields of NavigationState, from a belief about the IMU.
 
-    Args:
-        belief: of the IMU's point.
-        rate: what the gyro read (rad/s).
-        gyro_variance: of its noise.
-        arms: where the IMU sits.
+    rate: what the gyro read (rad/s).  gyro_variance: of its noise.  arms: where the IMU sits.
     """
     x, P = belief
     B = planar(x[0])

@@ -26,29 +26,25 @@ ITERATIONS = 5
 def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> Any:
     """Heading (rad, in [-pi, pi)) that turns the line from unit b to unit a, as it is in B, into the one in W.
 
-    Args:
-        place_a: north, east of unit a (m), shape (2,).
-        place_b: of unit b, at the same time.
-        lever_a: x, y of unit a in B (m), shape (2,); on the body's x axis in the source.
-        lever_b: of unit b.
-
+    place_a, place_b: north, east of both units at the same time (m), shape (2,).
+    lever_a, lever_b: x, y of them in B (m), shape (2,); on the body's x axis in the source.
     Source: [1] section 5.4.
     """
     W, B = place_a - place_b, lever_a - lever_b
     return wrap(jnp.arctan2(W[1], W[0]) - jnp.arctan2(B[1], B[0]))
 
 
-def assisted_heading(place_a: Any, place_b: Any, moved: Any, lever_a: Any, lever_b: Any) -> Any:
+def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
     """The same from unit a's position at t_a and unit b's at t_b, with what unit a moved in between.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
-    Args: as `two_unit_heading`; moved: the bracket, north and east (m), shape (2,). It is exact where the inertial
-    navigation's position is that of unit a; that of another point of the vehicle leaves out what the turn moves a.
+    displacement: the bracket, north and east (m), shape (2,); the rest as `two_unit_heading`. It is exact where the
+    inertial navigation's position is that of unit a; that of another point leaves out what the turn moves a.
 
     Source: [1] section 5.4.
     """
-    return two_unit_heading(place_a + moved, place_b, lever_a, lever_b)
+    return two_unit_heading(place_a + displacement, place_b, lever_a, lever_b)
 
 
 @record

@@ -165,18 +165,18 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
         lambda: initialise_cloud(form, s.key, s.fix.starts, ranges, unit),
     )
     learns = jnp.concatenate([jnp.ones(DIMENSION + 1), jnp.zeros(n)])
-    correction = update_cloud(cloud, ranges, unit_geometry(form, unit), form.errors, form.wrong, form.width, learns)
-    few = effective_sample_size(correction.cloud.weight) < form.N / 2
+    geometry = unit_geometry(form, unit)
+    updated_cloud, believed = update_cloud(cloud, ranges, geometry, form.errors, form.wrong, form.width, learns)
+    few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
-    cloud = lax.cond(few, lambda: resample(correction.cloud, comb, z, form.share), lambda: correction.cloud)
-    mostly = (
-        jnp.sum(jnp.where(replies, correction.inlier_share, 0.0)) > jnp.sum(replies) / 2 - 0.01
-    )  # half of them, to rounding, is no reason yet
+    cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
+    # half of them, to rounding, is no reason to doubt yet
+    mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
     fix = ParticleFix(
-        effective=effective_sample_size(correction.cloud.weight),
-        believed=correction.inlier_share,
+        effective=effective_sample_size(updated_cloud.weight),
+        believed=believed,
         used=increment(s.fix.used, alive),
         unit=unit,
         redrawn=increment(s.fix.redrawn, few & alive),

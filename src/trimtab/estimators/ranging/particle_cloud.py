@@ -8,7 +8,7 @@ Maskell, Gordon, Clapp, "A tutorial on particle filters", IEEE Trans. Signal Pro
 (systematic resampling).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,13 +44,6 @@ class Cloud:
     x: Any = quantity("1", "As Belief.x, then the scale and each beacon's error; (N, 9 + n).")
     P: Any = quantity("1", "Covariances (N, 9 + n, 9 + n).")
     weight: Any = quantity("1", "Weights (N,), of sum 1.")
-
-
-class CloudUpdate(NamedTuple):
-    """A cloud after a ping, and of each range (n,) the share of the weight that believes it."""
-
-    cloud: Cloud
-    inlier_share: Any
 
 
 def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
@@ -111,11 +104,8 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
     """Q (8, 8) of Belief.x over a motion."""
-    return (
-        coupled_process_noise(noise.growth(m.time, m.doubt), heading, noise.integration_time(m.time))
-        * SIGNS[:, None]
-        * SIGNS[None, :]
-    )
+    Q = coupled_process_noise(noise.growth(m.time, m.doubt), heading, noise.integration_time(m.time))
+    return Q * SIGNS[:, None] * SIGNS[None, :]
 
 
 def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) -> Cloud:
@@ -131,8 +121,10 @@ def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) ->
 
 def update_cloud(
     cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
-) -> CloudUpdate:
+) -> tuple[Cloud, Any]:
     """Every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
+
+    With the new cloud comes, of each range (n,), the share of the weight that believes it.
 
         p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
 
@@ -164,7 +156,7 @@ def update_cloud(
     total = jnp.sum(weight)
     fair = jnp.full(weight.shape, 1.0 / weight.shape[0])
     weight = jnp.where(total > 0, weight / jnp.where(total > 0, total, 1.0), fair)
-    return CloudUpdate(Cloud(x, P, weight), weight @ used.astype(np.float64))
+    return Cloud(x, P, weight), weight @ used.astype(np.float64)
 
 
 def effective_sample_size(weight: Any) -> Any:
@@ -175,7 +167,6 @@ def effective_sample_size(weight: Any) -> Any:
 def systematic_indices(weight: Any, u: Any) -> Any:
     """Which particle each of N new ones copies (N,), int32: one comb of N teeth, shifted by u in (0, 1)."""
     n = weight.shape[0]
-
     ends = jnp.cumsum(weight)
     _, index = lax.scan(lambda c, k: (c, jnp.sum(ends < (k + u) / n)), 0, jnp.arange(n, dtype=np.float64))
     return jnp.minimum(index, n - 1).astype(np.int32)

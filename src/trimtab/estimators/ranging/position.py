@@ -161,12 +161,8 @@ class RangingPosition:
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
         """A unit's place (2,) from measured ranges (n,), with what speaks for it.
 
-        Args:
-            ranges: as measured (m), shape (n,).
-            arrived: which there are, shape (n,).
-            unit: which unit they belong to.
-            near: place of the fix before (m), shape (2,).
-            known: whether there was one.
+        ranges: as measured (m), shape (n,).  arrived: which there are, shape (n,).  unit: which unit they belong to.
+        near: place of the fix before (m), shape (2,).  known: whether there was one.
         """
         beacons = jnp.asarray(self.beacons)
         plan, height = beacons[:, :2], self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]

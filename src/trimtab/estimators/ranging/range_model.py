@@ -78,11 +78,8 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
     The measured range is modelled rather than the measurement compensated: noise belongs to what was measured, and a
     range that noise made shorter than the height has a model but no compensation. The curvature is that of d.
 
-    Args:
-        beacon: north, east, down in W (3,).
-        place: of the unit, north and east (2,).
-        down: of the unit, in W.
-        cone: whether ranges are too long off the axis.
+    beacon: north, east, down in W (3,).  place, down: of the unit, north and east (2,), and down, in W.
+    cone: whether ranges are too long off the axis.
     """
     away, height = place - beacon[:2], down - beacon[2]
     square = away @ away

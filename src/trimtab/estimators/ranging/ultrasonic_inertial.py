@@ -175,8 +175,8 @@ class UltrasonicInertial:
         old = 1 - new
         then, lever = self._pose(inertial, s.times[old]), levers[old]
         known = now.known & then.known
-        moved = now.place - then.place + (planar(now.heading) - planar(then.heading)) @ lever
-        places = s.places + jnp.where((jnp.arange(2) == old)[:, None] & known, moved, 0.0)
+        displacement = now.place - then.place + (planar(now.heading) - planar(then.heading)) @ lever
+        places = s.places + jnp.where((jnp.arange(2) == old)[:, None] & known, displacement, 0.0)
         heading = two_unit_heading(places[0], places[1], levers[0], levers[1])
         base = levers[0] - levers[1]
         swing = jnp.sqrt(jnp.sum(lever * lever)) * jnp.abs(now.rate)
