@@ -135,9 +135,9 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
     )
 
 
-def confidence_interval(fit: AllanFit, confidence: float = 0.95) -> tuple[Any, Any]:
-    """Lower and upper end (n,) of the confidence interval of each Allan deviation: the bars of the plot."""
-    tail = (1 - confidence) / 2
+def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
+    """Lower and upper end (n,) of the 95 % confidence interval of each Allan deviation: the bars of the plot."""
+    tail = (1 - 0.95) / 2
     low, high = chi2.ppf(1 - tail, fit.freedom), chi2.ppf(tail, fit.freedom)
     return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
 

@@ -16,7 +16,7 @@ from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rotation import planar
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.inertial.mechanisation import rotate_lever
+from trimtab.estimators.inertial.mechanisation import rotate_lever, stack_numbers
 
 TABLE = "[1] section 6.2.1"
 HEADING_ROW = np.array([[1.0, 0.0]])
@@ -71,8 +71,8 @@ class InertialNoise:
 
         doubt: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
         """
-        white = jnp.stack([jnp.asarray(v, np.float64) for v in (self.gyro, self.forward, self.starboard)])
-        walk = jnp.stack([jnp.asarray(v, np.float64) for v in (self.gyro_walk, self.force_walk, self.force_walk)])
+        white = stack_numbers(self.gyro, self.forward, self.starboard)
+        walk = stack_numbers(self.gyro_walk, self.force_walk, self.force_walk)
         tick = to_seconds(self.tick)
         if self.covariance == "literal":
             white, walk = white * (dt / tick), walk * (dt / tick)
@@ -98,7 +98,7 @@ class InertialNoise:
         """Variances (8,), in the order of Belief.x, of what no measurement tells: constant errors of the aiding."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
-        return jnp.stack([jnp.asarray(v, np.float64) for v in (heading, zero, zero, place, place, zero, zero, zero)])
+        return stack_numbers(heading, zero, zero, place, place, zero, zero, zero)
 
 
 def heading_transition(dt: Any) -> Any:
@@ -190,7 +190,7 @@ def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
     """
     s = bias_sign
     zero = jnp.zeros(4)
-    signs = jnp.stack([jnp.asarray(v, np.float64) for v in (1, 1, 1, 1, s, s)])
+    signs = stack_numbers(1, 1, 1, 1, s, s)
     P2 = P2 * signs[:, None] * signs[None, :]
     top = jnp.concatenate([P1[:1, :1], jnp.zeros((1, 4)), s * P1[:1, 1:], jnp.zeros((1, 2))], axis=1)
     middle = jnp.concatenate([jnp.zeros((4, 1)), P2[:4, :4], jnp.zeros((4, 1)), P2[:4, 4:]], axis=1)

@@ -56,20 +56,20 @@ class InertialStart:
 
     def velocity(self) -> Any:
         """(2,), north and east."""
-        return _pair(self.velocity_north, self.velocity_east)
+        return stack_numbers(self.velocity_north, self.velocity_east)
 
     def position(self) -> Any:
         """(2,), north and east."""
-        return _pair(self.north, self.east)
+        return stack_numbers(self.north, self.east)
 
     def heading_variances(self) -> Any:
         """Of heading and gyro bias (2,)."""
-        return _pair(self.sigma_heading, self.sigma_gyro_bias) ** 2
+        return stack_numbers(self.sigma_heading, self.sigma_gyro_bias) ** 2
 
     def motion_variances(self) -> Any:
         """Of velocity, position and accelerometer biases (6,)."""
         sigmas = (self.sigma_velocity, self.sigma_position, self.sigma_force_bias)
-        return jnp.stack([jnp.asarray(s, np.float64) for s in sigmas for _ in range(2)]) ** 2
+        return stack_numbers(*(s for s in sigmas for _ in range(2))) ** 2
 
     def pose(self) -> Any:
         """Heading, velocity and position (5,), in the order of Belief.x."""
@@ -128,8 +128,9 @@ def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
     return B @ arm, B @ quarter
 
 
-def _pair(a: Any, b: Any) -> Any:
-    return jnp.stack([jnp.asarray(a, np.float64), jnp.asarray(b, np.float64)])
+def stack_numbers(*numbers: Any) -> Any:
+    """Numbers (n,), each a plain one or a traced one, in double precision."""
+    return jnp.stack([jnp.asarray(number, np.float64) for number in numbers])
 
 
 @record

@@ -60,10 +60,6 @@ def _mean_of_used(values: Any, used: Any) -> Any:
     return jnp.sum(jnp.where(used, values, 0.0)) / jnp.maximum(jnp.sum(used), 1)
 
 
-def _centre(plan: Any, used: Any) -> Any:
-    return jnp.stack([_mean_of_used(plan[:, 0], used), _mean_of_used(plan[:, 1], used)])
-
-
 def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: Any = 0.0) -> Any:
     """Range minus distance minus bias (n,), in m; 0 for beacons that don't count."""
     away = plan - place
@@ -93,7 +89,7 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
 
     Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.5.
     """
-    centre = _centre(plan, used)
+    centre = jnp.stack([_mean_of_used(plan[:, 0], used), _mean_of_used(plan[:, 1], used)])
     xy = jnp.where(used[:, None], plan - centre, 0.0)
     rho, h = jnp.where(used, ranges, 0.0), jnp.where(used, height, 0.0)
     A = jnp.concatenate([xy, rho[:, None]], axis=1)

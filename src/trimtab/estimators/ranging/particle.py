@@ -15,7 +15,7 @@ from trimtab.core.record import Scalar, option, part, quantity, record, replace,
 from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.aided import Intake, read_samples
+from trimtab.estimators.inertial.aided import Intake, listened_sensors, read_samples
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.mechanisation import (
     DIMENSION,
@@ -114,10 +114,7 @@ class Particle:
     N: int = option("Number of particles.", default=300)
     cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
 
-    @property
-    def listens(self) -> tuple[str, ...]:
-        """The IMU and the ranging."""
-        return self.intake.listens()
+    listens = property(listened_sensors)
 
     def check(self) -> None:
         """Refuse what this filter can't read, and beacons or units that are not lists of positions."""

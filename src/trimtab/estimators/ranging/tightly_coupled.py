@@ -238,8 +238,7 @@ def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any
     with_it = add_unit_position(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
     start = tree_where(good, with_it, node.start)
     biases = jnp.sqrt(jnp.stack([node.P[5, 5], jnp.maximum(node.P[6, 6], node.P[7, 7])]))
-    limits = {"longest": form.start_time, "heading_limit": form.start_heading}
-    new = solve_start(start, biases, enough=4, **limits)
+    new = solve_start(start, biases, enough=4, longest=form.start_time, heading_limit=form.start_heading)
     heading = node.x[0] + wrap(new.x[0] - node.x[0])
     x = jnp.concatenate([heading[None], new.x[1:], node.x[5:]])
     fix = node.position_fix
