@@ -18,7 +18,7 @@ def fly(world, autopilot, n=5, paths=(), every=1):
     number = np.where(np.arange(count) % every == 0, np.arange(count) // every, rows)
     result = walk(world, autopilot, Place(0.0), key(0), (table.t, table.h, number), rows, table.always, paths)
     out, k = {}, 0
-    for path, value, _ in logged_signals(result.template, paths):
+    for path, value, _ in logged_signals(signals(*start(world, autopilot, Place(0.0), key(0))), paths):
         out[path] = np.asarray(result.rows[:, k : k + np.size(value)]).squeeze(1)
         k += np.size(value)
     assert k == result.rows.shape[1]

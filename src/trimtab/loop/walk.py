@@ -36,12 +36,10 @@ class Signals:
 class WalkResult(NamedTuple):
     """What a walk gives.
 
-    rows: float64 (n, width), the logged signals flattened.  seen: signals with every number zero, for their structure.
-    x: the truth at the end.  sensors: states of the sensors at the end.
+    rows: float64 (n, width), the logged signals flattened.  x: the truth at the end.  sensors: their states at the end.
     """
 
     rows: Any
-    template: Signals
     x: Any
     sensors: Any
 
@@ -64,6 +62,13 @@ def instant(
     a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
     s = world.act(clock, s, a.command, due)
     return world.advance(clock.t, s, h), a, signals(s, a)
+
+
+def drop_derived_outputs(
+    world: World, autopilot: Autopilot, s: WorldState, a: AutopilotState, always: frozenset[int]
+) -> tuple[WorldState, AutopilotState]:
+    """The two states without outputs that are made anew at every instant, so that a run does not carry them along."""
+    return world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
 
 
 def signals(s: WorldState, a: AutopilotState) -> Signals:
@@ -104,24 +109,19 @@ def walk(
         wanted: which signals are logged, see `logged_signals`; all when empty.
     """
     s, a = start(world, autopilot, x, key)
-    seen = signals(s, a)
-    width = pack_row(seen, wanted).shape[0]
+    width = pack_row(signals(s, a), wanted).shape[0]
 
     def body(carry: Any, at: Any) -> Any:
         s, a, log = carry
         t, h, row = at
         new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
         log = jax.lax.dynamic_update_slice(log, pack_row(seen, wanted)[None], (row, jnp.zeros_like(row)))
-        new_s, new_a = world.drop_derived_outputs(new_s, always), autopilot.drop_derived_outputs(new_a, always)
+        new_s, new_a = drop_derived_outputs(world, autopilot, new_s, new_a, always)
         return (cast_like(new_s, s), cast_like(new_a, a), log), None
 
-    carry = (
-        world.drop_derived_outputs(s, always),
-        autopilot.drop_derived_outputs(a, always),
-        jnp.zeros((rows + 1, width)),
-    )
+    carry = (*drop_derived_outputs(world, autopilot, s, a, always), jnp.zeros((rows + 1, width)))
     (s, _, log), _ = jax.lax.scan(body, carry, instants)
-    return WalkResult(log[:rows], seen, s.x, s.sensors)
+    return WalkResult(log[:rows], s.x, s.sensors)
 
 
 def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:

@@ -126,15 +126,12 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
     always: periods that are due at every instant.
     """
 
-    def lean(p: RunInputs, s: Any, a: Any) -> Any:
-        return p.world.drop_derived_outputs(s, always), p.autopilot.drop_derived_outputs(a, always)
-
     def init(p: RunInputs) -> Any:
-        return lean(p, *p.initial_states())
+        return p.drop_derived_outputs(*p.initial_states(), always)
 
     def step(p: RunInputs, state: Any, now: LoopInput) -> Any:
         s, a, seen = instant(p.world, p.autopilot, Clock(now.t, always), now.h, *state)
-        return cast_like(lean(p, s, a), state), seen
+        return cast_like(p.drop_derived_outputs(s, a, always), state), seen
 
     doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
     inputs = run_inputs(scenario, seed, 0)

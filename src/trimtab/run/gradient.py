@@ -182,14 +182,10 @@ class _DualRun:
         a, b = iter(reals), iter(others)
         return jax.tree.unflatten(tree, [next(a) if r else next(b) for r in real])
 
-    def lean(self, inputs: RunInputs, s: Any, a: Any) -> Any:
-        world, autopilot = inputs.world, inputs.autopilot
-        return world.drop_derived_outputs(s, self.always), autopilot.drop_derived_outputs(a, self.always)
-
     def initial_state(self, leaves: list[Any], direction: list[Any]) -> Any:
         def first(chosen: list[Any]) -> Any:
             inputs = self.insert_values(leaves, chosen)
-            return self.split(self.lean(inputs, *inputs.initial_states()))
+            return self.split(inputs.drop_derived_outputs(*inputs.initial_states(), self.always))
 
         chosen = [leaves[i] for i in self.at]
         reals, slopes, others = jax.jvp(first, (chosen,), (direction,), has_aux=True)
@@ -205,7 +201,7 @@ class _DualRun:
             s, a, seen = instant(inputs.world, inputs.autopilot, Clock(t, self.always), h, s, a)
             rate = jax.numpy.ravel(jax.numpy.asarray(self.cost(seen), np.float64)) * to_seconds(h)
             now = [jax.numpy.where(t >= first, rate[i], 0.0) for i, first in enumerate(self.since)]
-            new, rest = self.split(self.lean(inputs, s, a))
+            new, rest = self.split(inputs.drop_derived_outputs(s, a, self.always))
             new = [jax.numpy.asarray(v, np.float64) for v in new]
             rest = [jax.numpy.asarray(v, old.dtype) for v, old in zip(rest, others, strict=True)]
             return (now, new), rest

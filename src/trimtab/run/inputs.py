@@ -10,7 +10,7 @@ from trimtab.core.record import part, record, to_arrays
 from trimtab.core.rng import Key
 from trimtab.loop.autopilot import AutopilotState
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.walk import start
+from trimtab.loop.walk import drop_derived_outputs, start
 from trimtab.loop.world import WorldState
 from trimtab.run.program import check_seed
 
@@ -28,6 +28,10 @@ class RunInputs:
         """States of the two sides before the first instant."""
         return start(self.world, self.autopilot, self.initial, self.key)
 
+    def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
+        """The two states as a loop carries them, see `loop.walk`; always: periods that are due at every instant."""
+        return drop_derived_outputs(self.world, self.autopilot, s, a, always)
+
 
 def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
     """What a run of a scenario starts from."""
@@ -41,10 +45,8 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 def leaf_paths(tree: Any) -> list[str]:
     """The dotted path of each leaf, in the order of JAX, as a log names them: world.vehicle.mass, …, key.run."""
-    return [
-        ".".join(str(getattr(k, "name", getattr(k, "key", getattr(k, "idx", "")))) for k in keys)
-        for keys, _ in jax.tree_util.tree_flatten_with_path(tree)[0]
-    ]
+    named = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return [jax.tree_util.keystr(keys, simple=True, separator=".") for keys, _ in named]
 
 
 def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:

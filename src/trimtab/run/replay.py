@@ -1,10 +1,10 @@
 """replay: a recorded run's autopilot once more, over the frames that it was given; its outputs are compared.
 
-Where two logs of the same run part: the first sample that differs, and whether a switch on data came before it.
-
-The control steps that a log holds: which of its rows they are, and what the autopilot was given in each.
+And any two logs of the same run beside each other: the first sample that differs, and whether a switch on data came
+before it.
 """
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
@@ -23,14 +23,91 @@ from trimtab.run.inputs import leaf_paths, run_inputs
 from trimtab.run.program import check_seed
 from trimtab.run.runner import choose_c
 
+TOLERANCE = 1e-10
+"""Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
+ROUNDINGS = 8
+"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
+Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 """What a flight's log counts: rows that it lacks."""
+
+
+class Divergence(NamedTuple):
+    """Where two runs part: time (s), signal, and the two values, of the first component that differs."""
+
+    t: float
+    path: str
+    recorded: float
+    replayed: float
+
+
+class Replay(NamedTuple):
+    """What came of a replay.
+
+    recorded_log, replayed_log: the compared signals at the control instants.  exact: whether all bits are the same.
+    strict: whether they must be.  equal: whether it is as good as it must be.  first: where not, or None.
+    worst: path -> largest difference as a part of the signal's largest size.  end_reason: why it ends where it ends.
+    changed: another autopilot was flown, so that nothing need be equal.
+    """
+
+    recorded_log: Log
+    replayed_log: Log
+    exact: bool
+    strict: bool
+    equal: bool
+    first: Divergence | None
+    worst: dict[str, float]
+    backend: str
+    end_reason: str
+    changed: bool
+
+
+def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str = "auto") -> Replay:
+    """Fly a scenario's autopilot over the frames of a log.
+
+    On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
+    within TOLERANCE.
+
+    Args:
+        log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
+        scenario: as it was recorded, e.g. by `scenarios.recorded.recorded_scenario`.
+        autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
+        backend: "c", "jax" or "auto", as for simulate.
+
+    Raises:
+        InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
+    """
+    scenario.check()
+    flown = scenario if autopilot is None else replace(scenario, autopilot=autopilot)
+    flown.check()
+    seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
+    check_seed(seed)
+    check_seed(run)
+    compiled: list[CompiledBlock] = []
+    in_c = choose_c(backend, lambda: compiled.append(compile_block(autopilot_block(flown, seed=seed, run=run))))
+    frames = leaf_paths(message_structures(flown)[0])
+    steps = find_steps(log, frames, flown.autopilot.period)
+    outputs = _replay_c(compiled[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
+    return _compare_outputs(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
+
+
+def describe_replay(result: Replay) -> str:
+    """The outcome in a sentence."""
+    steps = f"{len(result.recorded_log)} steps"
+    if result.changed:
+        return f"{steps} flown with another autopilot"
+    if result.exact:
+        return f"{steps} repeated bit by bit on {result.backend}"
+    if result.first is None:
+        return f"{steps} repeated within {TOLERANCE:g} on {result.backend}"
+    f = result.first
+    return f"parts at {f.t:.7f} s: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {result.backend}"
 
 
 class RecordedSteps(NamedTuple):
     """Control steps, from the first on and without a gap.
 
-    rows: of the log (n,).  inputs: float64 (n, width), what each step was given.  rest: why it ends, or nothing.
+    rows: of the log (n,).  inputs: float64 (n, width), what each step was given.  end_reason: why it ends, or nothing.
     """
 
     rows: Any
@@ -51,11 +128,11 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
     """
     if not len(log):
         raise InputError("replay", "the log holds no step", fix="give a log with at least one row")
-    rows, rest = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
-    if log.metadata.get("truncated") and not rest:
-        rest = f"the log is cut at {log.t[-1]:g} s"
+    rows, reason = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
+    if log.metadata.get("truncated") and not reason:
+        reason = f"the log is cut at {log.t[-1]:g} s"
     columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
-    return RecordedSteps(rows, np.concatenate(columns, axis=1), rest)
+    return RecordedSteps(rows, np.concatenate(columns, axis=1), reason)
 
 
 def _frame_column(log: Log, path: str) -> Any:
@@ -76,8 +153,7 @@ def _find_flight_steps(log: Log) -> tuple[Any, str]:
     if missing[0]:
         raise InputError("replay", f"the log lacks its first {missing[0]} steps", fix="give a log from the start on")
     whole = int(np.argmax(missing > 0)) if missing.any() else len(log)
-    rest = f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
-    return np.arange(whole), rest
+    return np.arange(whole), f"the log lacks steps after {log.t[whole - 1]:g} s" if whole < len(log) else ""
 
 
 def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
@@ -94,24 +170,81 @@ def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
     return rows, ""
 
 
-ROUNDINGS = 8
-"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
-Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
-DISCRETE = ("mode", "flag", "count", "word", "time")
+def _replay_c(step: CompiledBlock, steps: RecordedSteps) -> dict[str, Any]:
+    """Outputs by path, (n, …), from the compiled step."""
+    rows = np.empty((len(steps.inputs), len(step.outputs)))
+    for k, row in enumerate(steps.inputs):
+        step.inputs[:] = row
+        step.step()
+        rows[k] = step.outputs
+    return {m.name: rows[:, step.writes[m.name]].reshape(len(rows), *m.shape) for m in step.text.outputs}
+
+
+def _replay_jax(scenario: Scenario, seed: int, run: int, steps: RecordedSteps) -> dict[str, Any]:
+    """Outputs by path, (n, …), from a scan."""
+    inputs = run_inputs(scenario, seed, run)
+    autopilot, (_, first) = inputs.autopilot, inputs.initial_states()
+    shapes, tree = jax.tree.flatten(message_structures(scenario)[0])
+    columns, at = [], 0
+    for leaf in shapes:
+        size = int(np.prod(leaf.shape))
+        columns.append(steps.inputs[:, at : at + size].reshape(-1, *leaf.shape).astype(leaf.dtype))
+        at += size
+    always = frozenset([scenario.autopilot.period])
+
+    @jax.jit
+    def fly(a: Any, state: Any, frames: Frame) -> Any:
+        def body(s: Any, frame: Frame) -> Any:
+            after, command = a.step(frame.t, s, frame)
+            output = AutopilotOutput(command=command, estimate=after.estimate, law=after.output)
+            return cast_like(a.drop_derived_outputs(after, always), s), output
+
+        return jax.lax.scan(body, state, frames)[1]
+
+    state = strengthen_types(autopilot.drop_derived_outputs(first, always))
+    outputs = fly(autopilot, state, jax.tree.unflatten(tree, columns))
+    return dict(zip(leaf_paths(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
+
+
+def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
+    order = ("estimate", "law", "supervisor", "command")
+    paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
+    shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
+    if not shared:
+        fix = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
+        raise InputError("replay", "the log has nothing of what an autopilot gives", fix=fix)
+    ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
+    was = {p: log[p][steps.rows] for p in shared}
+    with np.errstate(invalid="ignore"):
+        now = {p: outputs[p].astype(log[p].dtype if p in log else outputs[p].dtype) for p in paths}
+    declared = {p: d for p, d in log.declarations.items() if p in now}
+    recorded = Log(t=to_seconds(ticks), ticks=ticks, signals=was, declarations=declared, metadata=log.metadata)
+    replayed = Log(t=to_seconds(ticks), ticks=ticks, signals=now, declarations=declared, metadata=about)
+    machine = provenance()["machine"]
+    strict = backend == log.metadata.get("backend") and log.metadata.get("machine", machine) == machine
+    result = Replay(recorded, replayed, False, strict, True, None, {}, backend, steps.end_reason, changed)
+    if changed:
+        return result
+    same = dataclasses.replace(replayed, signals={p: now[p] for p in shared})
+    bit, near = first_bit_difference(recorded, same), compare_logs(recorded, same)
+    result = result._replace(exact=bit is None, worst=near.worst)
+    if bit is None or (not strict and near.is_equal):
+        return result
+    return result._replace(equal=False, first=near.number if near.number and not strict else bit)
 
 
 class Difference(NamedTuple):
     """Two logs beside each other.
 
-    instants: how many are the same in time.  switch: (time, path, one, other) of the first whole number or truth value
-    that differs, or None: from there on two sound backends may part, since a rounding tipped a threshold.
+    instants: how many are the same in time.  switch: the first whole number or truth value that differs, or None: from
+    there on two sound backends may part, since a rounding tipped a threshold.
     number: the same of the first real number before that which is off by more than the tolerance, or None.
     worst: path -> largest difference before the switch, as a part of the signal's largest size.
     """
 
     instants: int
-    switch: tuple[float, str, float, float] | None
-    number: tuple[float, str, float, float] | None
+    switch: Divergence | None
+    number: Divergence | None
     worst: dict[str, float]
 
     @property
@@ -120,7 +253,7 @@ class Difference(NamedTuple):
         return self.number is None
 
 
-def compare_logs(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
+def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Difference:
     """Compare two logs signal by signal.
 
     Args:
@@ -152,11 +285,11 @@ def compare_logs(one: Log, other: Log, tolerance: float = 1e-10) -> Difference:
 
 def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
     """Unit -> largest finite size of the signals that have it."""
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for path in paths:
         finite = np.abs(log[path][np.isfinite(log[path])])
-        found[log.unit(path)] = max(found.get(log.unit(path), 0.0), float(finite.max(initial=0.0)))
-    return found
+        largest[log.unit(path)] = max(largest.get(log.unit(path), 0.0), float(finite.max(initial=0.0)))
+    return largest
 
 
 def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -171,149 +304,15 @@ def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a != b).reshape(len(a), -1).any(axis=1)
 
 
-def _first_difference(
-    one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int
-) -> tuple[float, str, float, float] | None:
-    found = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
-    if not found:
+def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int) -> Divergence | None:
+    """Of masks (n,) by path: the earliest instant at which one holds, of these the first path by name."""
+    rows = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
+    if not rows:
         return None
-    k, path = min(found)
+    k, path = min(rows)
     a, b = np.ravel(one[path][k]), np.ravel(other[path][k])
     j = int(np.argmax(a != b))
-    return float(one.t[k]), path, float(a[j]), float(b[j])
-
-
-TOLERANCE = 1e-10
-"""Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
-
-
-class Divergence(NamedTuple):
-    """Where two runs part: time (s), signal, and the two values, of the first component that differs."""
-
-    t: float
-    path: str
-    recorded: float
-    replayed: float
-
-
-class Replay(NamedTuple):
-    """What came of a replay.
-
-    recorded, replayed: logs of the compared signals at the control instants.  exact: whether all bits are the same.
-    strict: whether they must be.  equal: whether it is as good as it must be.  first: where not, or None.
-    worst: path -> largest difference as a part of the signal's largest size.  rest: why it ends where it ends.
-    changed: another autopilot was flown, so that nothing need be equal.
-    """
-
-    recorded_log: Log
-    replayed_log: Log
-    exact: bool
-    strict: bool
-    equal: bool
-    first: Divergence | None
-    worst: dict[str, float]
-    backend: str
-    end_reason: str
-    changed: bool
-
-
-def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str = "auto") -> Replay:
-    """Fly a scenario's autopilot over the frames of a log.
-
-    On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
-    within TOLERANCE (`run.replay`).
-
-    Args:
-        log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
-        scenario: as it was recorded, e.g. by `scenarios.recorded.recorded_scenario`.
-        autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
-        backend: "c", "jax" or "auto", as for simulate.
-
-    Raises:
-        InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
-    """
-    scenario.check()
-    flown = scenario if autopilot is None else replace(scenario, autopilot=autopilot)
-    flown.check()
-    seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
-    check_seed(seed)
-    check_seed(run)
-    compiled: list[CompiledBlock] = []
-    in_c = choose_c(backend, lambda: compiled.append(compile_block(autopilot_block(flown, seed=seed, run=run))))
-    frames = leaf_paths(message_structures(flown)[0])
-    steps = find_steps(log, frames, flown.autopilot.period)
-    outputs = _replay_c(compiled[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
-    return _compare_outputs(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
-
-
-def _replay_c(step: CompiledBlock, steps: RecordedSteps) -> dict[str, Any]:
-    """Outputs by path, (n, …), from the compiled step."""
-    rows = np.empty((len(steps.inputs), len(step.outputs)))
-    for k, row in enumerate(steps.inputs):
-        step.inputs[:] = row
-        step.step()
-        rows[k] = step.outputs
-    return {m.name: rows[:, step.writes[m.name]].reshape(len(rows), *m.shape) for m in step.text.outputs}
-
-
-def _replay_jax(scenario: Scenario, seed: int, run: int, steps: RecordedSteps) -> dict[str, Any]:
-    """Outputs by path, (n, …), from a scan."""
-    inputs = run_inputs(scenario, seed, run)
-    autopilot, (_, first) = inputs.autopilot, inputs.initial_states()
-    shapes, tree = jax.tree.flatten(message_structures(scenario)[0])
-    columns, at = [], 0
-    for leaf in shapes:
-        size = int(np.prod(leaf.shape))
-        columns.append(steps.inputs[:, at : at + size].reshape(-1, *leaf.shape).astype(leaf.dtype))
-        at += size
-    always = frozenset([scenario.autopilot.period])
-
-    @jax.jit
-    def fly(a: Any, state: Any, frames: Frame) -> Any:
-        def body(s: Any, given: Frame) -> Any:
-            after, command = a.step(given.t, s, given)
-            return cast_like(a.drop_derived_outputs(after, always), s), AutopilotOutput(
-                command=command, estimate=after.estimate, law=after.output
-            )
-
-        return jax.lax.scan(body, state, frames)[1]
-
-    outputs = fly(
-        autopilot, strengthen_types(autopilot.drop_derived_outputs(first, always)), jax.tree.unflatten(tree, columns)
-    )
-    return dict(zip(leaf_paths(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
-
-
-def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
-    order = ("estimate", "law", "supervisor", "command")
-    paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
-    shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
-    if not shared:
-        fix = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
-        raise InputError("replay", "the log has nothing of what an autopilot gives", fix=fix)
-    ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
-    was = {p: log[p][steps.rows] for p in shared}
-    with np.errstate(invalid="ignore"):
-        now = {p: outputs[p].astype(log[p].dtype if p in log else outputs[p].dtype) for p in paths}
-    declared = {p: d for p, d in log.declarations.items() if p in now}
-    recorded = Log(t=to_seconds(ticks), ticks=ticks, signals=was, declarations=declared, metadata=log.metadata)
-    replayed = Log(t=to_seconds(ticks), ticks=ticks, signals=now, declarations=declared, metadata=about)
-    machine = provenance()["machine"]
-    strict = backend == log.metadata.get("backend") and log.metadata.get("machine", machine) == machine
-    made = Replay(recorded, replayed, False, strict, True, None, {}, backend, steps.end_reason, changed)
-    if changed:
-        return made
-    same = replace_signals(replayed, {p: now[p] for p in shared})
-    bit, near = first_bit_difference(recorded, same), compare_logs(recorded, same, TOLERANCE)
-    made = made._replace(exact=bit is None, worst=near.worst)
-    if bit is None or (not strict and near.is_equal):
-        return made
-    return made._replace(equal=False, first=Divergence(*near.number) if near.number and not strict else bit)
-
-
-def replace_signals(log: Log, signals: dict[str, Any]) -> Log:
-    """The same instants with other signals."""
-    return Log(t=log.t, ticks=log.ticks, signals=signals, declarations=log.declarations, metadata=log.metadata)
+    return Divergence(float(one.t[k]), path, float(a[j]), float(b[j]))
 
 
 def first_bit_difference(one: Log, other: Log) -> Divergence | None:
@@ -321,7 +320,7 @@ def first_bit_difference(one: Log, other: Log) -> Divergence | None:
 
     Not a number is equal to itself, whatever its other bits, for a log does not keep those; -0.0 is not equal to 0.0.
     """
-    found: list[tuple[int, int, int]] = []
+    firsts: list[tuple[int, int, int]] = []
     for order, path in enumerate(one.paths):
         a, b = (np.atleast_2d(log[path].T).T.reshape(len(log), -1) for log in (one, other))
         if a.dtype.kind == "f":
@@ -330,22 +329,9 @@ def first_bit_difference(one: Log, other: Log) -> Divergence | None:
             apart = a != b
         if apart.any():
             k = int(apart.any(axis=1).argmax())
-            found.append((k, order, int(apart[k].argmax())))
-    if not found:
+            firsts.append((k, order, int(apart[k].argmax())))
+    if not firsts:
         return None
-    k, order, j = min(found)
+    k, order, j = min(firsts)
     path = one.paths[order]
     return Divergence(float(one.t[k]), path, float(np.ravel(one[path][k])[j]), float(np.ravel(other[path][k])[j]))
-
-
-def describe_replay(found: Replay) -> str:
-    """The outcome in a sentence."""
-    steps = f"{len(found.recorded_log)} steps"
-    if found.changed:
-        return f"{steps} flown with another autopilot"
-    if found.exact:
-        return f"{steps} repeated bit by bit on {found.backend}"
-    if found.first is None:
-        return f"{steps} repeated within {TOLERANCE:g} on {found.backend}"
-    f = found.first
-    return f"parts at {f.t:.7f} s: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {found.backend}"

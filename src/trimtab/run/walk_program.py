@@ -168,8 +168,7 @@ def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[s
     """
 
     def flat(inputs: RunInputs, s: Any, a: Any) -> Any:
-        lean = inputs.world.drop_derived_outputs(s, always), inputs.autopilot.drop_derived_outputs(a, always)
-        return (s.x, s.sensors), *lean
+        return (s.x, s.sensors), *inputs.drop_derived_outputs(s, a, always)
 
     def begin(inputs: RunInputs) -> Any:
         return flat(inputs, *inputs.initial_states())
