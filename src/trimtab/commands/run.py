@@ -133,20 +133,19 @@ def _compile_and_fly(
     enable_cache()
     targets = tuple(scenario.targets)
     started = time.perf_counter()
-    compiled: list[RunPrograms] = []
 
-    def compile_both() -> None:
+    def compile_both() -> RunPrograms:
         with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
-            compiled.append(RunPrograms(scenario.name, real.result(), twin, targets))
+            return RunPrograms(scenario.name, real.result(), twin, targets)
 
     with show_spinner(f"compiling {scenario.name}; the next run starts at once"):
-        flies_c = choose_c(backend, compile_both)
-    if flies_c:
+        programs = choose_c(backend, compile_both)
+    if programs is not None:
         if key is not None:
-            store_programs(key, compiled[0])
-        return _fly_programs(compiled[0], flight, started)
+            store_programs(key, programs)
+        return _fly_programs(programs, flight, started)
     real = simulate(scenario, **flight, backend="jax")
     twin = simulate(scenario.ideal(), **flight, backend="jax") if ideal else None
     return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
@@ -18,8 +19,8 @@ from trimtab.core.time import format_time, to_seconds
 from trimtab.logs.log import Log, provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, strengthen_types
-from trimtab.run.blocks import AutopilotOutput, autopilot_block, message_structures
-from trimtab.run.inputs import leaf_paths, run_inputs
+from trimtab.run.blocks import autopilot_block
+from trimtab.run.inputs import leaf_paths
 from trimtab.run.program import check_seed
 from trimtab.run.runner import choose_c
 
@@ -70,7 +71,7 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
 
     Args:
         log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
-        scenario: as it was recorded, e.g. by `scenarios.recorded.recorded_scenario`.
+        scenario: as it was recorded, e.g. by `scenarios.recorded.rebuild_scenario`.
         autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
         backend: "c", "jax" or "auto", as for simulate.
 
@@ -83,12 +84,11 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
     check_seed(seed)
     check_seed(run)
-    compiled: list[CompiledBlock] = []
-    in_c = choose_c(backend, lambda: compiled.append(compile_block(autopilot_block(flown, seed=seed, run=run))))
-    frames = leaf_paths(message_structures(flown)[0])
-    steps = find_steps(log, frames, flown.autopilot.period)
-    outputs = _replay_c(compiled[0], steps) if in_c else _replay_jax(flown, seed, run, steps)
-    return _compare_outputs(log, steps, outputs, "c" if in_c else "jax", changed=autopilot is not None)
+    block = autopilot_block(flown, seed=seed, run=run)
+    compiled = choose_c(backend, lambda: compile_block(block))
+    steps = find_steps(log, leaf_paths(block.input), flown.autopilot.period)
+    outputs = _replay_jax(block, steps) if compiled is None else _replay_c(compiled, steps)
+    return _compare_outputs(log, steps, outputs, "jax" if compiled is None else "c", changed=autopilot is not None)
 
 
 def describe_replay(result: Replay) -> str:
@@ -180,29 +180,25 @@ def _replay_c(step: CompiledBlock, steps: RecordedSteps) -> dict[str, Any]:
     return {m.name: rows[:, step.writes[m.name]].reshape(len(rows), *m.shape) for m in step.text.outputs}
 
 
-def _replay_jax(scenario: Scenario, seed: int, run: int, steps: RecordedSteps) -> dict[str, Any]:
+def _replay_jax(block: BlockDefinition, steps: RecordedSteps) -> dict[str, Any]:
     """Outputs by path, (n, …), from a scan."""
-    inputs = run_inputs(scenario, seed, run)
-    autopilot, (_, first) = inputs.autopilot, inputs.initial_states()
-    shapes, tree = jax.tree.flatten(message_structures(scenario)[0])
+    shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
         size = int(np.prod(leaf.shape))
         columns.append(steps.inputs[:, at : at + size].reshape(-1, *leaf.shape).astype(leaf.dtype))
         at += size
-    always = frozenset([scenario.autopilot.period])
 
     @jax.jit
-    def fly(a: Any, state: Any, frames: Frame) -> Any:
+    def fly(parameters: Any, state: Any, frames: Frame) -> Any:
         def body(s: Any, frame: Frame) -> Any:
-            after, command = a.step(frame.t, s, frame)
-            output = AutopilotOutput(command=command, estimate=after.estimate, law=after.output)
-            return cast_like(a.drop_derived_outputs(after, always), s), output
+            after, output = block.step(parameters, s, frame)
+            return cast_like(after, s), output
 
         return jax.lax.scan(body, state, frames)[1]
 
-    state = strengthen_types(autopilot.drop_derived_outputs(first, always))
-    outputs = fly(autopilot, state, jax.tree.unflatten(tree, columns))
+    state = strengthen_types(block.init(block.parameters))
+    outputs = fly(block.parameters, state, jax.tree.unflatten(tree, columns))
     return dict(zip(leaf_paths(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
 
 

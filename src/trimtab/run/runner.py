@@ -3,7 +3,8 @@
 import functools
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -24,6 +25,8 @@ BACKENDS = ("auto", "c", "jax")
 LEAST_LANE_RUNS = 64
 """From so many runs on it pays to compile the program over lanes as well."""
 _reported_parts: set[str] = set()
+
+T = TypeVar("T")
 
 
 def prepare_run(
@@ -46,25 +49,25 @@ def prepare_run(
     return scenario, table, table.t % log_period == 0
 
 
-def choose_c(backend: str, prepare: Callable[[], Any]) -> bool:
-    """Whether C flies: where it is asked for, or can be had; `prepare` makes the program or says why not.
+def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
+    """What `prepare` makes where C flies, or None where JAX does.
 
-    Without C, "auto" flies on JAX, about ten times slower, and says so once.
+    C flies where it is asked for, or can be had. Without it "auto" flies on JAX, about ten times slower, and says so
+    once.
     """
     if backend not in BACKENDS:
         raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
     if backend == "jax":
-        return False
+        return None
     try:
-        prepare()
+        return prepare()
     except InputError as error:
         if backend == "c" or not (isinstance(error, NoCompilerError | BuildError) or error.part == "export"):
             raise
         if error.part not in _reported_parts:
             _reported_parts.add(error.part)
             print(f"note: flying on JAX, about ten times slower: {error}", file=sys.stderr)
-        return False
-    return True
+        return None
 
 
 def check_signals(of: WalkStructure) -> None:
@@ -114,10 +117,10 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
     of = walk_structure(job.inputs, job.table.always, job.signals)
     check_signals(of)
     columns, final = row_columns(of), final_columns(of)
-    libraries: list[Any] = []
-    if not choose_c(backend, lambda: libraries.append(_build_library(of, job))):
+    library = choose_c(backend, lambda: _build_library(of, job))
+    if library is None:
         return FlownRuns(_fly_jax(job), columns, final, "jax")
-    path, lanes = libraries[0]
+    path, lanes = library
     results = fly_runs(
         path,
         flat_inputs(job.inputs, frozenset(job.own)),
@@ -133,7 +136,7 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
     return FlownRuns(results, columns, final, "c lanes" if lanes else "c")
 
 
-def _build_library(of: WalkStructure, job: RunJob) -> Any:
+def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
     """The library, scalar or over lanes, with the number of lanes: 0 of a scalar one."""
     own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None

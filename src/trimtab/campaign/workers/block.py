@@ -23,7 +23,7 @@ from trimtab.run.batch import Batch, simulate_batch
 from trimtab.run.inputs import run_inputs
 from trimtab.run.program import Column
 from trimtab.run.runner import choose_c, prepare_run
-from trimtab.run.walk_program import lower_structure, walk_structure
+from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
 
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
@@ -158,14 +158,14 @@ def _fly_values(
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
     """Whether C flies the runs: where it is asked for, or a compiler is here and the loop can be written in C."""
 
-    def can() -> None:
+    def lower() -> WalkProgram:
         found = search_compiler("c")
         if found.compiler is None:
             raise NoCompilerError("compiler", found.problem, fix=found.fix)
         _, table, _ = prepare_run(ready.scenario, [], None, ready.plan.log_period)
-        lower_structure(walk_structure(run_inputs(ready.scenario), table.always, ready.logged_signals))
+        return lower_structure(walk_structure(run_inputs(ready.scenario), table.always, ready.logged_signals))
 
-    return choose_c(backend, can)
+    return choose_c(backend, lower) is not None
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
