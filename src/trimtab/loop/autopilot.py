@@ -8,7 +8,7 @@ import numpy as np
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import children, is_record, part, period, record, replace, tree_where
 from trimtab.core.rng import Key
-from trimtab.core.signals import Command, Estimate, Frame, Sample, is_new
+from trimtab.core.signals import Command, Estimate, Frame, is_new
 from trimtab.core.time import ms
 from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.structure import is_finite, zeros_of
@@ -49,9 +49,7 @@ class Autopilot:
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
         """First state, for frames of this structure; refuses parts that don't fit each other."""
-        for name in self.estimator.listens:
-            if name not in frame.samples:
-                self._refuse_sensor(name, tuple(frame.samples))
+        self._check_listens(frame)
         states = [getattr(self, n).init(key.at(n)) for n in ("estimator", "law", "allocation")]
         _, estimate = zeros_of("autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame)
         self._check_reads(estimate)
@@ -62,9 +60,7 @@ class Autopilot:
         allocate = self.allocation.step
         _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)
-        if self.supervisor is not None:
-            self.supervisor.fit_neutral(estimate, value, frame)
-        return AutopilotState(
+        state = AutopilotState(
             estimator=states[0],
             law=states[1],
             allocation=states[2],
@@ -72,17 +68,18 @@ class Autopilot:
             output=output,
             command=command,
             seen={name: np.int64(NEVER) for name in self._watched_samples(frame)},
-            supervisor=() if self.supervisor is None else self.supervisor.init(),
-            supervised=()
-            if self.supervisor is None
-            else zeros_of("autopilot.supervisor", "", self._supervisor_output, estimate),
-            first=() if self.supervisor is None else states[1],
         )
+        if self.supervisor is None:
+            return state
+        self.supervisor.fit_neutral(estimate, value, frame)
+        first, given = self.supervisor.init(), SupervisorInput(estimate, True, True)
+        _, supervised = zeros_of("autopilot.supervisor", "", self.supervisor.step, 0, first, given)
+        return replace(state, supervisor=first, supervised=supervised, first=states[1])
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
         """The command at integer time t. What came since the last step is fresh, whenever that was."""
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
-        renewed = {name: _refresh_sample(frame.samples[name], state.seen[name]) for name in seen}
+        renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
         frame = replace(frame, samples={**frame.samples, **renewed})
         estimator, estimate = self.estimator.step(t, state.estimator, frame)
         read = [getattr(estimate.state, name) for name in self.law.reads]
@@ -101,16 +98,17 @@ class Autopilot:
             seen=seen,
         )
         if self.supervisor is not None:
-            new = self._supervise(t, state, new, frame, finite)
+            new = self._supervise(self.supervisor, t, state, new, frame, finite)
         return new, new.command
 
-    def _supervise(self, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any) -> AutopilotState:
+    def _supervise(
+        self, supervisor: Supervisor, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
+    ) -> AutopilotState:
         """The same step, if the supervisor lets it be: else the command is neutral or not valid, and the law waits."""
-        assert self.supervisor is not None
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
-        given = SupervisorInput(new.estimate, arrived, finite, frame.samples.get(self.supervisor.pilot))
-        state, said = self.supervisor.step(t, old.supervisor, given)
-        neutral = self.supervisor.fit_neutral(new.estimate, new.command.value, frame)
+        pilot = frame.samples.get(supervisor.pilot)
+        state, said = supervisor.step(t, old.supervisor, SupervisorInput(new.estimate, arrived, finite, pilot))
+        neutral = supervisor.fit_neutral(new.estimate, new.command.value, frame)
         value = tree_where(said.law, new.command.value, neutral)
         valid = jnp.where(said.law, new.command.valid, said.sends)
         waiting = tree_where(said.sends, old.law, old.first)
@@ -128,11 +126,6 @@ class Autopilot:
         own = () if self.supervisor is None or self.supervisor.pilot not in frame.samples else (self.supervisor.pilot,)
         return (*self.estimator.listens, *(name for name in own if name not in self.estimator.listens))
 
-    def _supervisor_output(self, estimate: Estimate) -> Any:
-        """What the supervisor says, for its structure."""
-        assert self.supervisor is not None
-        return self.supervisor.step(0, self.supervisor.init(), SupervisorInput(estimate, True, True))[1]
-
     def drop_derived_outputs(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
         """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
         if self.period not in always:
@@ -149,16 +142,14 @@ class Autopilot:
             if name not in provided:
                 near = closest(name, provided, 1)
                 fix = f"read {near[0]!r} instead" if near else "use an estimator or a sensor that gives it"
-                problem = (
-                    f"{type(self.law).__name__} reads {name!r}, which {type(self.estimator).__name__} does not give"
-                )
+                law, estimator = type(self.law).__name__, type(self.estimator).__name__
+                problem = f"{law} reads {name!r}, which {estimator} does not give"
                 raise InputError("autopilot.law", problem, choices=provided, fix=fix)
 
-    def _refuse_sensor(self, name: str, sent: tuple[str, ...]) -> None:
-        problem = f"the autopilot reads sensor {name!r}, the world sends ({', '.join(sent) or 'nothing'})"
-        fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
-        raise InputError("autopilot.estimator", problem, choices=sent, fix=fix)
-
-
-def _refresh_sample(sample: Sample, seen: Any) -> Sample:
-    return replace(sample, fresh=is_new(sample, seen))
+    def _check_listens(self, frame: Frame) -> None:
+        for name in self.estimator.listens:
+            if name not in frame.samples:
+                sent = ", ".join(frame.samples) or "nothing"
+                problem = f"the autopilot reads sensor {name!r}, the world sends ({sent})"
+                fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
+                raise InputError("autopilot.estimator", problem, choices=frame.samples, fix=fix)

@@ -33,23 +33,22 @@ def check_part(where: str, own: Any) -> None:
 
 def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
     """Path and record, of a record and of all below it."""
-    found = [(path, value)] if is_record(value) else []
-    for name, child, _ in children(value):
-        found += records(child, f"{path}.{name}" if path else name)
-    return found
+    below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
+    return [(path, value), *below] if is_record(value) else below
 
 
 def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     unit = "" if declared.unit == "1" else f" {declared.unit}"
+    in_unit = f" in{unit}" if unit else ""
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{_unit_suffix(unit)}") from None
+        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{in_unit}") from None
     if declared.shape and array.shape != declared.shape:
         problem = f"has shape {array.shape}, declared is {declared.shape}"
-        raise InputError(where, problem, fix=f"give {declared.shape} numbers{_unit_suffix(unit)}")
+        raise InputError(where, problem, fix=f"give {declared.shape} numbers{in_unit}")
     if not np.isfinite(array).all():
-        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{_unit_suffix(unit)}")
+        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{in_unit}")
     for bound, wrong, text in (
         (declared.above, lambda b: array <= b, "above"),
         (declared.low, lambda b: array < b, "at least"),
@@ -58,10 +57,6 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
         if bound is not None and wrong(bound).any():
             fix = f"--set {where}=VALUE {text} {bound:g}{unit}"
             raise InputError(where, f"{value}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
-
-
-def _unit_suffix(unit: str) -> str:
-    return f" in{unit}" if unit else ""
 
 
 def _check_option(where: str, value: Any, declared: Option) -> None:

@@ -18,8 +18,9 @@ from trimtab.core.record import leaves, replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.time import FOREVER, parse_time
 from trimtab.loop.checks import check_part
-from trimtab.loop.faults import DELAYED, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
+from trimtab.loop.faults import DELAYED, NONE, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.structure import zeros_like
 from trimtab.loop.walk import start
 
 SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
@@ -34,9 +35,7 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
     """The same scenario with faults; refused where a part, a word or a number is not possible."""
     for text in texts:
         where, fault = parse_fault(scenario, text)
-        scenario = _wrap_part(
-            scenario, where, fault, delay_slots(float(fault.severity), _part_at(scenario, where).period)
-        )
+        scenario = _wrap_part(scenario, where, fault, float(fault.severity))
     return scenario
 
 
@@ -48,7 +47,7 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
         longest: the longest delay (s) that can then be asked for.
     """
     for where in fault_locations(scenario):
-        scenario = _wrap_part(scenario, where, Fault(), delay_slots(longest, _part_at(scenario, where).period))
+        scenario = _wrap_part(scenario, where, Fault(), longest)
     return scenario
 
 
@@ -68,13 +67,13 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     where = _check_choice(about, "part", head[0], fault_locations(scenario))
     word = _check_choice(about, "word", head[1], WORDS[1:])
     defaults = SEVERITY | (OF_ACTUATORS if where == "actuators" else {})
-    told: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0)}
+    fields: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0)}
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
             raise InputError(about, f"says {name!r} twice", fix="say it once")
-        _parse_clause(about, name, said, told)
-    fault = Fault(**told)
+        fields |= _parse_clause(about, name, said)
+    fault = Fault(**fields)
     check_part(about, fault.check)
     if fault.watch:
         known = watchable_paths(scenario, where)
@@ -87,24 +86,22 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
 
 def watchable_paths(scenario: Scenario, where: str) -> list[str]:
     """Paths of the numbers that a fault there can wait for."""
-    found: list[str] = []
+    paths: list[str] = []
     for path, value, _ in leaves(_visible_signals(scenario, where)):
-        n = int(np.prod(np.shape(value)))
-        found += [path] if not np.shape(value) else [f"{path}.{i}" for i in range(n)]
-    return found
+        paths += [f"{path}.{i}" for i in range(np.size(value))] if np.shape(value) else [path]
+    return paths
 
 
-def _parse_clause(about: str, name: str, text: str, told: dict[str, Any]) -> None:
-    field = {"by": "severity", "bias": "bias", "@": "start", "for": "duration", "when": "watch"}[name]
+def _parse_clause(about: str, name: str, text: str) -> dict[str, Any]:
+    """The fields of a fault that a clause says."""
     if name == "when":
-        found = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
-        if not found:
+        condition = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
+        if not condition:
             raise InputError(about, f"{text!r} is no condition", choices=CLAUSES[-2:], fix=f"when {text} above 0")
-        told |= {"watch": found[1], "side": found[2], "level": _parse_number(about, found[3])}
-    elif name in ("by", "bias"):
-        told[field] = _parse_number(about, text)
-    else:
-        told[field] = _parse_start_time(about, text)
+        return {"watch": condition[1], "side": condition[2], "level": _parse_number(about, condition[3])}
+    if name in ("by", "bias"):
+        return {"severity" if name == "by" else "bias": _parse_number(about, text)}
+    return {"start" if name == "@" else "duration": _parse_start_time(about, text)}
 
 
 def _parse_number(about: str, text: str) -> float:
@@ -134,15 +131,11 @@ def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) ->
     return name
 
 
-def _part_at(scenario: Scenario, where: str) -> Any:
-    kind, _, name = where.partition(":")
-    return scenario.world.sensors[name] if name else getattr(scenario.world, kind)
-
-
-def _wrap_part(scenario: Scenario, where: str, fault: Fault, needed: int) -> Scenario:
+def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> Scenario:
+    """longest: delay (s) that the part is to hold, where the fault is or can become one."""
     world, (kind, _, name) = scenario.world, where.partition(":")
-    inner = _part_at(scenario, where)
-    capacity = max(2, needed) if int(fault.word) in (0, DELAYED) else 2
+    inner = world.sensors[name] if name else getattr(world, kind)
+    capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2
     if name:
         felt = None if optional_member(inner, "FEELS") == "motion" else _visible_signals(scenario, where)
         sensor = FaultySensor(inner=inner, fault=fault, felt=felt, capacity=capacity)
@@ -157,9 +150,8 @@ def _visible_signals(scenario: Scenario, where: str) -> Any:
     if name:
         feels = optional_member(world.sensors[name], "FEELS")
         x, u = scenario.initial, world.actuators.neutral().u
-        shape = {"state": x, "input": u}.get(feels)
-        shape = jax.eval_shape(world.vehicle.motion, np.int64(0), x, u) if shape is None else shape
-    else:
-        s, _ = start(to_arrays(world), to_arrays(scenario.autopilot), to_arrays(scenario.initial), key(0))
-        shape = next(iter(s.received.values())) if kind == "downlink" else s.commanded
-    return jax.tree.map(lambda v: np.zeros(np.shape(v), jax.numpy.result_type(v)), shape)
+        if feels in ("state", "input"):
+            return zeros_like(x if feels == "state" else u)
+        return zeros_like(jax.eval_shape(world.vehicle.motion, np.int64(0), x, u))
+    s, _ = start(to_arrays(world), to_arrays(scenario.autopilot), to_arrays(scenario.initial), key(0))
+    return zeros_like(next(iter(s.received.values())) if kind == "downlink" else s.commanded)

@@ -9,7 +9,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import period, quantity, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion, Sample
-from trimtab.core.time import ms
+from trimtab.core.time import ms, to_seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
@@ -44,18 +44,14 @@ class PilotScript:
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
         """The newest request at integer time t, fresh at the first look after its time."""
-        request, at, seen = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
+        request, at, asked = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
         for k in range(np.shape(self.times)[0]):
-            made = t >= self.times[k]
-            request, at, seen = (
-                jnp.where(made, self.requests[k], request),
-                jnp.where(made, self.times[k], at),
-                seen | made,
-            )
-        fresh = seen & (t - at < self.period)
-        age = (t - at) * 1e-7
+            due = t >= self.times[k]
+            request, at = jnp.where(due, self.requests[k], request), jnp.where(due, self.times[k], at)
+            asked = asked | due
+        fresh = asked & (t - at < self.period)
         value = PilotRequest(request=request.astype(np.int32))
-        return state, Sample(value=value, t=at, age=age, fresh=fresh, valid=seen)
+        return state, Sample(value=value, t=at, age=to_seconds(t - at), fresh=fresh, valid=asked)
 
 
 def pilot_script(*requests: tuple[int, str]) -> PilotScript:

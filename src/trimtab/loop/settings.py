@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,9 +18,7 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
     """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near."""
     for path, text in settings.items():
         try:
-            tree = with_leaf(
-                tree, path, lambda old, declared, path=path, text=text: _parse_value(path, text, old, declared)
-            )
+            tree = with_leaf(tree, path, partial(_parse_value, path, text))
         except KeyError:
             raise _unknown_path_error(tree, path) from None
     return tree
@@ -70,16 +69,14 @@ def _parse_option(path: str, text: str, old: Any, declared: Option) -> Any:
         try:
             return parse_time(text)
         except InputError as error:
-            raise InputError(
-                f"--set {path}", error.problem, choices=error.choices, fix=f"--set {path}='20 ms'"
-            ) from None
+            fix = f"--set {path}='20 ms'"
+            raise InputError(f"--set {path}", error.problem, choices=error.choices, fix=fix) from None
     if declared.choices:
-        found = [c for c in declared.choices if str(c) == text]
-        if not found:
-            choices = [str(c) for c in declared.choices]
-            problem = f"{text!r} is not a choice"
-            raise InputError(f"--set {path}", problem, choices=choices, fix=f"--set {path}={choices[0]}")
-        return found[0]
+        choices = {str(c): c for c in declared.choices}
+        if text not in choices:
+            fix = f"--set {path}={next(iter(choices))}"
+            raise InputError(f"--set {path}", f"{text!r} is not a choice", choices=choices, fix=fix)
+        return choices[text]
     try:
         return type(old)(text) if not isinstance(old, bool) else {"true": True, "false": False}[text.lower()]
     except (ValueError, KeyError):

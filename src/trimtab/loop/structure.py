@@ -21,10 +21,15 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
     except InputError:
         raise
     except (AttributeError, KeyError, TypeError, IndexError) as error:
-        given = type(inputs[-1]).__name__ if inputs else "nothing"
-        fix = f"give {part} an input that has what its step() reads, or another part that reads {given}"
-        raise InputError(part, f"does not fit {reads}, which gives {given}: {error}", fix=fix) from error
+        name = type(inputs[-1]).__name__ if inputs else "nothing"
+        fix = f"give {part} an input that has what its step() reads, or another part that reads {name}"
+        raise InputError(part, f"does not fit {reads}, which gives {name}: {error}", fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
+
+
+def zeros_like(tree: Any) -> Any:
+    """The tree, of shapes or of numbers, with every number zero, as NumPy has it."""
+    return jax.tree.map(lambda v: np.zeros(np.shape(v), jnp.result_type(v)), tree)
 
 
 def step_if(due: Scalar, step: Callable[[], Any], hold: Callable[[], Any]) -> Any:
@@ -51,7 +56,7 @@ def cast_like(tree: Any, pattern: Any) -> Any:
 def is_finite(tree: Any) -> Scalar:
     """Whether every real number of a tree is finite."""
     floats = [v for v in map(jnp.asarray, jax.tree.leaves(tree)) if jnp.issubdtype(v.dtype, jnp.floating)]
-    found = jnp.asarray(True)
+    finite = jnp.asarray(True)
     for v in floats:
-        found = found & jnp.all(jnp.isfinite(v))
-    return found
+        finite = finite & jnp.all(jnp.isfinite(v))
+    return finite

@@ -1,12 +1,9 @@
 """Supervisor: whether the autopilot may fly, what it does when it may not, and why. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
-
-A limit of the flight: part of a geofence, or of a speed envelope.
-
-What a supervisor is asked, knows and says: modes, causes, requests and checks, and the records that carry them.
 """
 
+import functools
 from typing import Any
 
 import jax
@@ -182,15 +179,15 @@ class Supervisor:
             mode=none, cause=none, since=now, back=none, heard=now, refused=none, refusals=none, transitions=none
         )
 
-    def step(self, t: Any, s: SupervisorState, given: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
+    def step(self, t: Any, s: SupervisorState, input: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
         """The mode from integer time t on."""
-        heard = jnp.where(given.arrived, t, s.heard)
+        heard = jnp.where(input.arrived, t, s.heard)
         silent = t - heard >= self.link_timeout
-        stale = ~(given.estimate.age <= self.stale_age)
-        sick = self._is_sick(given.estimate.state)
-        check = self._first_failing_check(given.estimate, silent, stale, sick)
-        asked = _pilot_request(given.pilot)
-        mode, cause = self._next_mode(t, s, given, asked, silent, stale, sick, check)
+        stale = ~(input.estimate.age <= self.stale_age)
+        sick = self._is_sick(input.estimate.state)
+        check = self._first_failing_check(input.estimate, silent, stale, sick)
+        asked = _pilot_request(input.pilot)
+        mode, cause = self._next_mode(t, s, input, asked, silent, stale, sick, check)
         changed = mode != s.mode
         came = (s.mode == STANDBY) & (mode == FLYING)
         refused = ((asked == ARM) & ~came) | ((asked == RESUME) & ~((s.mode == HOLD) & (mode == FLYING)))
@@ -207,13 +204,13 @@ class Supervisor:
             refusals=(s.refusals + refused).astype(np.int32),
             transitions=(s.transitions + changed).astype(np.int32),
         )
-        return new, self._output(t, new, check, given.estimate.valid)
+        return new, self._output(t, new, check, input.estimate.valid)
 
     def _next_mode(
         self,
         t: Any,
         s: SupervisorState,
-        given: SupervisorInput,
+        input: SupervisorInput,
         asked: Any,
         silent: Any,
         stale: Any,
@@ -221,7 +218,7 @@ class Supervisor:
         check: Any,
     ) -> tuple[Any, Any]:
         """Mode and cause after this instant: the rows of the docs page's table; the last that holds counts."""
-        valid = jnp.asarray(given.estimate.valid)
+        valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
         ready = check == 0
@@ -239,9 +236,9 @@ class Supervisor:
             (under_way & (asked == END), ENDED, ENDED_BY),
             (flying & sick, FAULT, HEALTH),
             (flying & ~valid, FAULT, NO_ESTIMATE),
-            (under_way & valid & self._is_breached("envelope", given.estimate.state), FAULT, SPEED),
-            (under_way & valid & self._is_breached("geofence", given.estimate.state), FAULT, FENCE),
-            (flying & valid & ~jnp.asarray(given.finite), FAULT, NOT_FINITE),
+            (under_way & valid & self._is_breached("envelope", input.estimate.state), FAULT, SPEED),
+            (under_way & valid & self._is_breached("geofence", input.estimate.state), FAULT, FENCE),
+            (flying & valid & ~jnp.asarray(input.finite), FAULT, NOT_FINITE),
         ]
         mode, cause = s.mode, s.cause
         for holds, to, why in rows:
@@ -268,25 +265,22 @@ class Supervisor:
         """The first check that fails; 0 when all pass."""
         outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
-        found = jnp.asarray(0)
+        first = jnp.asarray(0)
         for k in range(len(failed), 0, -1):
-            found = jnp.where(failed[k - 1], k, found)
-        return found.astype(np.int32)
+            first = jnp.where(failed[k - 1], k, first)
+        return first.astype(np.int32)
 
     def _is_breached(self, kind: str, state: Any) -> Any:
-        found = jnp.asarray(False)
+        outside = jnp.asarray(False)
         for limit in self.limits:
-            found = found | (limit.is_breached(state) if limit.kind == kind else False)
-        return found
+            outside = outside | (limit.is_breached(state) if limit.kind == kind else False)
+        return outside
 
     def _is_sick(self, state: Any) -> Any:
-        found = jnp.asarray(False)
+        sick = jnp.asarray(False)
         for path in self.healthy:
-            value = state
-            for name in path.split("."):
-                value = getattr(value, name)
-            found = found | jnp.any(jnp.asarray(value) != 0)
-        return found
+            sick = sick | jnp.any(jnp.asarray(functools.reduce(getattr, path.split("."), state)) != 0)
+        return sick
 
 
 def _pilot_request(pilot: Sample | None) -> Any:

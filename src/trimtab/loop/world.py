@@ -147,12 +147,12 @@ class World:
 
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
     """What this sensor gets: the motion, or what its class variable FEELS names."""
-    given = {"motion": motion, "state": lambda: x, "input": lambda: u}
+    inputs = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = optional_member(sensor, "FEELS")
-    if feels not in given:
+    if feels not in inputs:
         problem = f"{type(sensor).__name__} feels {feels!r}, which is nothing that a world has"
-        raise InputError(where, problem, choices=given, fix='write FEELS = "motion", or leave it out')
-    return given[feels]()
+        raise InputError(where, problem, choices=inputs, fix='write FEELS = "motion", or leave it out')
+    return inputs[feels]()
 
 
 def as_sample(command: Command, fresh: Any) -> Sample:

@@ -20,7 +20,7 @@ from trimtab.core.time import Clock, to_seconds
 from trimtab.links.wire import Wire
 from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.structure import cast_like
+from trimtab.loop.structure import cast_like, zeros_like
 from trimtab.loop.walk import instant
 from trimtab.run.inputs import RunInputs, run_inputs
 
@@ -88,12 +88,7 @@ class UplinkParameters:
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
     s, a = jax.eval_shape(lambda: run_inputs(scenario).initial_states())
-    seen = Frame(t=jax.ShapeDtypeStruct((), np.int64), samples=s.received)
-    return _zeros_like((seen, a.command))
-
-
-def _zeros_like(shapes: Any) -> Any:
-    return jax.tree.map(lambda v: np.zeros(np.shape(v), getattr(v, "dtype", np.float64)), shapes)
+    return zeros_like((Frame(t=np.int64(0), samples=s.received), a.command))
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
@@ -187,7 +182,7 @@ def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
 
 def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
     """A failsafe, for commands of this structure."""
-    no, value = np.bool_(False), _zeros_like(command.value)
+    no, value = np.bool_(False), zeros_like(command.value)
     first = FailsafeInput(command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no)
     return timed_block(
         "failsafe", "Failsafe: what the vehicle does when nobody commands it, and who may.", failsafe, first
@@ -212,7 +207,7 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
     """A channel between a line and the failsafe, for commands of this structure: one sample in, one out."""
-    newest = _no_sample(_zeros_like(command.value))
+    newest = _no_sample(zeros_like(command.value))
 
     def init(p: UplinkParameters) -> Any:
         return p.uplink.init(p.key.at("uplink"), newest)
@@ -239,7 +234,7 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
     """
     inputs = run_inputs(scenario)
     s, _ = jax.eval_shape(inputs.initial_states)
-    state, u = _zeros_like((s.x, s.actuated.u))
+    state, u = zeros_like((s.x, s.actuated.u))
 
     def step(p: Any, s: Any, now: StepInput) -> Any:
         return s, p.motion(now.t, now.input["truth"], now.input["u"])

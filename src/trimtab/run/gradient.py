@@ -48,12 +48,11 @@ def gradient(
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
     inputs = run_inputs(scenario, seed)
-    at = _input_positions(inputs, paths)
-    found = jax.tree.leaves(inputs)
-    sizes = [int(np.size(found[i])) for i in at]
+    at, shapes = _find_parameters(inputs, paths)
+    sizes = [int(np.prod(shape)) for shape in shapes]
     final = _fly_directions(inputs, {}, table, at, cost, (0,), np.eye(sum(sizes)), None)
-    slope = np.split(final[:, 1], np.cumsum(sizes)[:-1])
-    by_path = {p: v.reshape(np.shape(found[i])) for p, i, v in zip(paths, at, slope, strict=True)}
+    slopes = np.split(final[:, 1], np.cumsum(sizes)[:-1])
+    by_path = {path: slope.reshape(shape) for path, shape, slope in zip(paths, shapes, slopes, strict=True)}
     return Gradient(float(final[0, 0]), by_path)
 
 
@@ -86,20 +85,19 @@ def gradients(
         since: integer times from which each of the k costs is integrated.
         threads: how many fly; as many as there are cores when None.
     """
-    chosen, numbers, wanted = list(seeds), list(runs), list(along)
+    chosen, numbers, entries = list(seeds), list(runs), list(along)
     scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
     inputs = run_inputs(scenario)
-    paths = tuple(dict.fromkeys(path for path, _ in wanted))
-    at, found = _input_positions(inputs, paths), jax.tree.leaves(inputs)
-    shapes = [np.shape(found[i]) for i in at]
-    offset = dict(zip(paths, np.cumsum([0, *(int(np.prod(s)) for s in shapes)])[:-1], strict=True))
-    shape = dict(zip(paths, shapes, strict=True))
-    directions = np.zeros((len(wanted), sum(int(np.prod(s)) for s in shapes)))
-    for row, (path, index) in enumerate(wanted):
-        directions[row, offset[path] + int(np.ravel_multi_index(index, shape[path]) if index else 0)] = 1.0
+    paths = tuple(dict.fromkeys(path for path, _ in entries))
+    at, shapes = _find_parameters(inputs, paths)
+    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    directions = np.zeros((len(entries), ends[-1]))
+    for row, (path, index) in enumerate(entries):
+        k = paths.index(path)
+        directions[row, ends[k] + int(np.ravel_multi_index(index, shapes[k]) if index else 0)] = 1.0
     own = own_inputs(inputs, chosen, numbers, dict(spread or {}))
     final = _fly_directions(inputs, own, table, at, cost, since, directions, threads)
-    n, k, d = len(chosen), len(since), len(wanted)
+    n, k, d = len(chosen), len(since), len(entries)
     by_run = final.reshape(n, d, 2 * k)
     return Gradients(by_run[:, 0, :k], np.swapaxes(by_run[:, :, k:], 1, 2))
 
@@ -130,9 +128,10 @@ def _fly_directions(
     return fly_runs(path, shared, rows, table, nowhere, widths, log=False, threads=thread_count(threads)).final
 
 
-def _input_positions(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[int, ...]:
-    known, found = leaf_paths(inputs), jax.tree.leaves(inputs)
-    real = [p for p, v in zip(known, found, strict=True) if np.asarray(v).dtype == np.float64]
+def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
+    """Which of the inputs they are, and their shapes; refuses what is no real parameter."""
+    known, values = leaf_paths(inputs), jax.tree.leaves(inputs)
+    real = [p for p, v in zip(known, values, strict=True) if np.asarray(v).dtype == np.float64]
     if not paths:
         raise InputError("gradient", "no parameter is named", choices=real[:8], fix=f"paths=({real[0]!r},)")
     for path in paths:
@@ -140,7 +139,8 @@ def _input_positions(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[int, ..
             near = closest(path, real, 6) or real[:6]
             problem = f"{path!r} is not the path of a real parameter"
             raise InputError("gradient", problem, choices=near, fix=f"paths=({near[0]!r},)")
-    return tuple(known.index(p) for p in paths)
+    at = tuple(known.index(p) for p in paths)
+    return at, [np.shape(values[i]) for i in at]
 
 
 @functools.lru_cache(maxsize=16)
@@ -171,10 +171,10 @@ class _DualRun:
 
     def split(self, state: Any) -> tuple[list[Any], list[Any]]:
         """Real leaves of a state, and the others; remembers how to put them together."""
-        found, tree = jax.tree.flatten(state)
-        real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in found]
+        values, tree = jax.tree.flatten(state)
+        real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in values]
         self.structure = tree, real
-        pairs = list(zip(found, real, strict=True))
+        pairs = list(zip(values, real, strict=True))
         return [v for v, r in pairs if r], [v for v, r in pairs if not r]
 
     def join_leaves(self, reals: list[Any], others: list[Any]) -> Any:

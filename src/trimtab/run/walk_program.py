@@ -210,6 +210,15 @@ typedef struct {
 } job;
 """
 
+FLY_TEXT = """static void fly(job *j, int64_t first)
+{
+    const int64_t *const t = j->t;
+    const int64_t *const h = j->h;
+    const int32_t *const row = j->row, *const rows = &j->rows;
+    const int32_t n = j->n;
+    const double *const shared = j->shared;
+    (void)shared; (void)t; (void)h;"""
+
 WORK_TEXT = """
 static void *work(void *given)
 {
@@ -240,22 +249,14 @@ EXPORT int32_t trimtab_fly(job *j, int32_t threads)
 
 
 def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
-    runs = "#define RUNS LANES\n" if lanes else "#define RUNS 1\n"
-    each = "#define EACH_RUN for (int l = 0; l < RUNS; l++)\n" + f"#define WIDTH {max(program.width, 1)}\n"
-    export = '#define EXPORT extern "C"\n' if lanes else "#define EXPORT\n"
-    head = "static void fly(job *j, int64_t first)\n{"
-    lines = ["    const int64_t *const t = j->t;", "    const int64_t *const h = j->h;"]
-    lines += ["    const int32_t *const row = j->row, *const rows = &j->rows;", "    const int32_t n = j->n;"]
-    lines += ["    const double *const shared = j->shared;", "    (void)shared; (void)t; (void)h;"]
     text = [
         preamble_text(w, lanes),
         "#include <pthread.h>\n",
-        runs,
-        each,
-        export,
+        f"#define RUNS {'LANES' if lanes else '1'}\n",
+        f"#define EACH_RUN for (int l = 0; l < RUNS; l++)\n#define WIDTH {max(program.width, 1)}\n",
+        '#define EXPORT extern "C"\n' if lanes else "#define EXPORT\n",
         JOB_TEXT,
-        head,
-        *lines,
+        FLY_TEXT,
         *w.lines,
         "}",
         WORK_TEXT,
@@ -281,39 +282,33 @@ def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozense
             if id(v) not in w.live:
                 continue
             name = w.names[id(v)] = f"p{i}_{k}"
-            T = C_TYPES[v.dtype]
+            source = _input_text(start + k, v.dtype, differs, lanes)
             if differs and lanes:
-                sign = "-(int64_t)" if v.dtype == "bool" else f"({T})"
                 w.write_line(f"{w.type(v.dtype, True)} {name};")
-                w.write_line(f"EACH_RUN {name}[l] = {sign}{_own_input_text(start + k)};")
+                w.write_line(f"EACH_RUN {name}[l] = {source};")
             else:
-                source = _own_input_text(start + k).replace(" + l", "") if differs else f"shared[{start + k}]"
-                w.write_line(f"const {T} {name} = ({T}){source};")
-
-
-def _own_input_text(position: int) -> str:
-    last = "(first + l < j->runs ? first + l : j->runs - 1)"
-    return f"j->own[{last} * j->own_count + {position}]"
+                w.write_line(f"const {C_TYPES[v.dtype]} {name} = {source};")
 
 
 def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, lanes: int) -> None:
     w.names[id(array.buffer)] = name
-    T, t = C_TYPES[array.dtype], array.dtype
-    if not differs:
-        if t == "f64":
-            w.write_line(f"const double *const {name} = shared + {start};")
-        else:
-            w.write_line(f"{T} {name}[{array.size}];")
-            w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {name}[i] = ({T})shared[{start} + i];")
+    if array.dtype == "f64" and not differs:
+        w.write_line(f"const double *const {name} = shared + {start};")
         return
-    source = _own_input_text(start).replace("]", " + i]")
-    if lanes:
-        sign = "-(int64_t)" if t == "bool" else f"({T})"
-        w.write_line(f"{w.type(t, True)} {name}[{array.size}];")
-        w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) EACH_RUN {name}[i][l] = {sign}{source};")
-    else:
-        w.write_line(f"{T} {name}[{array.size}];")
-        w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {name}[i] = ({T}){source.replace(' + l', '')};")
+    varies = differs and lanes > 0
+    each, to = ("EACH_RUN ", f"{name}[i][l]") if varies else ("", f"{name}[i]")
+    source = _input_text(f"{start} + i", array.dtype, differs, lanes)
+    w.write_line(f"{w.type(array.dtype, True) if varies else C_TYPES[array.dtype]} {name}[{array.size}];")
+    w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {each}{to} = {source};")
+
+
+def _input_text(position: int | str, dtype: str, differs: bool, lanes: int) -> str:
+    """An input in its own type; one that differs is the run's, and over lanes a truth value is all bits or none."""
+    cast = "-(int64_t)" if differs and lanes and dtype == "bool" else f"({C_TYPES[dtype]})"
+    if not differs:
+        return f"{cast}shared[{position}]"
+    run = "first + l" if lanes else "first"
+    return f"{cast}j->own[({run} < j->runs ? {run} : j->runs - 1) * j->own_count + {position}]"
 
 
 def _timetable_buffers(block: Block) -> list[tuple[str, Buffer]]:

@@ -21,17 +21,17 @@ from trimtab.scenarios import catalogue
 LINKS = ("uplink", "downlink")
 
 
-def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> tuple[Scenario, dict[str, str]]:
-    """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` name; the other settings.
+def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+    """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` among the settings name.
 
     Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
 
     Raises: InputError for a file that is no recording.
     """
-    world, rest = scenario.world, dict(settings)
+    world = scenario.world
     for name in LINKS:
-        if name in rest:
-            file, own = rest.pop(name), getattr(world, name)
+        if name in settings:
+            file, own = settings[name], getattr(world, name)
             if not file.endswith(".csv"):
                 fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
                 raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
@@ -39,7 +39,7 @@ def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str])
             slots = required_slots(float(trace.latency_s.max()), each, ms(1))
             link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
             world = replace(world, **{name: link})
-    return replace(scenario, world=world), rest
+    return replace(scenario, world=world)
 
 
 def build(
@@ -55,8 +55,8 @@ def build(
 
     Raises: InputError with what to type instead.
     """
-    typed, without, faults = dict(settings or {}), list(without), list(faults)
-    scenario, rest = catalogue.load_scenario(name, typed)
+    settings, without, faults = settings or {}, list(without), list(faults)
+    scenario, rest = catalogue.load_scenario(name, settings)
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
@@ -64,18 +64,18 @@ def build(
         _refuse_navigation(name)
     choices = {
         "scenario": name,
-        "arguments": {argument: text for argument, text in typed.items() if argument not in rest},
+        "arguments": {argument: text for argument, text in settings.items() if argument not in rest},
         "settings": rest,
         "without": without,
         "faults": faults,
     }
-    scenario, rest = replace_links_by_recordings(scenario, rest)
-    _refuse_choices(name, scenario, rest)
-    scenario = with_settings(scenario, rest)
+    scenario = replace_links_by_recordings(scenario, rest)
+    own = {path: text for path, text in rest.items() if path not in LINKS}
+    _refuse_choices(name, scenario, own)
+    scenario = with_settings(scenario, own)
     for imperfection in without:
         scenario = scenario.without(imperfection)
-    if faults:
-        scenario = inject_faults(scenario, faults)
+    scenario = inject_faults(scenario, faults)
     scenario.check()
     return replace(scenario, choices=choices)
 
