@@ -65,7 +65,6 @@ def test_a_class_with_the_members_fits(interface, cls):
         ("Estimator", Zero),
         ("Actuators", Gyro),
         ("Vehicle", Gyro),
-        ("AutopilotInterface", Zero),
         ("Estimator", Boat),
     ],
 )

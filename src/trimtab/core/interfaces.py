@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from trimtab.core.rng import Key
-from trimtab.core.signals import Command, Estimate, Frame, Motion, Sample
+from trimtab.core.signals import Estimate, Frame, Motion, Sample
 
 OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
     {
@@ -258,22 +258,4 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Give the transport back."""
-        ...
-
-
-@runtime_checkable
-class AutopilotInterface(Protocol):
-    """Frame in, command out, each `period`."""
-
-    @property
-    def period(self) -> int:
-        """The control period."""
-        ...
-
-    def init(self, key: Key, frame: Frame) -> Any:
-        """First state, for frames of this structure."""
-        ...
-
-    def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Command]:
-        """The command at time t."""
         ...

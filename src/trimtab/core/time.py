@@ -25,9 +25,8 @@ def seconds(value: float | str | Decimal) -> int:
     try:
         units = Decimal(str(value)) * UNITS_PER_SECOND
     except ArithmeticError:
-        raise InputError(
-            "time", f"{value!r} is not a number of seconds", fix="write e.g. 0.02 or '6.5536 ms'"
-        ) from None
+        problem = f"{value!r} is not a number of seconds"
+        raise InputError("time", problem, fix="write e.g. 0.02 or '6.5536 ms'") from None
     if not units.is_finite() or units != units.to_integral_value():
         problem = f"{value} s is not a whole number of 100 ns units"
         raise InputError("time", problem, fix="round it to 1e-7 s, e.g. 0.0065536")
@@ -41,11 +40,11 @@ def ms(value: float | str) -> int:
 
 def parse_time(text: str | float) -> int:
     """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, or a bare number of seconds."""
-    found = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(s|ms|us|µs|ns)?\s*", str(text))
-    if not found:
+    match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(s|ms|us|µs|ns)?\s*", str(text))
+    if not match:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
     try:
-        value = Decimal(found[1]) * Decimal(NAMES[found[2] or "s"])
+        value = Decimal(match[1]) * Decimal(NAMES[match[2] or "s"])
     except ArithmeticError:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02") from None
     return seconds(value)

@@ -14,7 +14,7 @@ from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
-from trimtab.core.rng import Key
+from trimtab.core.rng import key as root_key
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.core.time import Clock, to_seconds
 from trimtab.links.wire import Wire
@@ -216,7 +216,7 @@ def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefini
         after, received = p.uplink.step(now.t, s, now.input["command"])
         return cast_like(after, s), {"command": received}
 
-    parameters = UplinkParameters(uplink=to_arrays(uplink), key=Key(np.uint32(seed), np.uint32(0)))
+    parameters = UplinkParameters(uplink=to_arrays(uplink), key=root_key(seed))
     first = StepInput(t=np.int64(0), input={"command": newest})
     doc = "Receiving end of the uplink: what the failsafe is given."
     return BlockDefinition("uplink", doc, step, init, parameters, first)
@@ -257,5 +257,5 @@ def _replace_with_wire(channel: Any) -> Any:
     if not isinstance(channel, FaultyChannel):
         return Wire()
     inner = _replace_with_wire(channel.inner)
-    needed = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
-    return replace(channel, inner=inner, capacity=max(channel.capacity, needed))
+    slots = delay_slots(float(channel.fault.severity), inner.period) if int(channel.fault.word) == DELAYED else 0
+    return replace(channel, inner=inner, capacity=max(channel.capacity, slots))

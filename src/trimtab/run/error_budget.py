@@ -80,8 +80,8 @@ def error_budget(
     chosen, known = list(seeds), scenario.imperfections()
     if not chosen:
         raise InputError("error_budget", "there are no seeds", fix="give one or more, e.g. range(20)")
-    wanted = list(names) or sorted(known)
-    for name in wanted:
+    names = list(names) or sorted(known)
+    for name in names:
         scenario.without(name)  # refuses names that it does not have
     if not _is_measurable(scenario):
         _refuse_scenario(scenario)
@@ -91,9 +91,9 @@ def error_budget(
         for name in switched_off:
             changed = changed.without(name)
         logs = simulate_many(changed, seeds=chosen, signals=("truth", "estimate"), backend=backend)
-        found = _compute_measures(logs, scenario)
+        measures = _compute_measures(logs, scenario)
         tell(label)
-        return found
+        return measures
 
     whole = fly_without(ALL, ())
     if not whole:
@@ -103,12 +103,14 @@ def error_budget(
         Cost(
             name, fly_without(f"without {name}", [name]), fly_without(f"{name} alone", [n for n in known if n != name])
         )
-        for name in wanted
+        for name in names
     ]
     rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
-    kept = [measure for measure in whole if all(measure in row for row in rows)]
-    costs.sort(key=lambda cost: [cost.without[m][0] for m in kept[:1]])
-    return ErrorBudget(_measure_units(scenario, kept), whole, least, tuple(costs))
+    measures = [measure for measure in whole if all(measure in row for row in rows)]
+    costs.sort(key=lambda cost: [cost.without[m][0] for m in measures[:1]])
+    declared = {path: d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
+    units = {m: UNITS.get(m) or declared[m] for m in measures}
+    return ErrorBudget(units, whole, least, tuple(costs))
 
 
 def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
@@ -129,20 +131,15 @@ def _is_measurable(scenario: Scenario) -> bool:
     if scenario.targets:
         return True
     _, autopilot = jax.eval_shape(run_inputs(scenario).initial_states)
-    told = {path.rpartition(".")[2] for path, _, _ in leaves(autopilot.estimate)}
+    known = {path.rpartition(".")[2] for path, _, _ in leaves(autopilot.estimate)}
     true = {path for path, _, _ in leaves(scenario.initial)}
-    return any(all(s in true and {s, f"sigma_{s}"} <= told for s in signals) for signals in NAVIGATION_FIELDS.values())
+    return any(all(s in true and {s, f"sigma_{s}"} <= known for s in signals) for signals in NAVIGATION_FIELDS.values())
 
 
 def _refuse_scenario(scenario: Scenario) -> None:
     problem = "has no targets, and no estimate with sigmas to hold against the truth: there is nothing to measure"
     fix = "give the scenario targets=(Target(…),), or take one with either: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
-
-
-def _measure_units(scenario: Scenario, measures: Iterable[str]) -> dict[str, str]:
-    declared = {path: d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
-    return {m: UNITS.get(m) or declared[m] for m in measures}
 
 
 def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[float, float]]:
@@ -156,9 +153,9 @@ def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[fl
             squares.setdefault(path.removeprefix("truth."), []).append(float(np.mean(away**2)))
         states = state_series(log)
         for measure, signals in NAVIGATION_FIELDS.items():
-            seen = [states[s] for s in signals if s in states and states[s].error is not None]
-            if len(seen) == len(signals):
-                late = [one.error[one.t >= half] for one in seen]
+            series = [states[s] for s in signals if s in states and states[s].error is not None]
+            if len(series) == len(signals):
+                late = [one.error[one.t >= half] for one in series]
                 square = sum(float(np.mean(e**2)) if len(e) else np.inf for e in late)
                 squares.setdefault(f"{measure} error", []).append(square)
     return {measure: _root_mean_square(np.array(values)) for measure, values in squares.items()}

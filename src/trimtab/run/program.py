@@ -228,11 +228,11 @@ def describe_scenario(scenario: Any) -> dict[str, Any]:
 
 def part_classes(tree: Any, path: str = "") -> dict[str, str]:
     """Path of each record below a tree -> the name of its class."""
-    found = {}
+    classes = {}
     for name, child, _ in children(tree):
         here = f"{path}.{name}" if path else name
-        found |= ({here: type(child).__name__} if is_record(child) else {}) | part_classes(child, here)
-    return found
+        classes |= ({here: type(child).__name__} if is_record(child) else {}) | part_classes(child, here)
+    return classes
 
 
 def plain_setting(value: Any) -> Any:
