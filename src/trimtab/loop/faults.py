@@ -171,17 +171,11 @@ class FaultyState:
     memory: FaultMemory = part("What the fault remembers.")
 
 
-def initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
+def _initial_memory(key: Any, output: Any, ring: Any) -> FaultMemory:
     """Nothing has begun; output: the one before the first, ring: the outputs before it."""
     return FaultMemory(
         key=key, begin=np.int64(NEVER), output=output, lost=np.int64(NEVER), number=np.int32(0), ring=ring
     )
-
-
-def _no_samples(key: Any, like: Sample, capacity: int) -> FaultMemory:
-    """Nothing seen yet, for samples of the structure of `like`."""
-    none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), like)
-    return initial_memory(key, none, empty_slots(none, capacity))
 
 
 def apply_to_sample(
@@ -196,7 +190,7 @@ def apply_to_sample(
         sample: what the part gives.
         signals: what the fault may watch.
         step: time since this was last called (100 ns).
-        has_checksum: what is spoilt is refused, as on a wire; and stuck repeats the whole sample.
+        has_checksum: what a fault distorts is refused, as on a wire; and stuck repeats the whole sample.
     """
     sample = replace(sample, fresh=jnp.asarray(sample.fresh), valid=jnp.asarray(sample.valid))
     begin = fault.begin_time(t, s.begin, signals)
@@ -277,6 +271,12 @@ class FaultyPart:
         """Refuse a delay that can't be held."""
         self.fault.check_ring(self.period, self.capacity)
 
+    def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
+        """Nothing seen yet of a part that gives samples. inner: its own state; input: of the structure it reads."""
+        sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
+        none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)
+        return FaultyState(inner=inner, memory=_initial_memory(key, none, empty_slots(none, self.capacity)))
+
 
 @record
 class FaultySensor(FaultyPart):
@@ -299,10 +299,8 @@ class FaultySensor(FaultyPart):
 
     def init(self, key: Key) -> FaultyState:
         """Nothing measured."""
-        inner = self.inner.init(key)
         felt = no_motion() if self.felt is None else self.felt
-        sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, felt)
-        return FaultyState(inner=inner, memory=_no_samples(key.at("fault"), sample, self.capacity))
+        return self.initial_state(self.inner.init(key), felt, key.at("fault"))
 
     def measure(self, motion: Any) -> Any:
         """The sensor's, without noise or fault."""
@@ -331,9 +329,7 @@ class FaultyChannel(FaultyPart):
 
     def init(self, key: Key, like: Sample) -> FaultyState:
         """Nothing received."""
-        inner = self.inner.init(key, like)
-        sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, like)
-        return FaultyState(inner=inner, memory=_no_samples(Key(key.seed, key.run, LINK_STREAM), sample, self.capacity))
+        return self.initial_state(self.inner.init(key, like), like, Key(key.seed, key.run, LINK_STREAM))
 
     def step(self, t: Any, state: FaultyState, sample: Sample) -> tuple[FaultyState, Sample]:
         """What the receiving end holds at integer time t."""
@@ -366,7 +362,7 @@ class FaultyActuators(FaultyPart):
         neutral = jax.tree.map(jnp.asarray, self.inner.neutral())
         slots = empty_slots(neutral, self.capacity)
         rest = jax.tree.map(lambda slot, v: jnp.broadcast_to(v, slot.shape), slots, neutral)
-        return FaultyState(inner=self.inner.init(key), memory=initial_memory(key.at("fault"), neutral, rest))
+        return FaultyState(inner=self.inner.init(key), memory=_initial_memory(key.at("fault"), neutral, rest))
 
     def step(self, t: Any, state: FaultyState, command: Sample) -> tuple[FaultyState, Any]:
         """What the actuators do from integer time t on."""

@@ -70,8 +70,7 @@ def simulate_batch(
     chosen = list(seeds)
     scenario, table, written = prepare_run(scenario, chosen, duration, log_period)
     inputs = run_inputs(scenario)
-    own = own_inputs(inputs, chosen, None if runs is None else list(runs), dict(spread or {}))
-    threads = thread_count(threads)
+    own, threads = own_inputs(inputs, chosen, runs, spread), thread_count(threads)
     job = RunJob(inputs, own, table, written, signals, log=log, stats=True, threads=threads, progress=progress)
     return _make_batch(chosen, table.t[written], fly(job, backend))
 

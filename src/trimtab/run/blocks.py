@@ -129,11 +129,11 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
         return cast_like(p.drop_derived_outputs(s, a, always), state), seen
 
     doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
-    inputs = run_inputs(scenario, seed, 0)
+    inputs = run_inputs(scenario, seed)
     return BlockDefinition("loop", doc, step, init, inputs, LoopInput(t=np.int64(0), h=np.int64(0)))
 
 
-def world_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
+def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
     """A scenario's world, checked: `WorldInput` in, `WorldOutput` out, from one instant to the next.
 
     A step is given the command of the last instant, and gives the frame of this one.
@@ -163,12 +163,12 @@ def world_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefi
     command = message_structures(scenario)[1]
     first = WorldInput(t=zero, h=zero, first=no, is_held=no, fresh=no, command=command)
     doc = f"World of {scenario.name}: one step an instant, at most {to_seconds(scenario.world.max_step) * 1e3:g} ms."
-    return BlockDefinition("world", doc, step, init, run_inputs(scenario, seed, run), first)
+    return BlockDefinition("world", doc, step, init, run_inputs(scenario, seed), first)
 
 
-def compile_world(scenario: Scenario, *, seed: int = 0, run: int = 0) -> tuple[CompiledBlock, Frame, Command]:
+def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
     """The compiled world of a scenario, and the structures of its two messages; refused without a C compiler."""
-    return compile_block(world_block(scenario, seed=seed, run=run)), *message_structures(scenario)
+    return compile_block(world_block(scenario, seed=seed)), *message_structures(scenario)
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:

@@ -85,7 +85,7 @@ def gradients(
         since: integer times from which each of the k costs is integrated.
         threads: how many fly; as many as there are cores when None.
     """
-    chosen, numbers, entries = list(seeds), list(runs), list(along)
+    chosen, entries = list(seeds), list(along)
     scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
     inputs = run_inputs(scenario)
     paths = tuple(dict.fromkeys(path for path, _ in entries))
@@ -95,7 +95,7 @@ def gradients(
     for row, (path, index) in enumerate(entries):
         k = paths.index(path)
         directions[row, ends[k] + int(np.ravel_multi_index(index, shapes[k]) if index else 0)] = 1.0
-    own = own_inputs(inputs, chosen, numbers, dict(spread or {}))
+    own = own_inputs(inputs, chosen, runs, spread)
     final = _fly_directions(inputs, own, table, at, cost, since, directions, threads)
     n, k, d = len(chosen), len(since), len(entries)
     by_run = final.reshape(n, d, 2 * k)

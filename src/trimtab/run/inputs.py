@@ -1,5 +1,6 @@
 """What a run starts from: two sides, a first state and a key, as numbers by path; and what differs between runs."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -61,18 +62,21 @@ def input_position(inputs: RunInputs, path: str) -> int:
     return sum(sizes[: leaf_paths(inputs).index(path)])
 
 
-def own_inputs(inputs: RunInputs, seeds: list[int], runs: list[int] | None, spread: dict[str, Any]) -> dict[int, Any]:
-    """Position of each input that differs -> its values, the run as first axis."""
+def own_inputs(
+    inputs: RunInputs, seeds: list[int], runs: Iterable[int] | None = None, spread: Mapping[str, Any] | None = None
+) -> dict[int, Any]:
+    """Position of each input that differs -> its values, the run as first axis; arguments as of `simulate_batch`."""
     paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
     own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
     if runs is not None:
-        if len(runs) != len(seeds):
+        numbers = list(runs)
+        if len(numbers) != len(seeds):
             fix = "give each run a seed and a number"
-            raise InputError("simulate_batch", f"{len(runs)} numbers of runs for {len(seeds)} seeds", fix=fix)
-        for run in runs:
-            check_seed(int(run))
-        own[paths.index("key.run")] = np.asarray(runs, np.uint32)
-    for path, values in spread.items():
+            raise InputError("simulate_batch", f"{len(numbers)} numbers of runs for {len(seeds)} seeds", fix=fix)
+        for number in numbers:
+            check_seed(int(number))
+        own[paths.index("key.run")] = np.asarray(numbers, np.uint32)
+    for path, values in (spread or {}).items():
         if path not in paths or path.startswith("key."):
             near = closest(path, paths, 6) or paths[:6]
             raise InputError(f"spread {path!r}", "there is no such parameter", choices=near, fix=f"spread {near[0]!r}")

@@ -7,7 +7,7 @@ from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.run.inputs import flat_inputs, input_position, own_inputs, run_inputs
 from trimtab.run.program import Program, describe_scenario, make_log, thread_count
-from trimtab.run.runner import RunJob, check_signals, fly, prepare_run
+from trimtab.run.runner import RunJob, fly, prepare_run
 from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, walk_structure
 
 
@@ -46,12 +46,11 @@ def simulate(
     return make_log(flown.columns, flown.final, flown.results, 0, table.t[written], metadata)
 
 
-def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
+def compile_scenario(scenario: Scenario) -> Program:
     """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
-    scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
+    scenario, table, _ = prepare_run(scenario, [], None, ms(1))
     inputs = run_inputs(scenario)
-    of = walk_structure(inputs, table.always, signals)
-    check_signals(of)
+    of = walk_structure(inputs, table.always, ())
     return Program(
         library=build_walk_library(of),
         shared_inputs=flat_inputs(inputs),
@@ -81,8 +80,8 @@ def simulate_many(
     if not chosen:
         return []
     inputs = run_inputs(scenario)
-    own = own_inputs(inputs, chosen, None, {})
-    flown = fly(RunJob(inputs, own, table, written, signals, threads=thread_count(threads)), backend)
+    job = RunJob(inputs, own_inputs(inputs, chosen), table, written, signals, threads=thread_count(threads))
+    flown = fly(job, backend)
     shared = describe_scenario(scenario) | {"run": 0, "log_period_s": to_seconds(log_period), "backend": flown.backend}
     return [
         make_log(flown.columns, flown.final, flown.results, i, table.t[written], shared | {"seed": seed})
