@@ -25,7 +25,7 @@ from trimtab.campaign.campaign import Campaign
 from trimtab.campaign.sampling.spread import spread_arrays
 from trimtab.campaign.workers.prepare import draw_runs
 from trimtab.core.time import seconds
-from trimtab.run.batch import simulate_batch
+from trimtab.run.simulate import simulate_batch
 
 COMMAND = "python benchmarks/campaign.py"
 SPREAD = {

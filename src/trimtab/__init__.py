@@ -23,7 +23,7 @@ HOMES = {
     "Scenario": "loop.scenario",
     "build": "scenarios.build",
     "simulate": "run.simulate",
-    "simulate_batch": "run.batch",
+    "simulate_batch": "run.simulate",
     "Campaign": "campaign.campaign",
     "export_c": "export.export_c",
     "open_link": "links.open_link",

@@ -14,8 +14,8 @@ from trimtab.logs.metrics import Target as Target
 from trimtab.loop.autopilot import Autopilot as Autopilot
 from trimtab.loop.scenario import Scenario as Scenario
 from trimtab.loop.world import World as World
-from trimtab.run.batch import simulate_batch as simulate_batch
 from trimtab.run.simulate import simulate as simulate
+from trimtab.run.simulate import simulate_batch as simulate_batch
 from trimtab.scenarios.build import build as build
 
 __version__: str

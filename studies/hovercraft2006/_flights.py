@@ -13,8 +13,7 @@ from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
-from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate
+from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.sensors.navigation_errors import NavigationErrors
 

@@ -14,7 +14,7 @@ from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.ranging.multilateration import assisted_heading, two_unit_heading
 from trimtab.estimators.ranging.position import RangingPosition
 from trimtab.loop.settings import with_settings
-from trimtab.run.batch import Batch, simulate_batch
+from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.navigation.platform_cricket import BASE
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging

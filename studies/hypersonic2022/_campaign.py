@@ -19,7 +19,7 @@ from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.laws.stable_inversion import FitRange
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import simulate_batch
+from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 from trimtab.scenarios.hypersonic._internal import level_points, quasi_static_states
 from trimtab.vehicles.hypersonic import Disturbance, Hypersonic

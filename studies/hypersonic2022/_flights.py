@@ -15,7 +15,7 @@ from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import simulate_batch
+from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 SIGNALS = ("truth", "law", "actuators", "estimate.state")

@@ -16,7 +16,7 @@ from trimtab.design.lqr import lqr
 from trimtab.estimators.flexible.discrete import PRINTED_Q, TUNED_Q
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import Batch, simulate_batch
+from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.scenarios.hypersonic import noise, step_gust
 from trimtab.scenarios.hypersonic._design import ALLOWED, ALLOWED_INPUT, SCALE, error_model
 

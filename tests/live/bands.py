@@ -8,7 +8,7 @@ from trimtab.core.record import replace
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import metrics
-from trimtab.run.batch import simulate_batch
+from trimtab.run.simulate import simulate_batch
 
 DEVIATIONS = 4.0
 REACHED = 0.03

@@ -12,8 +12,8 @@ from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.native.compiler import find_compiler
 from trimtab.run import program
-from trimtab.run.batch import simulate_batch
 from trimtab.run.program import row_numbers, thread_count
+from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios import catalogue
 
 needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -10,8 +10,7 @@ from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.native.compiler import find_compiler
-from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate
+from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 

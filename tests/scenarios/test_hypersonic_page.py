@@ -8,8 +8,7 @@ import pytest
 
 from trimtab.core.time import ms, seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate
+from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 
 pytestmark = [

@@ -19,8 +19,7 @@ from trimtab.core.rng import key
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.navigation import assess_navigation, state_series
 from trimtab.loop.walk import start
-from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate, simulate_many
+from trimtab.run.simulate import simulate, simulate_batch, simulate_many
 from trimtab.scenarios import catalogue
 
 RATES = (-57.0, -115.0, -230.0)

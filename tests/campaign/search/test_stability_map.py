@@ -13,8 +13,7 @@ from trimtab.core.time import ms, seconds
 from trimtab.design.loop_transfer import loop_of_law
 from trimtab.design.margins import delay_margin
 from trimtab.logs.metrics import Target
-from trimtab.run.batch import simulate_batch
-from trimtab.run.simulate import simulate
+from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 from trimtab.vehicles.hovercraft import HovercraftState

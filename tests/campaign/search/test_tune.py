@@ -24,8 +24,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.batch import simulate_batch
 from trimtab.run.gradient import gradient, gradients
+from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.build import build
 
 needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -23,8 +23,8 @@ from trimtab.campaign.workers.prepare import signal_shapes
 from trimtab.core.errors import InputError
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
-from trimtab.run.batch import Batch, simulate_batch
 from trimtab.run.runner import LEAST_LANE_RUNS
+from trimtab.run.simulate import Batch, simulate_batch
 
 Cell = tuple[int, int, int]
 """Lower corner and size, in steps of the finest lattice."""

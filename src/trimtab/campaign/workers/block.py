@@ -19,10 +19,10 @@ from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.native.compiler import NoCompilerError, search_compiler
-from trimtab.run.batch import Batch, simulate_batch
 from trimtab.run.inputs import run_inputs
 from trimtab.run.program import Column
 from trimtab.run.runner import choose_c, prepare_run
+from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
 
 Blocks = list[tuple[int, int]]
