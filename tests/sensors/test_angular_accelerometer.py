@@ -49,12 +49,6 @@ def test_noise_is_white_and_as_large_as_said():
     assert not np.array_equal(z, _samples(sensor, _motion(0.2), 4000, seed=1) - 0.2)
 
 
-def test_density_is_independent_of_the_period():
-    slow, fast = AngularAccelerometer.of_density(5e-7), AngularAccelerometer.of_density(5e-7, ms(1))
-    assert slow.noise == pytest.approx(0.01)
-    assert fast.noise == pytest.approx(0.01 * np.sqrt(5))
-
-
 def test_faults_and_their_switches():
     sensor = AngularAccelerometer(noise=0.0, scale_factor=0.02, offset=-0.03)
     np.testing.assert_allclose(_samples(sensor, _motion(0.5), 3), 0.5 * 1.02 - 0.03, rtol=1e-14)

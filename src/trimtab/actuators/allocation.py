@@ -14,7 +14,7 @@ from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.lookup import BilinearTable, check_speed_table, full_speed_table
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, part, period, record, switch
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce, Sample
 from trimtab.core.time import ms
@@ -91,12 +91,10 @@ class ThrustVectorAllocation:
         default=full_speed_table(Thruster()),
         off={"lookup-table": None},
     )
-    dead_zone: Scalar = quantity(
-        "N", "Demands up to this size give no thrust.", default=0.05, low=0, source="[1] 6.1", off={"dead-zone": 0.0}
+    dead_zone: Scalar = imperfection(
+        "N", "Demands up to this size give no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
     )
-    saturation: bool = option(
-        "Whether rudder and fan have limits.", default=True, choices=(True, False), off={"saturation": False}
-    )
+    saturation: bool = switch("Whether rudder and fan have limits.", "saturation")
 
     def check(self) -> None:
         """Refuse a table that is not the thruster's."""

@@ -18,7 +18,7 @@ from trimtab.actuators.lookup import BilinearTable, check_thrust_table, thrust_t
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, part, period, quantity, record, switch
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce, Sample
 from trimtab.core.time import format_time, ms, to_seconds
@@ -145,9 +145,7 @@ class FanDrive:
     effectiveness: Scalar = quantity("1", "Thrust given over thrust mapped, e.g. of a weak fan.", default=1.0, low=0)
     frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
     period: int = period("How often the drive acts.", default=ms(1))
-    saturation: bool = option(
-        "Whether rudder and fan have limits.", default=True, choices=(True, False), off={"saturation": False}
-    )
+    saturation: bool = switch("Whether rudder and fan have limits.", "saturation")
 
     def check(self) -> None:
         """Refuse frames that fall between steps, and a table that is not the thruster's."""

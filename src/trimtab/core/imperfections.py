@@ -1,4 +1,7 @@
-"""Imperfections: what can be left out of a part. Each is declared with `off=` at the fields that it changes."""
+"""Imperfections: what can be left out of a part. Each is declared at the fields that it changes.
+
+`off=` says what a field is without it; `imperfection()` and `switch()` declare a size and a flag of nothing else.
+"""
 
 from collections.abc import Mapping
 from dataclasses import fields

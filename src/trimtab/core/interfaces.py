@@ -24,6 +24,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
         "sampling": None,
         "equilibrium": None,
         "variance": 0.0,
+        "frequencies": (),
     }
 )
 """What a part may have besides its interface, and what stands for it in one that hasn't.
@@ -39,6 +40,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
 - Law: `equilibrium()`, the state at which its loop rests; None: not known.
 - a heading or position measured: `variance`, of its noise; 0: not stated.
+- an estimated state: `frequencies`, those of its bending modes (w1, w2, rad/s); (): not estimated.
 
 What can be switched off in a part is declared with `off=` at its fields: `core.imperfections`.
 """

@@ -121,6 +121,25 @@ def period(doc: str, *, default: Any = MISSING, low: int = 1, off: Off = NOTHING
     return _field(Option(doc, "period", (), low), default, off)
 
 
+def imperfection(
+    unit: str,
+    doc: str,
+    name: str,
+    *,
+    default: Any = 0.0,
+    low: float | None = 0,
+    high: float | None = None,
+    source: str = "",
+) -> Any:
+    """Declare the size of an imperfection; at 0 it is switched off."""
+    return quantity(unit, doc, default=default, low=low, high=high, source=source, off={name: 0.0})
+
+
+def switch(doc: str, name: str) -> Any:
+    """Declare whether an imperfection is there; it is, until it is switched off."""
+    return option(doc, default=True, choices=(True, False), off={name: False})
+
+
 def _field(declared: Declaration, default: Any, off: Off = NOTHING_OFF) -> Any:
     metadata = {"declared": declared, "off": off}
     if isinstance(default, Mapping | np.ndarray | list):  # dataclasses refuse mutable defaults

@@ -21,12 +21,14 @@ from trimtab.core.quantity import (
     Scalar,
     children,
     declarations,
+    imperfection,
     is_record,
     leaves,
     option,
     part,
     period,
     quantity,
+    switch,
 )
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "Scalar",
     "children",
     "declarations",
+    "imperfection",
     "is_record",
     "leaves",
     "option",
@@ -45,6 +48,7 @@ __all__ = [
     "quantity",
     "record",
     "replace",
+    "switch",
     "to_arrays",
     "tree_where",
     "with_leaf",
@@ -57,7 +61,7 @@ FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disa
 """For jax.jit(…, compiler_options=FAST_COMPILE_OPTIONS) of what runs once: there compiling is what takes the time."""
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
+@dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period, imperfection, switch))
 def record(cls: type[T]) -> type[T]:
     """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
     frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, part, quantity, record, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
@@ -249,15 +250,15 @@ class StableInversion:
         return new, output
 
     def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
-        """Wanted internal states for the modes that are, where an estimator tells their frequencies.
+        """Wanted internal states for the modes that are, where their frequencies are estimated.
 
         A load bends a mode by N/w^2: what the believed frequency wants is off by the square of how far that is off. An
         estimator that knows no better is off by as much, and feedback sees no difference; one that does would.
         """
-        told = getattr(x, "frequencies", ())
-        if isinstance(told, tuple):  # nothing is told
+        frequencies = optional_member(x, "frequencies")
+        if isinstance(frequencies, tuple):
             return zeta
-        one, two = (self.craft.modes.w1 / told.w1) ** 2, (self.craft.modes.w2 / told.w2) ** 2
+        one, two = (self.craft.modes.w1 / frequencies.w1) ** 2, (self.craft.modes.w2 / frequencies.w2) ** 2
         scale = (1.0, 1.0, one, one, two, two)
         return jnp.stack([zeta[i] * by for i, by in enumerate(scale)])
 

@@ -1,9 +1,6 @@
-"""A packet link whose latency is drawn from a measured distribution.
+"""A packet link whose latency is drawn from a measured distribution, and those of five pairs of Bluetooth modules.
 
-The latencies of five pairs of Bluetooth modules, as they were measured.
-
-Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, table 5.1.
-The columns are not additive: a mean round trip differs from up + down by -1.2 to +5.4 ms.
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 import math
@@ -15,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.record import Scalar, option, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, option, period, quantity, record
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
@@ -39,8 +36,7 @@ class MeasuredLatency:
 
     Frames:  those of the values carried.    Not modelled: correlation of successive latencies, bursts of loss.
     Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             table 5.1, for means and spreads; the shape of the distribution is reconstructed, see docs Errata.
+    Source:  [1] table 5.1, for means and spreads; the shape of the distribution is reconstructed, see docs Errata.
     """
 
     latency: Scalar = quantity(
@@ -50,7 +46,7 @@ class MeasuredLatency:
         shape=(NODES,),
         off={"delay": np.zeros(NODES), "jitter": lambda link: np.full(NODES, mean_latency(link.latency))},
     )
-    loss: Scalar = quantity("1", "Probability that a packet is lost.", default=0.0, low=0, high=1, off={"loss": 0.0})
+    loss: Scalar = imperfection("1", "Probability that a packet is lost.", "loss", high=1)
     send_period: int = period("Time between packets.", default=ms(20))
     period: int = period("How often the receiving end looks.", default=ms(1))
     capacity: int = option("Slots of the ring, one per send period.", default=64)
@@ -63,7 +59,7 @@ class MeasuredLatency:
                 "MeasuredLatency.latency",
                 f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, is not"
                 f" {NODES} rising latencies from 0 on",
-                fix="make it with gamma_table(mean, sd, shift), or from a measurement's quantiles at ndtr(scores())",
+                fix="make it with gamma_table(mean, sd, shift), or from a measurement's quantiles at ndtr(normal_scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
@@ -174,7 +170,10 @@ TABLE: Mapping[str, Mapping[str, Latencies]] = MappingProxyType(
         },
     }
 )
-"""Module on the vehicle / module on the ground, data rate up/down in kb/s -> path -> latencies. [1] table 5.1."""
+"""Module on the vehicle / module on the ground, data rate up/down in kb/s -> path -> latencies. [1] table 5.1.
+
+The columns are not additive: a mean round trip differs from up + down by -1.2 to +5.4 ms.
+"""
 
 SEND_PERIODS: Mapping[str, int] = MappingProxyType({"up": ms(20), "down": ms(6)})
 """How often a packet leaves on each path: servo commands up, navigation down. [1] section 6.1."""

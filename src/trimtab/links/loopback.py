@@ -48,14 +48,14 @@ def socket_folder() -> Path:
     """Where the sockets lie: in XDG_RUNTIME_DIR or the temporary folder; refused where others may enter it."""
     user = os.getuid()
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    found = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"
+    folder = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"
     with contextlib.suppress(FileExistsError):
-        found.mkdir(mode=0o700, parents=True)
-    seen = found.lstat()
-    if not stat.S_ISDIR(seen.st_mode) or seen.st_uid != user or seen.st_mode & 0o077:
+        folder.mkdir(mode=0o700, parents=True)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
         problem = "others than its owner may enter it"
-        raise InputError(f"folder of loopback links '{found}'", problem, fix=f"chmod 700 {found}, or remove it")
-    return found
+        raise InputError(f"folder of loopback links '{folder}'", problem, fix=f"chmod 700 {folder}, or remove it")
+    return folder
 
 
 def _acquire_lock(address: Address, place: Path) -> int:

@@ -1,7 +1,4 @@
-"""Open a real transport by its address.
-
-Addresses of links, taken apart: ``SCHEME://PLACE?NAME=VALUE``.
-"""
+"""Open a real transport by its address, ``SCHEME://PLACE?NAME=VALUE``."""
 
 import importlib
 from collections.abc import Iterable, Mapping

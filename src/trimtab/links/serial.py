@@ -82,8 +82,8 @@ def _parse_speed(address: Address) -> int:
 
 def _opening_error(address: Address, error: OSError) -> Exception:
     """What to do about a device that can't be opened."""
-    found = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
-    fix = f"serial://{found[0]}?baud={DEFAULT_BAUD}" if found else "plug the device in; ls /dev/tty* shows it"
+    devices = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
+    fix = f"serial://{devices[0]}?baud={DEFAULT_BAUD}" if devices else "plug the device in; ls /dev/tty* shows it"
     if isinstance(error, PermissionError):
         fix = "sudo usermod -a -G dialout $USER, and log in again"
-    return address.input_error(f"the device can't be opened ({error.strerror})", fix, choices=found[:12])
+    return address.input_error(f"the device can't be opened ({error.strerror})", fix, choices=devices[:12])

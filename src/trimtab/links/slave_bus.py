@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.record import Scalar, option, part, period, quantity, record, switch
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import UNITS_PER_SECOND, format_time, ms, to_seconds
@@ -52,7 +52,7 @@ class SlaveBus:
     queue: int = period("Longest time that a message may be on its way.", default=ms(200))
     period: int = period("How often the receiving end looks.", default=ms(1))
     capacity: int = option("Slots of the ring, one per period.", default=256)
-    limited: bool = option("Whether the bus takes any time.", default=True, choices=(True, False), off={"delay": False})
+    limited: bool = switch("Whether the bus takes any time.", "delay")
 
     def check(self) -> None:
         """Refuse pieces without room, a piece longer than its slot, and a ring too short for the queue."""
@@ -61,9 +61,8 @@ class SlaveBus:
             raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")
         longest = (self.piece + 1) * BITS_PER_BYTE / float(self.bit_rate)
         if longest > to_seconds(self.slot):
-            problem = (
-                f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {format_time(self.slot)}"
-            )
+            slot = format_time(self.slot)
+            problem = f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {slot}"
             raise InputError("SlaveBus.slot", problem, fix="make the pieces smaller or the slot longer")
         check_ring("SlaveBus", self.capacity, to_seconds(self.queue), self.period, self.period)
 

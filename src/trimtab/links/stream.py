@@ -1,11 +1,4 @@
-"""A link over one connection that may break and come back: serial lines, TCP, RFCOMM, Unix sockets.
-
-What a link counts while it carries.
-
-Waiting for a descriptor, to the microsecond: poll() counts in milliseconds, which is a whole control period.
-
-Connections of stream sockets that are made without waiting: towards a peer, and from one.
-"""
+"""A link over one connection that may break and come back: serial lines, TCP, RFCOMM, Unix sockets."""
 
 import contextlib
 import errno
@@ -21,165 +14,8 @@ from trimtab.core.interfaces import LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
 """Bytes under way at most: what a slow link can't carry is dropped here and now, not seconds later."""
-
-
-def configure_socket(found: socket.socket) -> socket.socket:
-    """Non-blocking, with a small buffer for what is sent."""
-    found.setblocking(False)
-    with contextlib.suppress(OSError):
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-    return found
-
-
-class ConnectingDialer:
-    """Dials a peer.
-
-    Args:
-        make: a new socket.
-        address: of the peer, as connect() takes it.
-    """
-
-    def __init__(self, make: Callable[[], socket.socket], address: Any) -> None:
-        self._make, self._address = make, address
-        self._under_way: socket.socket | None = None
-
-    def dial(self) -> int:
-        """The connected descriptor, -1 while the peer has not answered; OSError where it refuses."""
-        if self._under_way is None:
-            self._under_way = configure_socket(self._make())
-            try:
-                self._under_way.connect(self._address)
-            except OSError as error:
-                if error.errno == errno.EINPROGRESS:
-                    return -1
-                self.close()
-                raise
-        elif not _is_writable(self._under_way):
-            return -1
-        error = self._under_way.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if error or _is_self_connection(self._under_way):
-            self.close()
-            raise OSError(error or errno.ECONNREFUSED, "connect")
-        found, self._under_way = self._under_way, None
-        return found.detach()
-
-    def wait_event(self) -> tuple[int, int]:
-        """The socket that is being connected becomes writable."""
-        return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
-
-    def close(self) -> None:
-        """Stop dialling."""
-        if self._under_way is not None:
-            self._under_way.close()
-            self._under_way = None
-
-
-class AcceptingDialer:
-    """Takes one peer after the other from a listening socket; those who come meanwhile wait.
-
-    Args:
-        listener: bound; it is made to listen here.
-        prepare: what to do to each connection.
-        closed: what to do when it is given back.
-    """
-
-    def __init__(
-        self,
-        listener: socket.socket,
-        prepare: Callable[[socket.socket], object] = lambda _: None,
-        closed: Callable[[], object] = lambda: None,
-    ) -> None:
-        self._listener, self._prepare, self._closed = configure_socket(listener), prepare, closed
-        listener.listen(4)
-
-    def dial(self) -> int:
-        """The peer that waits longest; -1 where none does."""
-        try:
-            found, _ = self._listener.accept()
-        except BlockingIOError:
-            return -1
-        with contextlib.suppress(OSError):
-            self._prepare(found)
-        return configure_socket(found).detach()
-
-    def wait_event(self) -> tuple[int, int]:
-        """The listening socket becomes readable."""
-        return self._listener.fileno(), select.POLLIN
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._listener.close()
-        self._closed()
-
-
-def _is_self_connection(found: socket.socket) -> bool:
-    """Whether a socket that dialled a port of this machine at which nobody listens was given that port as its own."""
-    try:
-        return found.family in (socket.AF_INET, socket.AF_INET6) and found.getsockname() == found.getpeername()
-    except OSError:
-        return True
-
-
-def _is_writable(found: socket.socket) -> bool:
-    poll = select.poll()
-    poll.register(found, select.POLLOUT)
-    return bool(poll.poll(0))
-
-
 SELECTABLE = 1024
 """Descriptors from here on are beyond what select() can take."""
-
-
-def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
-    """Whether something happens to a descriptor within `timeout` seconds; an error is something.
-
-    Args:
-        fd: the descriptor.
-        mask: select.POLLIN, select.POLLOUT, or both.
-        timeout: seconds, not negative.
-    """
-    try:
-        if fd < SELECTABLE:
-            reads, writes = [fd] if mask & select.POLLIN else [], [fd] if mask & select.POLLOUT else []
-            return any(select.select(reads, writes, [], timeout))
-        poll = select.poll()
-        poll.register(fd, mask)
-        return bool(poll.poll(timeout * 1e3))
-    except (OSError, ValueError):
-        return True
-
-
-class LinkCounters:
-    """Counters of one link since it was opened."""
-
-    def __init__(self) -> None:
-        self.bytes_in = self.bytes_out = self.packets_in = self.packets_out = self.dropped = 0
-        self.connections = 0
-
-    def count_received(self, packet: bytes) -> bytes:
-        """A packet came in; it is given back."""
-        self.bytes_in += len(packet)
-        self.packets_in += 1
-        return packet
-
-    def count_sent(self, size: int) -> bool:
-        """A packet of this size went out: True."""
-        self.bytes_out += size
-        self.packets_out += 1
-        return True
-
-    def count_dropped(self) -> bool:
-        """A packet could not be sent: False."""
-        self.dropped += 1
-        return False
-
-    def statistics(self, connected: bool) -> LinkStatistics:
-        """All of it, as it stands; every connection after the first is a reconnection."""
-        again = max(self.connections - 1, 0)
-        into, out = (self.bytes_in, self.bytes_out), (self.packets_in, self.packets_out)
-        return LinkStatistics(*into, *out, self.dropped, again, connected)
-
-
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
 """Seconds between two attempts to connect: doubled after each that failed."""
 STEADY = 1.0
@@ -343,3 +179,152 @@ class StreamLink:
             if error.errno not in UNFIT:
                 self._hang_up()
             return 0
+
+
+class LinkCounters:
+    """Counters of one link since it was opened."""
+
+    def __init__(self) -> None:
+        self.bytes_in = self.bytes_out = self.packets_in = self.packets_out = self.dropped = 0
+        self.connections = 0
+
+    def count_received(self, packet: bytes) -> bytes:
+        """A packet came in; it is given back."""
+        self.bytes_in += len(packet)
+        self.packets_in += 1
+        return packet
+
+    def count_sent(self, size: int) -> bool:
+        """A packet of this size went out: True."""
+        self.bytes_out += size
+        self.packets_out += 1
+        return True
+
+    def count_dropped(self) -> bool:
+        """A packet could not be sent: False."""
+        self.dropped += 1
+        return False
+
+    def statistics(self, connected: bool) -> LinkStatistics:
+        """All of it, as it stands; every connection after the first is a reconnection."""
+        again = max(self.connections - 1, 0)
+        into, out = (self.bytes_in, self.bytes_out), (self.packets_in, self.packets_out)
+        return LinkStatistics(*into, *out, self.dropped, again, connected)
+
+
+class ConnectingDialer:
+    """Dials a peer.
+
+    Args:
+        make: a new socket.
+        address: of the peer, as connect() takes it.
+    """
+
+    def __init__(self, make: Callable[[], socket.socket], address: Any) -> None:
+        self._make, self._address = make, address
+        self._under_way: socket.socket | None = None
+
+    def dial(self) -> int:
+        """The connected descriptor, -1 while the peer has not answered; OSError where it refuses."""
+        if self._under_way is None:
+            self._under_way = configure_socket(self._make())
+            try:
+                self._under_way.connect(self._address)
+            except OSError as error:
+                if error.errno == errno.EINPROGRESS:
+                    return -1
+                self.close()
+                raise
+        elif not wait_until_ready(self._under_way.fileno(), select.POLLOUT, 0.0):
+            return -1
+        error = self._under_way.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if error or _is_self_connection(self._under_way):
+            self.close()
+            raise OSError(error or errno.ECONNREFUSED, "connect")
+        connected, self._under_way = self._under_way, None
+        return connected.detach()
+
+    def wait_event(self) -> tuple[int, int]:
+        """The socket that is being connected becomes writable."""
+        return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
+
+    def close(self) -> None:
+        """Stop dialling."""
+        if self._under_way is not None:
+            self._under_way.close()
+            self._under_way = None
+
+
+class AcceptingDialer:
+    """Takes one peer after the other from a listening socket; those who come meanwhile wait.
+
+    Args:
+        listener: bound; it is made to listen here.
+        prepare: what to do to each connection.
+        closed: what to do when it is given back.
+    """
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        prepare: Callable[[socket.socket], object] = lambda _: None,
+        closed: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._listener, self._prepare, self._closed = configure_socket(listener), prepare, closed
+        listener.listen(4)
+
+    def dial(self) -> int:
+        """The peer that waits longest; -1 where none does."""
+        try:
+            peer, _ = self._listener.accept()
+        except BlockingIOError:
+            return -1
+        with contextlib.suppress(OSError):
+            self._prepare(peer)
+        return configure_socket(peer).detach()
+
+    def wait_event(self) -> tuple[int, int]:
+        """The listening socket becomes readable."""
+        return self._listener.fileno(), select.POLLIN
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._listener.close()
+        self._closed()
+
+
+def _is_self_connection(s: socket.socket) -> bool:
+    """Whether a socket that dialled a port of this machine at which nobody listens was given that port as its own."""
+    try:
+        return s.family in (socket.AF_INET, socket.AF_INET6) and s.getsockname() == s.getpeername()
+    except OSError:
+        return True
+
+
+def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
+    """Whether something happens to a descriptor within `timeout` seconds; an error is something.
+
+    To the microsecond where select() can: poll() counts in milliseconds, which is a whole control period.
+
+    Args:
+        fd: the descriptor.
+        mask: select.POLLIN, select.POLLOUT, or both.
+        timeout: seconds, not negative.
+    """
+    try:
+        if fd < SELECTABLE:
+            reads, writes = [fd] if mask & select.POLLIN else [], [fd] if mask & select.POLLOUT else []
+            return any(select.select(reads, writes, [], timeout))
+        poll = select.poll()
+        poll.register(fd, mask)
+        return bool(poll.poll(timeout * 1e3))
+    except (OSError, ValueError):
+        return True
+
+
+def configure_socket(s: socket.socket) -> socket.socket:
+    """Non-blocking, with a small buffer for what is sent."""
+    s.setblocking(False)
+    with contextlib.suppress(OSError):
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    return s

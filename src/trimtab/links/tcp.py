@@ -31,23 +31,23 @@ def resolve_host(address: Address, kind: int) -> tuple[int, Any]:
     return family, place
 
 
-def bind_socket(address: Address, found: socket.socket, place: Any) -> socket.socket:
+def bind_socket(address: Address, s: socket.socket, place: Any) -> socket.socket:
     """The socket, bound to a place; refused where that can't be."""
-    if found.type == socket.SOCK_STREAM:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if s.type == socket.SOCK_STREAM:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        found.bind(place)
+        s.bind(place)
     except (OSError, OverflowError) as error:
-        found.close()
+        s.close()
         fix = f"another port, or who has it: ss -lnp | grep {place[1]}"
         raise address.input_error(f"it can't be listened at ({error})", fix) from None
-    return found
+    return s
 
 
-def _configure_tcp(found: socket.socket) -> socket.socket:
+def _configure_tcp(s: socket.socket) -> socket.socket:
     """No waiting for more to send, and a peer that vanished is noticed."""
     with contextlib.suppress(OSError, AttributeError):
-        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_MS)
-    return found
+        s.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        s.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_MS)
+    return s

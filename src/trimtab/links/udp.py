@@ -24,28 +24,28 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
     family, place = resolve_host(address, socket.SOCK_DGRAM)
     if listen:
         return UdpLink(configure_socket(bind_socket(address, socket.socket(family, socket.SOCK_DGRAM), place)))
-    found = configure_socket(socket.socket(family, socket.SOCK_DGRAM))
+    connected = configure_socket(socket.socket(family, socket.SOCK_DGRAM))
     try:
-        found.connect(place)
+        connected.connect(place)
     except OSError as error:
-        found.close()
+        connected.close()
         raise address.input_error(f"there is no way there ({error.strerror})") from None
-    return UdpLink(found, place)
+    return UdpLink(connected, place)
 
 
 class UdpLink:
     """Packets to and from one peer, or all who were vouched for lately. One thread receives, another may send.
 
-    Anybody can send to a bound socket. Who receives tells by `vouch` whose packets were good: only those are answered,
-    so that a stranger without the key is told nothing.
+    Anybody can send to a bound socket. Who receives tells by `accept_sender` whose packets were good: only those are
+    answered, so that a stranger without the key is told nothing.
 
     Args:
-        found: bound, or connected to `peer`; it doesn't block.
+        endpoint: bound, or connected to `peer`; it doesn't block.
         peer: the one to send to, heard or not; None: those who are vouched for.
     """
 
-    def __init__(self, found: socket.socket, peer: Any = None) -> None:
-        self._socket, self._counts, self._fixed = found, LinkCounters(), peer is not None
+    def __init__(self, endpoint: socket.socket, peer: Any = None) -> None:
+        self._socket, self._counts, self._fixed = endpoint, LinkCounters(), peer is not None
         self._heard: dict[Any, float] = {}
         self._latest: Any = None
 
@@ -79,13 +79,9 @@ class UdpLink:
 
     def send(self, packet: bytes) -> bool:
         """Send to the peer, or to each who was vouched for within ten seconds; False where none got it."""
-        given = 0
-        if self._fixed:
-            given = self._send_to(packet, None)
-        else:
-            for peer in self.peers:
-                given += self._send_to(packet, peer)
-        return self._counts.count_sent(len(packet)) if given else self._counts.count_dropped()
+        peers = (None,) if self._fixed else self.peers
+        taken = sum([self._send_to(packet, peer) for peer in peers])
+        return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def accept_sender(self) -> None:
         """The packet received last was good: its sender is answered from now on, if there is room for it."""
@@ -108,8 +104,8 @@ class UdpLink:
         """Give the transport back."""
         self._socket.close()
 
-    def _send_to(self, packet: bytes, peer: Any) -> int:
+    def _send_to(self, packet: bytes, peer: Any) -> bool:
         try:
-            return int((self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0)
+            return (self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0
         except OSError:  # full buffer, no way there, or the last packet was refused: all mean that it is lost
-            return 0
+            return False

@@ -1,7 +1,4 @@
-"""A wire: what goes in comes out at once.
-
-A chain of unit delays: a link that is late by a constant.
-"""
+"""Links without chance: a wire, out of which comes at once what goes in, and a chain of unit delays."""
 
 from typing import Any
 
@@ -13,6 +10,34 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Sample, hold_sample, is_new
 from trimtab.core.time import SECONDS_PER_UNIT, ms
 from trimtab.links.fifo import NEVER, empty_slots, measurement_time, read_slot, receive_sample, write_slot
+
+
+@record
+class WireState:
+    """What the receiving end holds. Source: docs page."""
+
+    seen: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
+
+
+@record
+class Wire:
+    """A channel without any fault: the newest sample comes out each time the wire is looked at, with its age.
+
+    Fresh is what was not there before, so a sensor need not keep the wire's time: a sample measured between two looks
+    is fresh at the next.
+
+    Frames:  those of the values carried.    Not modelled: anything.    Source: docs page.
+    """
+
+    period: int = period("How often the wire is looked at.", default=ms(1))
+
+    def init(self, key: Key, like: Sample) -> WireState:
+        """Nothing received."""
+        return WireState(seen=np.int64(NEVER))
+
+    def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
+        """The same sample, as seen at integer time t."""
+        return WireState(seen=measurement_time(sample)), hold_sample(t, sample, fresh=is_new(sample, state.seen))
 
 
 @record
@@ -63,37 +88,8 @@ class DelayChain:
         ring = (state.values, state.measured)
         if self.steps:
             slot = t // self.period % self.steps
-            out = read_slot(ring, slot)
+            value, measured = read_slot(ring, slot)
             ring = write_slot(ring, slot, new)
         else:
-            out = new
-        value, measured = out
+            value, measured = new
         return DelayLine(*ring, held=measured), receive_sample(t, value, measured, state.held)
-
-
-@record
-class WireState:
-    """What the receiving end holds. Source: docs page."""
-
-    seen: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
-
-
-@record
-class Wire:
-    """A channel without any fault: the newest sample comes out each time the wire is looked at, with its age.
-
-    Fresh is what was not there before, so a sensor need not keep the wire's time: a sample measured between two looks
-    is fresh at the next.
-
-    Frames:  those of the values carried.    Not modelled: anything.    Source: docs page.
-    """
-
-    period: int = period("How often the wire is looked at.", default=ms(1))
-
-    def init(self, key: Key, like: Sample) -> WireState:
-        """Nothing received."""
-        return WireState(seen=np.int64(NEVER))
-
-    def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
-        """The same sample, as seen at integer time t."""
-        return WireState(seen=measurement_time(sample)), hold_sample(t, sample, fresh=is_new(sample, state.seen))

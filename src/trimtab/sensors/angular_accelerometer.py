@@ -1,12 +1,11 @@
 """An angular accelerometer: the pitch acceleration, in which the bending of a vehicle shows."""
 
-import math
 from typing import Any
 
-from trimtab.core.record import Scalar, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
-from trimtab.core.time import ms, to_seconds
+from trimtab.core.time import ms
 
 
 @record
@@ -30,24 +29,12 @@ class AngularAccelerometer:
              flight vehicle", Aerospace 2022, 9(4), 206. Its noise is not printed: chosen here, see docs page.
     """
 
-    noise: Scalar = quantity(
-        "rad/s^2",
-        "Standard deviation of each sample.",
-        default=0.01,
-        low=0,
-        source="chosen",
-        off={"angular-accelerometer-noise": 0.0},
+    noise: Scalar = imperfection(
+        "rad/s^2", "Standard deviation of each sample.", "angular-accelerometer-noise", default=0.01, source="chosen"
     )
-    scale_factor: Scalar = quantity(
-        "1", "Error of the scale.", default=0.0, off={"angular-accelerometer-scale-factor": 0.0}
-    )
-    offset: Scalar = quantity("rad/s^2", "Error of the zero.", default=0.0, off={"angular-accelerometer-offset": 0.0})
+    scale_factor: Scalar = imperfection("1", "Error of the scale.", "angular-accelerometer-scale-factor", low=None)
+    offset: Scalar = imperfection("rad/s^2", "Error of the zero.", "angular-accelerometer-offset", low=None)
     period: int = period("Time between samples.", default=ms(5))
-
-    @classmethod
-    def of_density(cls, density: float, sampling: int = ms(5)) -> "AngularAccelerometer":
-        """One whose white noise has this power spectral density ((rad/s^2)^2/Hz, two-sided) at this period."""
-        return cls(noise=math.sqrt(density / to_seconds(sampling)), period=sampling)
 
     def init(self, key: Key) -> Key:
         """The noise's key is all that it keeps."""
@@ -60,5 +47,5 @@ class AngularAccelerometer:
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
         """The sample at integer time t."""
         w, _ = normal2(state, t // self.period)
-        seen = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
-        return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=seen))
+        output = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
+        return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))

@@ -1,6 +1,6 @@
-"""An optical encoder on a vertical shaft: the heading of what turns, in counts.
+"""An encoder and a tachometer on a vertical shaft: the angle of what turns, in counts, and its rate, band-limited.
 
-A tachometer on a vertical shaft: the yaw rate, band-limited and noisy.
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 import math
@@ -11,11 +11,59 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
+
+
+@record
+class AngleReading:
+    """What an encoder gives. Frames: clockwise from above, from where it reads zero. Source: docs page, Encoder."""
+
+    angle: Scalar = quantity("rad", "Angle; unwrapped.", kind="angle")
+    count: Scalar = quantity("1", "Counts since zero, the whole ones passed.", kind="count")
+
+
+@record
+class Encoder:
+    """Incremental optical encoder of a shaft that turns with the vehicle, decoded and counted without loss.
+
+        h = psi - psi_0,    count = floor( (h + e sin(h)) N/(2 pi) ),    z = (count + 1/2) 2 pi/N
+
+    The angle is the middle of the count, so that its error has no mean; e is the disc's eccentricity.
+
+    Frames:  angle positive as the heading, clockwise from above.    Not modelled: lost counts, play.
+    Source:  [1] section 6.2.1: 4096 counts in a turn.
+    """
+
+    counts: Scalar = imperfection(
+        "1", "Counts in a turn; 0: no steps.", "encoder-quantisation", default=4096.0, source="[1] section 6.2.1"
+    )
+    zero: Scalar = quantity("rad", "Heading at which it reads zero.", kind="angle", default=0.0)
+    eccentricity: Scalar = imperfection("rad", "Greatest error of a disc off its centre.", "encoder-eccentricity")
+    period: int = period("Time between samples.", default=ms(1))
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def measure(self, motion: Motion) -> AngleReading:
+        """The measurement h(x) of a motion, without steps; the count is left at zero."""
+        return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
+
+    def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
+        """The sample at integer time t."""
+        true = self.measure(motion).angle
+        shifted = true + self.eccentricity * jnp.sin(true)
+        coarse = self.counts > 0
+        grain = 2 * math.pi / jnp.where(coarse, self.counts, 1.0)
+        count = jnp.floor(shifted / grain)
+        angle = jnp.where(coarse, (count + 0.5) * grain, shifted)
+        reading = AngleReading(angle=angle, count=jnp.where(coarse, count, 0.0).astype(np.int32))
+        return state, new_sample(t, reading)
+
 
 DEG = math.pi / 180
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
@@ -58,24 +106,14 @@ class Tachometer:
     with scale error s and offset b of its calibration, low-pass L, white noise w.
 
     Frames:  positive as the yaw rate, clockwise from above.    Not modelled: commutator ripple by angle.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
+    Source:  [1] section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
     """
 
-    noise: Scalar = quantity(
-        "rad/s", "Standard deviation of each sample.", default=3.5 * DEG, low=0, off={"tachometer-noise": 0.0}
-    )
-    scale_factor: Scalar = quantity(
-        "1", "Error of the calibrated scale.", default=0.0, off={"tachometer-scale-factor": 0.0}
-    )
-    offset: Scalar = quantity("rad/s", "Error of the calibrated zero.", default=0.0, off={"tachometer-offset": 0.0})
-    bandwidth: Scalar = quantity(
-        "Hz",
-        "-3 dB of the low-pass; 0: none.",
-        default=5.0,
-        low=0,
-        source="[1] sec. 6.2.1",
-        off={"tachometer-bandwidth": 0.0},
+    noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "tachometer-noise", default=3.5 * DEG)
+    scale_factor: Scalar = imperfection("1", "Error of the calibrated scale.", "tachometer-scale-factor", low=None)
+    offset: Scalar = imperfection("rad/s", "Error of the calibrated zero.", "tachometer-offset", low=None)
+    bandwidth: Scalar = imperfection(
+        "Hz", "-3 dB of the low-pass; 0: none.", "tachometer-bandwidth", default=5.0, source="[1] sec. 6.2.1"
     )
     period: int = period("Time between samples.", default=ms(1))
 
@@ -108,61 +146,6 @@ class Tachometer:
             memories.append(memory)
         rate = jnp.where(narrow, passed, true)
         w, _ = normal2(state.key, t // self.period)
-        seen = (1 + self.scale_factor) * rate + self.offset + self.noise * w
+        output = (1 + self.scale_factor) * rate + self.offset + self.noise * w
         new = TachometerState(state.key, jnp.asarray(True), memories[0], memories[1])
-        return new, new_sample(t, RateReading(yaw_rate=seen))
-
-
-@record
-class AngleReading:
-    """What an encoder gives. Frames: clockwise from above, from where it reads zero. Source: docs page, Encoder."""
-
-    angle: Scalar = quantity("rad", "Angle; unwrapped.", kind="angle")
-    count: Scalar = quantity("1", "Counts since zero, the whole ones passed.", kind="count")
-
-
-@record
-class Encoder:
-    """Incremental optical encoder of a shaft that turns with the vehicle, decoded and counted without loss.
-
-        h = psi - psi_0,    count = floor( (h + e sin(h)) N/(2 pi) ),    z = (count + 1/2) 2 pi/N
-
-    The angle is the middle of the count, so that its error has no mean; e is the disc's eccentricity.
-
-    Frames:  angle positive as the heading, clockwise from above.    Not modelled: lost counts, play.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1: 4096 counts in a turn.
-    """
-
-    counts: Scalar = quantity(
-        "1",
-        "Counts in a turn; 0: no steps.",
-        default=4096.0,
-        low=0,
-        source="[1] section 6.2.1",
-        off={"encoder-quantisation": 0.0},
-    )
-    zero: Scalar = quantity("rad", "Heading at which it reads zero.", kind="angle", default=0.0)
-    eccentricity: Scalar = quantity(
-        "rad", "Greatest error of a disc off its centre.", default=0.0, low=0, off={"encoder-eccentricity": 0.0}
-    )
-    period: int = period("Time between samples.", default=ms(1))
-
-    def init(self, key: Key) -> tuple[()]:
-        """No state."""
-        return ()
-
-    def measure(self, motion: Motion) -> AngleReading:
-        """The measurement h(x) of a motion, without steps; the count is left at zero."""
-        return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
-
-    def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
-        true = self.measure(motion).angle
-        shifted = true + self.eccentricity * jnp.sin(true)
-        coarse = self.counts > 0
-        grain = 2 * math.pi / jnp.where(coarse, self.counts, 1.0)
-        count = jnp.floor(shifted / grain)
-        angle = jnp.where(coarse, (count + 0.5) * grain, shifted)
-        reading = AngleReading(angle=angle, count=jnp.where(coarse, count, 0.0).astype(np.int32))
-        return state, new_sample(t, reading)
+        return new, new_sample(t, RateReading(yaw_rate=output))

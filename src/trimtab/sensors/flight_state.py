@@ -1,15 +1,14 @@
-"""Altitude, climb, speed, angle of attack and pitch rate, as air data and inertial sensors of an aircraft give them.
+"""What is measured of flight in the vertical plane; what the actuators really do; the whole state, for an ideal twin.
 
-What the actuators really do, told back: position of a control surface, flow of fuel, voltage at a motor.
-
-The whole state of the flexible hypersonic vehicle without error: what the ideal twin of a run flies on.
+[1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206.
 """
 
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.record import Scalar, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
@@ -17,45 +16,66 @@ from trimtab.vehicles.hypersonic import HypersonicState
 
 
 @record
-class FlexibleTruthReading:
-    """Flight and modes as they are. Source: [1] eq. 4, order of its errors e."""
+class FlightReading:
+    """Flight in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
 
-    h: Scalar = quantity("ft", "Altitude.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W")
-    V: Scalar = quantity("ft/s", "Speed along the path.")
+    altitude: Scalar = quantity("m", "Above the origin of W.", frame="W")
+    climb: Scalar = quantity("m/s", "Rate of the altitude.", frame="W")
+    speed: Scalar = quantity("m/s", "Along the path; no wind, so through the air too.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
-    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
-    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    pitch_rate: Scalar = quantity("rad/s", "Nose up.", frame="B")
 
 
 @record
-class FlexibleTruth:
-    """Full state of `vehicles.hypersonic`; no such sensor exists for the modes, so only an ideal twin may have it.
+class FlightStateSensor:
+    """All that is measured of the flight in the vertical plane, each with white noise of its own, none by default.
 
-    Frames:  as the state's.
-    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206: full-state feedback, its comparison.
+        z = (h, h', V, alpha, Q) + w
+
+    The source takes these five as measured without error; only the modes of bending have no sensor.
+
+    Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
+    Not modelled: wind, lags, errors of the places of the probes.
+    Source:  [1], the measured part of the state.
     """
 
+    altitude_noise: Scalar = imperfection("m", "Standard deviation of each sample.", "flight-altitude-noise")
+    climb_noise: Scalar = imperfection("m/s", "Standard deviation of each sample.", "flight-climb-noise")
+    speed_noise: Scalar = imperfection("m/s", "Standard deviation of each sample.", "flight-speed-noise")
+    alpha_noise: Scalar = imperfection("rad", "Standard deviation of each sample.", "flight-alpha-noise")
+    pitch_rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "flight-pitch-rate-noise")
     period: int = period("Time between samples.", default=ms(5))
 
-    FEELS: ClassVar[str] = "state"
+    def init(self, key: Key) -> Key:
+        """The noise's key is all that it keeps."""
+        return key
 
-    def init(self, key: Key) -> tuple[()]:
-        """No state."""
-        return ()
+    def measure(self, motion: Motion) -> FlightReading:
+        """The measurement h(x) of a motion, without error."""
+        u, v, w = motion.v_WB_B[0], motion.v_WB_B[1], motion.v_WB_B[2]
+        roll, pitch = motion.attitude[0], motion.attitude[1]
+        return FlightReading(
+            altitude=-motion.p_WB[2],
+            climb=jnp.sin(pitch) * u - jnp.cos(pitch) * (jnp.sin(roll) * v + jnp.cos(roll) * w),
+            speed=jnp.sqrt(u * u + v * v + w * w),
+            alpha=jnp.arctan2(w, u),
+            pitch_rate=motion.w_WB_B[1],
+        )
 
-    def measure(self, x: HypersonicState) -> FlexibleTruthReading:
-        """The state, with the climb in the place of the pitch angle."""
-        climb = x.V * jnp.sin(x.theta - x.alpha)
-        return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
-
-    def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
+    def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
         """The sample at integer time t."""
-        return state, new_sample(t, self.measure(x))
+        true, k = self.measure(motion), t // self.period
+        w0, w1 = normal2(state, k, 0)
+        w2, w3 = normal2(state, k, 1)
+        w4, _ = normal2(state, k, 2)
+        reading = FlightReading(
+            altitude=true.altitude + self.altitude_noise * w0,
+            climb=true.climb + self.climb_noise * w1,
+            speed=true.speed + self.speed_noise * w2,
+            alpha=true.alpha + self.alpha_noise * w3,
+            pitch_rate=true.pitch_rate + self.pitch_rate_noise * w4,
+        )
+        return state, new_sample(t, reading)
 
 
 @record
@@ -87,74 +107,41 @@ class ActingInput:
 
 
 @record
-class FlightReading:
-    """Flight in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
+class FlexibleTruthReading:
+    """Flight and modes as they are. Source: [1] eq. 4, order of its errors e."""
 
-    altitude: Scalar = quantity("m", "Above the origin of W.", frame="W")
-    climb: Scalar = quantity("m/s", "Rate of the altitude.", frame="W")
-    speed: Scalar = quantity("m/s", "Along the path; no wind, so through the air too.")
+    h: Scalar = quantity("ft", "Altitude.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W")
+    V: Scalar = quantity("ft/s", "Speed along the path.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    pitch_rate: Scalar = quantity("rad/s", "Nose up.", frame="B")
+    q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
+    eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
 
 
 @record
-class FlightStateSensor:
-    """All that is measured of the flight in the vertical plane, each with white noise of its own, none by default.
+class FlexibleTruth:
+    """Full state of `vehicles.hypersonic`; no such sensor exists for the modes, so only an ideal twin may have it.
 
-        z = (h, h', V, alpha, Q) + w
-
-    The source takes these five as measured without error; only the modes of bending have no sensor.
-
-    Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
-    Not modelled: wind, lags, errors of the places of the probes.
-    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206: the measured part of the state.
+    Frames:  as the state's.
+    Source:  [1], full-state feedback, its comparison.
     """
 
-    altitude_noise: Scalar = quantity(
-        "m", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-altitude-noise": 0.0}
-    )
-    climb_noise: Scalar = quantity(
-        "m/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-climb-noise": 0.0}
-    )
-    speed_noise: Scalar = quantity(
-        "m/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-speed-noise": 0.0}
-    )
-    alpha_noise: Scalar = quantity(
-        "rad", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-alpha-noise": 0.0}
-    )
-    pitch_rate_noise: Scalar = quantity(
-        "rad/s", "Standard deviation of each sample.", default=0.0, low=0, off={"flight-pitch-rate-noise": 0.0}
-    )
     period: int = period("Time between samples.", default=ms(5))
 
-    def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
-        return key
+    FEELS: ClassVar[str] = "state"
 
-    def measure(self, motion: Motion) -> FlightReading:
-        """The measurement h(x) of a motion, without error."""
-        u, v, w = motion.v_WB_B[0], motion.v_WB_B[1], motion.v_WB_B[2]
-        roll, pitch = motion.attitude[0], motion.attitude[1]
-        return FlightReading(
-            altitude=-motion.p_WB[2],
-            climb=jnp.sin(pitch) * u - jnp.cos(pitch) * (jnp.sin(roll) * v + jnp.cos(roll) * w),
-            speed=jnp.sqrt(u * u + v * v + w * w),
-            alpha=jnp.arctan2(w, u),
-            pitch_rate=motion.w_WB_B[1],
-        )
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
 
-    def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
+    def measure(self, x: HypersonicState) -> FlexibleTruthReading:
+        """The state, with the climb in the place of the pitch angle."""
+        climb = x.V * jnp.sin(x.theta - x.alpha)
+        return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
+
+    def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
         """The sample at integer time t."""
-        true, k = self.measure(motion), t // self.period
-        w0, w1 = normal2(state, k, 0)
-        w2, w3 = normal2(state, k, 1)
-        w4, _ = normal2(state, k, 2)
-        seen = FlightReading(
-            altitude=true.altitude + self.altitude_noise * w0,
-            climb=true.climb + self.climb_noise * w1,
-            speed=true.speed + self.speed_noise * w2,
-            alpha=true.alpha + self.alpha_noise * w3,
-            pitch_rate=true.pitch_rate + self.pitch_rate_noise * w4,
-        )
-        return state, new_sample(t, seen)
+        return state, new_sample(t, self.measure(x))

@@ -99,9 +99,9 @@ def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
     z1, s = np.exp(-2j * np.pi * f * T), 1j * f / bandwidth
     below = 1 + a[0] * z1 + a[1] * z1**2
     columns: Any = np.stack([z1**k / below for k in range(samples + 3)], 1)
-    wanted: Any = z1**samples / (s * s + math.sqrt(2) * s + 1)
-    both = [np.concatenate([c.real, c.imag]) for c in (columns, wanted)]
-    b = np.linalg.lstsq(both[0], both[1], None)[0]
+    response: Any = z1**samples / (s * s + math.sqrt(2) * s + 1)
+    A, y = (np.concatenate([c.real, c.imag]) for c in (columns, response))
+    b = np.linalg.lstsq(A, y, None)[0]
     return b * (1 + a.sum()) / b.sum(), a
 
 

@@ -1,15 +1,18 @@
-"""Sensors that give a heading: a direct one, noisy and late, and a compass made of a magnetometer."""
+"""Sensors that give a heading: a direct one, noisy and late, and a compass made of a magnetometer.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
 
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.environment.magnetic import magnetic_heading
-from trimtab.sensors.late_fix import LateFix, LateState
+from trimtab.sensors.late_fix import LateFix, LateSensorState
 from trimtab.sensors.magnetometer import Magnetometer
 
 
@@ -23,14 +26,6 @@ class HeadingReading:
 
 
 @record
-class HeadingState:
-    """Noise key, and the heading on its way. Source: this module."""
-
-    key: Key = part("Of the noise.")
-    late: LateState = part("What is on its way.")
-
-
-@record
 class HeadingSensor:
     """A heading as some other system gives it: noisy, now and then, and late.
 
@@ -39,13 +34,10 @@ class HeadingSensor:
     It stands for the heading that two ultrasonic units give, without their geometry.
 
     Frames:  of B in W.    Not modelled: errors that hang together in time.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
-    noise: Scalar = quantity(
-        "rad", "Standard deviation of each measurement.", default=0.03, low=0, off={"heading-noise": 0.0}
-    )
+    noise: Scalar = imperfection("rad", "Standard deviation of each measurement.", "heading-noise", default=0.03)
     timing: LateFix = part(
         "When it is measured and comes out.",
         default=LateFix(),
@@ -54,26 +46,25 @@ class HeadingSensor:
     period: int = period("How often it is looked whether one has come out.", default=ms(1))
 
     LATE: ClassVar[bool] = True
-    """Samples come out after the time at which they were measured."""
 
     def check(self) -> None:
         """Refuse a period at which measurements would be missed."""
         self.timing.check_period(self.period)
 
-    def init(self, key: Key) -> HeadingState:
+    def init(self, key: Key) -> LateSensorState:
         """Nothing measured."""
-        return HeadingState(key, self.timing.initial_state(HeadingReading(heading=jnp.asarray(0.0))))
+        return LateSensorState(key, self.timing.initial_state(HeadingReading(heading=jnp.asarray(0.0))))
 
     def measure(self, motion: Motion) -> HeadingReading:
         """The measurement h(x) of a motion, without noise."""
         return HeadingReading(heading=motion.attitude[2])
 
-    def step(self, t: Any, state: HeadingState, motion: Motion) -> tuple[HeadingState, Sample]:
+    def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
         """The newest heading that is out at integer time t."""
         w, _ = normal2(state.key, self.timing.measurement_number(t))
         true = self.measure(motion)
         late, sample = self.timing.deliver(t, state.late, HeadingReading(true.heading + self.noise * w))
-        return HeadingState(state.key, late), sample
+        return LateSensorState(state.key, late), sample
 
 
 @record
@@ -85,8 +76,7 @@ class Compass:
     with the measured field b and the field w that the receiver knows, both level.
 
     Frames:  of B in W.    Not modelled: compensation of a lean; it shifts the heading by up to lean times tan(dip).
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
+    Source:  [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """
 
     magnetometer: Magnetometer = part("What measures the field.", default=Magnetometer.microstrain_3dm_gx1())

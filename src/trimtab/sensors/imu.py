@@ -1,6 +1,6 @@
-"""A three-axis inertial measurement unit with the errors of a micromachined one.
+"""A three-axis inertial measurement unit: triads of accelerometers and of gyros, with the errors of micromachined ones.
 
-The errors of a triad of an inertial unit, three accelerometers or three gyros: what stands between h(x) and output.
+Between the noise-free h(x) of a triad and its output z stand
 
     z = quantised( clip( (I + S + M) L(h) + b + w ) ),   b = b0 + b_turn_on + walk
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import Scalar, part, period, quantity, record, tree_where
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
@@ -24,95 +24,49 @@ from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.environment.geodetic import STANDARD
 
+DEG = math.pi / 180
 UNIT_DRAWS = 12
 """Standard normals that a triad keeps for a run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+ZERO = (0.0, 0.0, 0.0)
 SOURCE = "IEEE Std 952-1997, annex C"
+RESPONSE = "Dynamics in place of the low-pass, with start(u) and respond(state, u)."
 
 
 @record
 class AccelerometerErrors:
     """Errors of three accelerometers; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
 
-    noise: Scalar = quantity(
-        "m/s^2/Hz^0.5",
-        "White noise: velocity random walk N.",
-        default=0.0,
-        low=0,
-        source=SOURCE,
-        off={"imu-noise": 0.0},
-    )
+    noise: Scalar = imperfection("m/s^2/Hz^0.5", "White noise: velocity random walk N.", "imu-noise", source=SOURCE)
     bias: Any = quantity(
-        "m/s^2",
-        "Constant bias, the same in every run.",
-        default=(0.0, 0.0, 0.0),
-        shape=(3,),
-        off={"imu-turn-on-bias": (0.0, 0.0, 0.0)},
+        "m/s^2", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
-    turn_on_bias: Scalar = quantity(
-        "m/s^2", "Standard deviation, drawn for each run.", default=0.0, low=0, off={"imu-turn-on-bias": 0.0}
-    )
-    bias_walk: Scalar = quantity(
-        "m/s^2/s^0.5", "Random walk of the bias, K.", default=0.0, low=0, source=SOURCE, off={"imu-bias-walk": 0.0}
-    )
-    scale_factor: Scalar = quantity(
-        "1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0, off={"imu-scale-factor": 0.0}
-    )
-    misalignment: Scalar = quantity(
-        "rad", "Standard deviation of an axis towards another.", default=0.0, low=0, off={"imu-misalignment": 0.0}
-    )
-    bandwidth: Scalar = quantity(
-        "Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0, off={"imu-bandwidth": 0.0}
-    )
-    resolution: Scalar = quantity(
-        "m/s^2", "Step of the converter; 0: none.", default=0.0, low=0, off={"imu-quantisation": 0.0}
-    )
-    range: Scalar = quantity("m/s^2", "Greatest output; 0: no limit.", default=0.0, low=0, off={"imu-saturation": 0.0})
-    response: Any = part(
-        "Dynamics in place of the low-pass, with start(u) and respond(state, u).",
-        default=None,
-        off={"imu-bandwidth": None},
-    )
+    turn_on_bias: Scalar = imperfection("m/s^2", "Standard deviation, drawn for each run.", "imu-turn-on-bias")
+    bias_walk: Scalar = imperfection("m/s^2/s^0.5", "Random walk of the bias, K.", "imu-bias-walk", source=SOURCE)
+    scale_factor: Scalar = imperfection("1", "Standard deviation of each axis, drawn for each run.", "imu-scale-factor")
+    misalignment: Scalar = imperfection("rad", "Standard deviation of an axis towards another.", "imu-misalignment")
+    bandwidth: Scalar = imperfection("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", "imu-bandwidth")
+    resolution: Scalar = imperfection("m/s^2", "Step of the converter; 0: none.", "imu-quantisation")
+    range: Scalar = imperfection("m/s^2", "Greatest output; 0: no limit.", "imu-saturation")
+    response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
 @record
 class GyroErrors:
     """Errors of three gyros; zero switches one off. Frames: the unit's own axes. Source: IEEE Std 952-1997."""
 
-    noise: Scalar = quantity(
-        "rad/s/Hz^0.5", "White noise: angle random walk N.", default=0.0, low=0, source=SOURCE, off={"imu-noise": 0.0}
-    )
+    noise: Scalar = imperfection("rad/s/Hz^0.5", "White noise: angle random walk N.", "imu-noise", source=SOURCE)
     bias: Any = quantity(
-        "rad/s",
-        "Constant bias, the same in every run.",
-        default=(0.0, 0.0, 0.0),
-        shape=(3,),
-        off={"imu-turn-on-bias": (0.0, 0.0, 0.0)},
+        "rad/s", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
-    turn_on_bias: Scalar = quantity(
-        "rad/s", "Standard deviation, drawn for each run.", default=0.0, low=0, off={"imu-turn-on-bias": 0.0}
-    )
-    bias_walk: Scalar = quantity(
-        "rad/s/s^0.5", "Rate random walk K of the bias.", default=0.0, low=0, source=SOURCE, off={"imu-bias-walk": 0.0}
-    )
-    scale_factor: Scalar = quantity(
-        "1", "Standard deviation of each axis, drawn for each run.", default=0.0, low=0, off={"imu-scale-factor": 0.0}
-    )
-    misalignment: Scalar = quantity(
-        "rad", "Standard deviation of an axis towards another.", default=0.0, low=0, off={"imu-misalignment": 0.0}
-    )
-    bandwidth: Scalar = quantity(
-        "Hz", "-3 dB of a second-order Butterworth; 0: no limit.", default=0.0, low=0, off={"imu-bandwidth": 0.0}
-    )
-    resolution: Scalar = quantity(
-        "rad/s", "Step of the converter; 0: none.", default=0.0, low=0, off={"imu-quantisation": 0.0}
-    )
-    range: Scalar = quantity("rad/s", "Greatest output; 0: no limit.", default=0.0, low=0, off={"imu-saturation": 0.0})
-    response: Any = part(
-        "Dynamics in place of the low-pass, with start(u) and respond(state, u).",
-        default=None,
-        off={"imu-bandwidth": None},
-    )
+    turn_on_bias: Scalar = imperfection("rad/s", "Standard deviation, drawn for each run.", "imu-turn-on-bias")
+    bias_walk: Scalar = imperfection("rad/s/s^0.5", "Rate random walk K of the bias.", "imu-bias-walk", source=SOURCE)
+    scale_factor: Scalar = imperfection("1", "Standard deviation of each axis, drawn for each run.", "imu-scale-factor")
+    misalignment: Scalar = imperfection("rad", "Standard deviation of an axis towards another.", "imu-misalignment")
+    bandwidth: Scalar = imperfection("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", "imu-bandwidth")
+    resolution: Scalar = imperfection("rad/s", "Step of the converter; 0: none.", "imu-quantisation")
+    range: Scalar = imperfection("rad/s", "Greatest output; 0: no limit.", "imu-saturation")
+    response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
 TriadErrors = AccelerometerErrors | GyroErrors
@@ -159,14 +113,19 @@ def corrupt_triad(
     memory, passed = _limit_bandwidth(errors, state, true, dt)
     bias = jnp.stack([errors.bias[i] + errors.turn_on_bias * state.draws[i] + state.walk[i] for i in range(3)])
     noisy = distortion(errors, state.draws) @ passed + bias + errors.noise / np.sqrt(dt) * white
-    limited = errors.range > 0
-    saturated = limited & (jnp.max(jnp.abs(noisy)) >= errors.range)
-    clipped = jnp.where(limited, jnp.clip(noisy, -errors.range, errors.range), noisy)
-    coarse = errors.resolution > 0
-    grain = jnp.where(coarse, errors.resolution, 1.0)
-    out = jnp.where(coarse, grain * jnp.floor(clipped / grain + 0.5), clipped)
+    out, saturated = digitise(noisy, errors.range, errors.resolution)
     walk = state.walk + errors.bias_walk * np.sqrt(dt) * step
     return TriadState(draws=state.draws, walk=walk, started=jnp.asarray(True), memory=memory), out, saturated
+
+
+def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
+    """An output (3,) clipped to ±most and rounded to steps, and whether an axis is saturated; 0: no limit, no steps."""
+    limited = most > 0
+    saturated = limited & (jnp.max(jnp.abs(output)) >= most)
+    clipped = jnp.where(limited, jnp.clip(output, -most, most), output)
+    coarse = resolution > 0
+    grain = jnp.where(coarse, resolution, 1.0)
+    return jnp.where(coarse, grain * jnp.floor(clipped / grain + 0.5), clipped), saturated
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
@@ -179,9 +138,6 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
     section = low_pass(jnp.where(narrow, errors.bandwidth, 0.1 / dt), np.sqrt(0.5), dt)
     memory, passed = filter_sample(section, tree_where(state.started, state.memory, steady_state(section, true)), true)
     return memory, jnp.where(narrow, passed, true)
-
-
-DEG = math.pi / 180
 
 
 @record
@@ -220,18 +176,13 @@ class Imu:
 
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
     gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
-    lever_arm: Any = quantity("m", "The unit's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    lever_arm: Any = quantity("m", "The unit's place.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
-        "rad",
-        "Roll, pitch, yaw in B.",
-        default=(0.0, 0.0, 0.0),
-        kind="angle",
-        shape=(3,),
-        off={"imu-mounting": (0.0, 0.0, 0.0)},
+        "rad", "Roll, pitch, yaw in B.", default=ZERO, kind="angle", shape=(3,), off={"imu-mounting": ZERO}
     )
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     earth_rate: Any = quantity(
-        "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=(0.0, 0.0, 0.0), shape=(3,)
+        "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=ZERO, shape=(3,)
     )
     period: int = period("Time between samples.", default=ms("6.5536"))
 
@@ -273,15 +224,13 @@ class Imu:
         for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
             if not errors.bandwidth < half:
                 problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
-                raise InputError(
-                    f"{name}.bandwidth", problem, fix=f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
-                )
+                fix = f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
+                raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:
-                problem = (
-                    f"it is made for samples each {format_time(tick)}, the unit's period is {format_time(self.period)}"
-                )
-                raise InputError(f"{name}.response", problem, fix=f"--set period='{format_time(tick)}'")
+                own, other = format_time(self.period), format_time(tick)
+                problem = f"it is made for samples each {other}, the unit's period is {own}"
+                raise InputError(f"{name}.response", problem, fix=f"--set period='{other}'")
 
     def init(self, key: Key) -> ImuState:
         """The run's biases, scale factors and misalignments drawn; low-passes not yet started."""

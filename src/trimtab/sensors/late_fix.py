@@ -8,6 +8,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, tree_where
+from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, to_seconds
 
@@ -22,6 +23,14 @@ class LateState:
     held: Any = part("The last that came out.")
     stamp: Scalar = quantity("100 ns", "The time that it bears.", kind="time")
     any: Scalar = quantity("1", "Whether one has come out.", kind="flag")
+
+
+@record
+class LateSensorState:
+    """What a noisy sensor remembers whose measurements come out late. Source: this module."""
+
+    key: Key = part("Of the noise.")
+    late: LateState = part("What is on its way.")
 
 
 @record
@@ -52,11 +61,11 @@ class LateFix:
             )
             raise InputError("offset", problem, fix="give less than the interval")
 
-    def check_period(self, looked: int) -> None:
-        """Refuse a sensor that is looked at each `looked` and would miss measurements."""
-        if self.interval % looked or self.offset % looked:
+    def check_period(self, sensor_period: int) -> None:
+        """Refuse the period (100 ns) of a sensor that would miss measurements."""
+        if self.interval % sensor_period or self.offset % sensor_period:
             times = f"interval {format_time(self.interval)} and offset {format_time(self.offset)}"
-            problem = f"{format_time(looked)} divides not both {times}"
+            problem = f"{format_time(sensor_period)} divides not both {times}"
             raise InputError("period", f"{problem}: measurements would be missed", fix="set period to '1 ms'")
 
     def measurement_number(self, t: Any) -> Any:

@@ -7,12 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, period, quantity, record
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.sensors.imu import ZERO, digitise
 
 GAUSS = 1e-4
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -108,33 +109,17 @@ class Magnetometer:
 
     earth_field: Any = quantity("T", "Earth's field: north, east, down.", frame="W", default=COLLEGE_PARK, shape=(3,))
     hard_iron: Any = quantity(
-        "T",
-        "Of magnetised parts on board.",
-        frame="B",
-        default=(0.0, 0.0, 0.0),
-        shape=(3,),
-        off={"hard-iron": (0.0, 0.0, 0.0)},
+        "T", "Of magnetised parts on board.", frame="B", default=ZERO, shape=(3,), off={"hard-iron": ZERO}
     )
     soft_iron: Any = quantity(
         "1", "Of soft parts on board.", frame="B", default=IDENTITY, shape=(3, 3), off={"soft-iron": IDENTITY}
     )
-    noise: Scalar = quantity(
-        "T", "Standard deviation of each axis and sample.", default=0.0, low=0, off={"magnetometer-noise": 0.0}
-    )
-    resolution: Scalar = quantity(
-        "T", "Step of the converter; 0: none.", default=0.0, low=0, off={"magnetometer-quantisation": 0.0}
-    )
-    range: Scalar = quantity(
-        "T", "Greatest output; 0: no limit.", default=0.0, low=0, off={"magnetometer-saturation": 0.0}
-    )
-    position: Any = quantity("m", "The sensor's place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    noise: Scalar = imperfection("T", "Standard deviation of each axis and sample.", "magnetometer-noise")
+    resolution: Scalar = imperfection("T", "Step of the converter; 0: none.", "magnetometer-quantisation")
+    range: Scalar = imperfection("T", "Greatest output; 0: no limit.", "magnetometer-saturation")
+    position: Any = quantity("m", "The sensor's place.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
-        "rad",
-        "Roll, pitch, yaw in B.",
-        default=(0.0, 0.0, 0.0),
-        kind="angle",
-        shape=(3,),
-        off={"magnetometer-mounting": (0.0, 0.0, 0.0)},
+        "rad", "Roll, pitch, yaw in B.", default=ZERO, kind="angle", shape=(3,), off={"magnetometer-mounting": ZERO}
     )
     disturbances: Any = part(
         "What stands near: a tuple of RunningMotor, FloorSteel, …", default=(), off={"magnetic-disturbances": ()}
@@ -149,8 +134,7 @@ class Magnetometer:
         field. Words of 16 bits, 2 gauss full scale, as in public code for the unit.
         """
         noise = math.sqrt(1.6e-4) * math.hypot(*COLLEGE_PARK[:2])
-        given = {"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings}
-        return cls(**given)
+        return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
 
     def init(self, key: Key) -> Key:
         """The key of the noise is all there is to remember."""
@@ -169,9 +153,5 @@ class Magnetometer:
             near = near + disturbance.field(motion, self.position)
         there = self.measure(motion).field + from_euler(*jnp.asarray(self.mounting)).T @ near
         noise = self.noise * normals(state, t // self.period, 3)
-        seen = jnp.asarray(self.soft_iron) @ there + jnp.asarray(self.hard_iron) + noise
-        limited, coarse = self.range > 0, self.resolution > 0
-        clipped = jnp.where(limited, jnp.clip(seen, -self.range, self.range), seen)
-        grain = jnp.where(coarse, self.resolution, 1.0)
-        out = jnp.where(coarse, grain * jnp.floor(clipped / grain + 0.5), clipped)
-        return state, new_sample(t, FieldReading(out, limited & (jnp.max(jnp.abs(seen)) >= self.range)))
+        output = jnp.asarray(self.soft_iron) @ there + jnp.asarray(self.hard_iron) + noise
+        return state, new_sample(t, FieldReading(*digitise(output, self.range, self.resolution)))

@@ -1,13 +1,13 @@
-"""A planar navigation system with the errors of an inertial one between two corrections.
+"""Navigation systems of vehicles that move in the plane: without error, and with an inertial one's between corrections.
 
-A navigation system without error, for vehicles that move in the plane.
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 import math
 from typing import Any
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, period, quantity, record, replace
+from trimtab.core.record import Scalar, imperfection, option, period, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import wrap_positive
 from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
@@ -21,8 +21,7 @@ class PlanarNavigation:
         z = (surge velocity, sway velocity, yaw rate, heading)
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped.    Not modelled: any error.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.1: the ideal model closes the loop on the true state.
+    Source:  [1] section 6.1: the ideal model closes the loop on the true state.
     """
 
     period: int = period("Time between samples.", default=ms(1))
@@ -69,33 +68,25 @@ class NavigationErrors:
     sample. All draws are zero-mean, normal and independent, and depend on the time and the key alone.
 
     Frames:  velocity errors are added in B.    Not modelled: position, and the filter that makes these errors.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.1 and fig. 6.2. Units of the printed numbers: reconstructed (reading C), see docs Errata.
+    Source:  [1] section 6.1 and fig. 6.2. Units of the printed numbers: reconstructed (reading C), see docs Errata.
     """
 
-    accelerometer_bias: Scalar = quantity(
+    accelerometer_bias: Scalar = imperfection(
         "m/s^2",
         "Standard deviation of each axis.",
+        "navigation-error",
         default=READINGS["C"][0],
-        low=0,
         source="[1] section 6.1",
-        off={"navigation-error": 0.0},
     )
-    gyro_bias: Scalar = quantity(
-        "rad/s",
-        "Standard deviation.",
-        default=READINGS["C"][1],
-        low=0,
-        source="[1] section 6.1",
-        off={"navigation-error": 0.0},
+    gyro_bias: Scalar = imperfection(
+        "rad/s", "Standard deviation.", "navigation-error", default=READINGS["C"][1], source="[1] section 6.1"
     )
-    gyro_noise: Scalar = quantity(
+    gyro_noise: Scalar = imperfection(
         "rad/s",
         "Standard deviation of each sample.",
+        "navigation-error",
         default=READINGS["C"][2],
-        low=0,
         source="[1] section 6.1",
-        off={"navigation-error": 0.0},
     )
     redraw: int = period("Time between resets of the integrals, with new biases.", default=seconds(1))
     period: int = period("Time between samples.", default=ms(6))
@@ -134,15 +125,13 @@ class NavigationErrors:
         bg, _ = normal2(state, t // self.redraw, 1)
         w, _ = normal2(state, t // self.period, 2)
         bias = self.gyro_bias * bg
-        seen = PlanarState(
+        state_with_errors = PlanarState(
             surge_velocity=truth.surge_velocity + self.accelerometer_bias * bX * tau,
             sway_velocity=truth.sway_velocity + self.accelerometer_bias * bY * tau,
             yaw_rate=truth.yaw_rate + bias + self.gyro_noise * w,
             heading=truth.heading + bias * tau,
         )
-        return state, new_sample(t, self._express_heading(seen))
+        return state, new_sample(t, self._express_heading(state_with_errors))
 
-    def _express_heading(self, seen: PlanarState) -> PlanarState:
-        if self.heading_range == "positive":
-            return replace(seen, heading=wrap_positive(seen.heading))
-        return seen
+    def _express_heading(self, x: PlanarState) -> PlanarState:
+        return replace(x, heading=wrap_positive(x.heading)) if self.heading_range == "positive" else x

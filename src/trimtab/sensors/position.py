@@ -1,17 +1,20 @@
-"""Sensors that give a position: a direct one, noisy and late, and an encoder whose arm is known."""
+"""Sensors that give a position: a direct one, noisy and late, and an encoder whose arm is known.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
 
 import math
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.record import Scalar, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, replace
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.sensors.encoder import Encoder
-from trimtab.sensors.late_fix import LateFix, LateState
+from trimtab.sensors.late_fix import LateFix, LateSensorState
 
 
 @record
@@ -23,14 +26,6 @@ class PositionReading:
 
 
 @record
-class PositionState:
-    """Noise key, and the position on its way. Source: this module."""
-
-    key: Key = part("Of the noise.")
-    late: LateState = part("What is on its way.")
-
-
-@record
 class PositionSensor:
     """A position as some other system gives it: noisy, now and then, and late.
 
@@ -39,16 +34,11 @@ class PositionSensor:
     It stands for the fixes of an ultrasonic network, without its ranges.
 
     Frames:  lever arm in B, position in W.    Not modelled: errors that hang together in time or with the place.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1. Latency reconstructed, see docs Errata.
+    Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
-    noise: Scalar = quantity(
-        "m",
-        "Standard deviation of each coordinate of each measurement.",
-        default=0.0044,
-        low=0,
-        off={"position-noise": 0.0},
+    noise: Scalar = imperfection(
+        "m", "Standard deviation of each coordinate of each measurement.", "position-noise", default=0.0044
     )
     lever_arm: Any = quantity("m", "Of the point located.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
     timing: LateFix = part(
@@ -59,28 +49,27 @@ class PositionSensor:
     period: int = period("How often it is looked whether one has come out.", default=ms(1))
 
     LATE: ClassVar[bool] = True
-    """Samples come out after the time at which they were measured."""
 
     def check(self) -> None:
         """Refuse a period at which measurements would be missed."""
         self.timing.check_period(self.period)
 
-    def init(self, key: Key) -> PositionState:
+    def init(self, key: Key) -> LateSensorState:
         """Nothing measured."""
         o = jnp.asarray(0.0)
-        return PositionState(key, self.timing.initial_state(PositionReading(o, o)))
+        return LateSensorState(key, self.timing.initial_state(PositionReading(o, o)))
 
     def measure(self, motion: Motion) -> PositionReading:
         """The measurement h(x) of a motion, without noise."""
         p = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         return PositionReading(north=p[0], east=p[1])
 
-    def step(self, t: Any, state: PositionState, motion: Motion) -> tuple[PositionState, Sample]:
+    def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
         """The newest position that is out at integer time t."""
         true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.measurement_number(t))
-        seen = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
-        late, sample = self.timing.deliver(t, state.late, seen)
-        return PositionState(state.key, late), sample
+        reading = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
+        late, sample = self.timing.deliver(t, state.late, reading)
+        return LateSensorState(state.key, late), sample
 
 
 @record
@@ -91,8 +80,7 @@ class EncoderPosition:
 
     Frames:  W, origin on the shaft; al is what the encoder reads, the direction of the arm.
     Not modelled: a shaft that leans; it shifts the place by 1 - cos of that angle.
-    Source:  [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-             section 6.2.1.
+    Source:  [1] section 6.2.1.
     """
 
     encoder: Encoder = part("On the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))

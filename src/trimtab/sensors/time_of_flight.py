@@ -11,7 +11,7 @@ import numpy as np
 from jax import lax
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.record import Scalar, imperfection, part, quantity, record
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion
@@ -35,9 +35,7 @@ class Beacons:
     """
 
     map: Any = quantity("m", "Surveyed positions (n, 3).", default=CEILING_SQUARE, frame="W")
-    survey_error: Scalar = quantity(
-        "m", "Standard deviation of each coordinate of the map.", default=0.0, low=0, off={"survey-error": 0.0}
-    )
+    survey_error: Scalar = imperfection("m", "Standard deviation of each coordinate of the map.", "survey-error")
     reach: Scalar = quantity("m", "Longest range, 30 ft.", default=9.144, above=0, source="[1] section 5.5")
     cone: Scalar = quantity("rad", "Half the opening angle of the sound.", default=CONE, kind="angle", above=0)
     crystal: Scalar = quantity("1", "Standard deviation of a timer's relative error.", default=20e-6, low=0)
@@ -58,11 +56,10 @@ class Beacons:
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError("Beacons.map", f"has shape {shape}", fix="give one row north, east, down for each beacon")
-        for name, wanted in (("moved", shape), ("dead", shape[:1])):
-            got = np.shape(getattr(self, name))
-            if got not in ((), wanted):
-                problem = f"has shape {got} for {shape[0]} beacons"
-                raise InputError(f"Beacons.{name}", problem, fix=f"give one value, or the shape {wanted}")
+        for name, value, per_beacon in (("moved", self.moved, shape), ("dead", self.dead, shape[:1])):
+            if np.shape(value) not in ((), per_beacon):
+                problem = f"has shape {np.shape(value)} for {shape[0]} beacons"
+                raise InputError(f"Beacons.{name}", problem, fix=f"give one value, or the shape {per_beacon}")
 
 
 @record
@@ -73,14 +70,10 @@ class RangeErrors:
     strays and echoes: no figures there, none unless set.
     """
 
-    noise: Scalar = quantity("m", "Standard deviation.", default=0.004, low=0, off={"range-noise": 0.0})
-    stray_probability: Scalar = quantity(
-        "1", "Probability of a range that means nothing.", default=0.0, low=0, high=1, off={"stray-ranges": 0.0}
-    )
+    noise: Scalar = imperfection("m", "Standard deviation.", "range-noise", default=0.004)
+    stray_probability: Scalar = imperfection("1", "Probability of a range that means nothing.", "stray-ranges", high=1)
     stray_size: Scalar = quantity("m", "Largest error of a stray, either way.", default=3.0, low=0)
-    echo_probability: Scalar = quantity(
-        "1", "Probability that an echo is timed.", default=0.0, low=0, high=1, off={"echoes": 0.0}
-    )
+    echo_probability: Scalar = imperfection("1", "Probability that an echo is timed.", "echoes", high=1)
     echo_size: Scalar = quantity("m", "Largest detour of an echo.", default=1.0, low=0)
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, part, period, quantity, record, replace, switch
 from trimtab.core.rng import Key, uniform2
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, seconds, to_seconds
@@ -73,14 +73,11 @@ class UltrasonicListening:
     channel: CarrierSense = part("How chirps share the radio channel.", default=CarrierSense(attempts=48))
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("The air.", default=Medium())
-    cone_error: bool = option(
-        "Whether ranges are too long off the axis.", default=True, choices=(True, False), off={"cone-error": False}
-    )
+    cone_error: bool = switch("Whether ranges are too long off the axis.", "cone-error")
     window: int = period("Time in which each beacon chirps once.", default=seconds(1))
     period: int = period("How often the unit looks.", default=ms(1))
 
     LATE: ClassVar[bool] = True
-    """Samples come out after the time at which they were measured."""
 
     def check(self) -> None:
         """Refuse windows that begin between the instants."""
@@ -150,7 +147,6 @@ class UltrasonicListening:
         at = unit_position(motion, self.unit) - ago[:, None] * unit_velocity(motion, self.unit)
         positions = actual_positions(self.beacons, key, t)
         number = t // self.window
-        seen = corrupt_ranges(
-            self._noise_free_ranges(positions, at), key, number, self.errors, self.medium, self.beacons.crystal
-        )
-        return seen, responding_beacons(self.beacons, positions, unit_position(motion, self.unit), t)
+        exact = self._noise_free_ranges(positions, at)
+        ranges = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
+        return ranges, responding_beacons(self.beacons, positions, unit_position(motion, self.unit), t)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
+from trimtab.core.record import Scalar, imperfection, option, part, period, quantity, record, replace, switch
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, seconds, to_seconds
@@ -49,13 +49,11 @@ class UnitClock:
     Source: [1] section 5.5.2: 1 us after setting, crystal of 32.768 kHz; its accuracy is typical for such a crystal.
     """
 
-    residual: Scalar = quantity("s", "Standard deviation after setting.", default=1e-6, low=0, off={"clock-error": 0.0})
-    drift: Scalar = quantity(
-        "1", "Standard deviation of the crystal's relative error.", default=20e-6, low=0, off={"clock-error": 0.0}
+    residual: Scalar = imperfection("s", "Standard deviation after setting.", "clock-error", default=1e-6)
+    drift: Scalar = imperfection(
+        "1", "Standard deviation of the crystal's relative error.", "clock-error", default=20e-6
     )
-    tick: Scalar = quantity(
-        "s", "Slots begin on a tick of the crystal.", default=1 / 32768, low=0, off={"clock-error": 0.0}
-    )
+    tick: Scalar = imperfection("s", "Slots begin on a tick of the crystal.", "clock-error", default=1 / 32768)
     sync: int = period("Time between settings.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
@@ -103,17 +101,12 @@ class UltrasonicRanging:
     medium: Medium = part("The air.", default=Medium())
     clock: UnitClock = part("The clock of a unit.", default=UnitClock())
     clients: int = option("Clients that take turns; those beyond the vehicle's units belong to others.", default=1)
-    cone_error: bool = option(
-        "Whether ranges are too long off the axis.", default=True, choices=(True, False), off={"cone-error": False}
-    )
-    collisions: bool = option(
-        "Whether replies can get lost.", default=True, choices=(True, False), off={"collisions": False}
-    )
+    cone_error: bool = switch("Whether ranges are too long off the axis.", "cone-error")
+    collisions: bool = switch("Whether replies can get lost.", "collisions")
     slot: int = period("Time for one client.", default=ms(100))
     period: int = period("How often the vehicle looks for replies.", default=ms(1))
 
     LATE: ClassVar[bool] = True
-    """Samples come out after the time at which they were measured."""
 
     def check(self) -> None:
         """Refuse units without positions, more units than turns, and slots between the instants."""
@@ -166,7 +159,7 @@ class UltrasonicRanging:
         positions = actual_positions(self.beacons, key, t)
         hears = responding_beacons(self.beacons, positions, at, t)
         exact = self.ranges(positions, at)
-        seen = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
+        ranges = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
         window = to_seconds(self.slot)
         ready = late + exact / speed_of_sound(self.medium.actual)
         if self.collisions:
@@ -175,7 +168,7 @@ class UltrasonicRanging:
         else:
             arrived, end = hears, ready + self.channel.message_bytes * self.channel.byte_time
         last = jnp.where(jnp.any(arrived), jnp.max(jnp.where(arrived, end, 0.0)), window)
-        return Ranges(range=jnp.where(arrived, seen, 0.0), arrived=arrived, unit=unit), jnp.minimum(last, window)
+        return Ranges(range=jnp.where(arrived, ranges, 0.0), arrived=arrived, unit=unit), jnp.minimum(last, window)
 
     def step(self, t: Any, state: RangingState, motion: Motion) -> tuple[RangingState, Sample]:
         """The newest ranges whose replies are in at integer time t."""
