@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.compiler.function import lower_function
-from trimtab.environment.geodetic import RATE, coriolis, earth_rate, ned_axes, transport_rate
+from trimtab.environment.geodetic import RATE, coriolis, earth_rate, ned_axes
 
 
 def test_it_is_the_axis_of_the_earth_in_local_axes():
@@ -31,17 +31,5 @@ def test_coriolis_signs():
     assert float(coriolis(earth_rate(0.7), jnp.array([1.0, 0.0, 0.0]))[1]) > 0
 
 
-def test_transport_rate_is_how_the_local_axes_turn():
-    latitude, height, v = 0.68, 100.0, np.array([30.0, -20.0, 0.0])
-    from trimtab.environment.geodetic import curvature_radii
-
-    meridian, normal = curvature_radii(latitude)
-    rates = v[0] / (meridian + height), v[1] / (normal + height) / np.cos(latitude)
-    R = ned_axes(latitude, 0.3)
-    dR = jax.jacfwd(lambda t: ned_axes(latitude + rates[0] * t, 0.3 + rates[1] * t))(0.0)
-    S = np.asarray(R.T @ dR)
-    np.testing.assert_allclose(transport_rate(latitude, height, v), [S[2, 1], S[0, 2], S[1, 0]], atol=1e-16)
-
-
 def test_exportable():
-    lower_function(lambda phi, v: coriolis(earth_rate(phi), v) + transport_rate(phi, 1.0, v), (0.3, jnp.ones(3)))
+    lower_function(lambda phi, v: coriolis(earth_rate(phi), v), (0.3, jnp.ones(3)))

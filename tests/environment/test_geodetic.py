@@ -33,7 +33,9 @@ def test_axes_are_the_derivatives_of_the_place():
     """North and east are where latitude and longitude lead, scaled by the radii of curvature; down is -height."""
     latitude, longitude, height = 0.68, -1.34, 50.0
     J = jax.jacfwd(lambda p: g.to_ecef(*p))(jnp.array([latitude, longitude, height]))
-    meridian, normal = g.curvature_radii(latitude)
+    w2 = 1 - g.ECCENTRICITY2 * np.sin(latitude) ** 2  # radii of curvature: TR8350.2, eqs. 4-15
+    normal = g.SEMI_MAJOR / np.sqrt(w2)
+    meridian = normal * (1 - g.ECCENTRICITY2) / w2
     scaled = J / jnp.array([meridian + height, (normal + height) * np.cos(latitude), -1.0])
     np.testing.assert_allclose(g.ned_axes(latitude, longitude), scaled, atol=1e-12)
 

@@ -21,7 +21,7 @@ from trimtab.laws.spin import (
     switching_energy_sharp,
 )
 from trimtab.laws.velocity import ZeroVelocity
-from trimtab.vehicles.hovercraft import Hovercraft
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 M, J, ARM = 2.6, 0.096, 0.32
 D = ARM**2 * M
@@ -72,7 +72,8 @@ def test_check_03_eigenvalues_at_the_good_point():
 @pytest.mark.parametrize("reference", [3.0, -1.5])
 def test_both_limit_points_rest_and_there_is_no_third(reference):
     law = ConstantSpin(reference=reference)
-    for p in (law.good_limit_point(), law.bad_limit_point()):
+    spinning, sliding = HovercraftState(yaw_rate=reference), HovercraftState(sway_velocity=-ARM * reference)
+    for p in (spinning, sliding):
         np.testing.assert_allclose(rate(law)(jnp.array([p.surge_velocity, p.sway_velocity, p.yaw_rate])), 0, atol=1e-12)
     # W' = 0 needs u = 0 and v = d (r - reference), hence FX = FY = 0; then u' = v r must vanish too
     r = np.linspace(-10, 10, 2001)

@@ -1,67 +1,20 @@
-"""Allocation of a planar force to a vectored fan: which rudder pulse and which speed give the demand.
+"""Allocation of a planar force to a vectored fan; and direct actuation, where the demand acts as it is.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-Actuators without any fault: the demand acts as it is.
 """
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.lookup import BilinearTable, check_speed_table, full_speed_table
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
-from trimtab.core.record import Scalar, imperfection, part, period, record, switch
+from trimtab.core.record import Scalar, imperfection, part, period, record, switch, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarForce, Sample
 from trimtab.core.time import ms
-
-
-@record
-class DirectAllocation:
-    """Sends the demand itself as the command. Frames: the demand's. Source: docs page, Direct."""
-
-    def init(self, key: Key) -> tuple[()]:
-        """No state."""
-        return ()
-
-    def step(self, t: Any, state: tuple[()], demand: Any) -> tuple[tuple[()], Any]:
-        """The demand."""
-        return state, demand
-
-
-@record
-class DirectOutput:
-    """What acts on the vehicle. Frames: the input's. Source: docs page, Direct."""
-
-    u: Any = part("The vehicle's input.")
-
-
-@record
-class DirectActuation:
-    """Gives the commanded value to the vehicle at once; until there is one, the neutral input.
-
-    Frames:  the input's.    Source:  docs page, Direct.
-    """
-
-    neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
-    period: int = period("How often the input changes.", default=ms(1))
-
-    def neutral(self) -> DirectOutput:
-        """The neutral input."""
-        return DirectOutput(u=self.neutral_input)
-
-    def init(self, key: Key) -> tuple[()]:
-        """No state."""
-        return ()
-
-    def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:
-        """The command's value where it is valid."""
-        u = jax.tree.map(lambda a, b: jnp.where(command.valid, a, b), command.value, self.neutral_input)
-        return state, DirectOutput(u=u)
 
 
 @record
@@ -129,3 +82,46 @@ def to_polar(force: PlanarForce) -> tuple[Any, Any]:
     some = square > 0
     size = jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
     return sign * size, jnp.arctan2(-sign * force.FY, jnp.where(some, abs(force.FX), 1.0))
+
+
+@record
+class DirectAllocation:
+    """Sends the demand itself as the command. Frames: the demand's. Source: docs page, Direct."""
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], demand: Any) -> tuple[tuple[()], Any]:
+        """The demand."""
+        return state, demand
+
+
+@record
+class DirectOutput:
+    """What acts on the vehicle. Frames: the input's. Source: docs page, Direct."""
+
+    u: Any = part("The vehicle's input.")
+
+
+@record
+class DirectActuation:
+    """Gives the commanded value to the vehicle at once; until there is one, the neutral input.
+
+    Frames:  the input's.    Source:  docs page, Direct.
+    """
+
+    neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
+    period: int = period("How often the input changes.", default=ms(1))
+
+    def neutral(self) -> DirectOutput:
+        """The neutral input."""
+        return DirectOutput(u=self.neutral_input)
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:
+        """The command's value where it is valid."""
+        return state, DirectOutput(u=tree_where(command.valid, command.value, self.neutral_input))

@@ -1,10 +1,6 @@
 """The vectored fan: command in, force out, with servo frames, brake, tables and stops.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-Speed controller of a brushed motor: it brakes before it turns the fan from reverse to forward.
-
-[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 from typing import Any
@@ -150,9 +146,8 @@ class FanDrive:
     def check(self) -> None:
         """Refuse frames that fall between steps, and a table that is not the thruster's."""
         if self.frame % self.period:
-            problem = (
-                f"the frame of {format_time(self.frame)} is no multiple of the period of {format_time(self.period)}"
-            )
+            frame, own = format_time(self.frame), format_time(self.period)
+            problem = f"the frame of {frame} is no multiple of the period of {own}"
             raise InputError("frame", problem, fix="make it one, or frames are missed")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)

@@ -1,6 +1,4 @@
-"""Failsafe: what the vehicle does when nobody commands it, and who may.
-
-A block of the vehicle's firmware, between what comes out of the link and the actuators.
+"""Failsafe: what the vehicle does when nobody commands it, and who may. A block of its firmware, before the actuators.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -97,8 +95,9 @@ class Failsafe:
 
     def check(self) -> None:
         """Refuse limits that don't fit the safe value."""
-        for name in ("low", "high"):
-            own, other = [p for p, _, _ in leaves(self.safe)], [p for p, _, _ in leaves(getattr(self, name))]
+        own = [path for path, _, _ in leaves(self.safe)]
+        for name, limit in (("low", self.low), ("high", self.high)):
+            other = [path for path, _, _ in leaves(limit)]
             if own != other:
                 problem = f"has the numbers ({', '.join(other)}), safe has ({', '.join(own)})"
                 raise InputError(name, problem, fix=f"make it a {type(self.safe).__name__} too")
@@ -110,7 +109,7 @@ class Failsafe:
 
     def init(self) -> FailsafeState:
         """Disarmed."""
-        none, never = np.int32(0), np.int64(NEVER)
+        never = np.int64(NEVER)
         return FailsafeState(
             mode=np.int32(DISARMED),
             cause=np.int32(START),
@@ -120,24 +119,24 @@ class Failsafe:
             newest=never,
             value=jax.tree.map(lambda v: jnp.asarray(v, np.float64), self.safe),
             lift_until=never,
-            rejected=none,
+            rejected=np.int32(0),
         )
 
-    def step(self, t: Any, state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
+    def step(self, t: Any, state: FailsafeState, input: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
         """What acts from integer time t on; may be called at any times that don't fall."""
         before = state.mode
-        state = self._apply_requests(t, state, given)
-        state = self._accept_command(t, state, given.command)
-        pilot = given.radio & given.takeover & self._is_in_range(given.manual)
-        state = self._next_mode(t, state, pilot, given)
+        state = self._apply_requests(t, state, input)
+        state = self._accept_command(t, state, input.command)
+        pilot = input.radio & input.takeover & self._is_in_range(input.manual)
+        state = self._next_mode(t, state, pilot, input)
         manual, computer = state.mode == MANUAL, state.mode == COMPUTER
-        obeyed = computer & given.command.valid & (state.heard != NEVER)
-        value = tree_where(manual, given.manual, tree_where(obeyed, state.value, self.safe))
+        obeyed = computer & input.command.valid & (state.heard != NEVER)
+        value = tree_where(manual, input.manual, tree_where(obeyed, state.value, self.safe))
         turns = manual | (computer & (state.heard != NEVER))
         tripped = (state.mode == FAILSAFE) & (before != FAILSAFE)
         state = replace(state, lift_until=jnp.where(turns | tripped, t + self.lift_delay, state.lift_until))
         output = FailsafeOutput(
-            command=replace(given.command, value=value, valid=manual | obeyed),
+            command=replace(input.command, value=value, valid=manual | obeyed),
             lift=turns | ((state.mode == FAILSAFE) & (t < state.lift_until)),
             armed=manual | computer,
             mode=state.mode,
@@ -146,10 +145,10 @@ class Failsafe:
         )
         return state, output
 
-    def _apply_requests(self, t: Any, s: FailsafeState, given: FailsafeInput) -> FailsafeState:
+    def _apply_requests(self, t: Any, s: FailsafeState, input: FailsafeInput) -> FailsafeState:
         """After requests: armed anew, with no command heard yet, or disarmed."""
-        arm = jnp.asarray(given.arm) & ~jnp.asarray(given.disarm) & ((s.mode == DISARMED) | s.latched)
-        disarm = given.disarm & (s.mode != DISARMED)
+        arm = jnp.asarray(input.arm) & ~jnp.asarray(input.disarm) & ((s.mode == DISARMED) | s.latched)
+        disarm = input.disarm & (s.mode != DISARMED)
         mode = jnp.where(arm & (s.mode != MANUAL), COMPUTER, s.mode)
         cause = jnp.where(arm, ARM, s.cause)
         return replace(
@@ -174,10 +173,10 @@ class Failsafe:
             rejected=jnp.where(came & ~good & (s.rejected < 2**31 - 1), s.rejected + 1, s.rejected).astype(np.int32),
         )
 
-    def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, given: FailsafeInput) -> FailsafeState:
+    def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
         """After the pilot and the clock: the table of the docs page, row by row; the last that holds counts."""
         mode, cause = s.mode, s.cause
-        radio, takeover = jnp.asarray(given.radio), jnp.asarray(given.takeover)
+        radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)
         came = s.heard != NEVER
         silent = jnp.where(came, t - s.heard, t - s.armed_at) >= jnp.where(came, self.timeout, self.patience)
         was_manual = mode == MANUAL

@@ -11,7 +11,7 @@ from jax import lax
 
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, quantity, record
+from trimtab.core.record import Scalar, option, quantity, record, replace
 
 DEG = np.pi / 180
 RUDDER_START, RUDDER_STEP, RUDDER_ROWS = -35 * DEG, 5 * DEG, 14
@@ -80,14 +80,14 @@ def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
     """
     last = float(thruster.speed_max_rpm)
     n = round(2 * last / step_rpm) + 1
-    blank = _table(-last, 2 * last / (n - 1), n)
-    return _fill_table(blank, thruster.force(blank.columns(), blank.rows()))
+    blank = _blank_table(-last, 2 * last / (n - 1), n)
+    return replace(blank, values=np.asarray(thruster.force(blank.columns(), blank.rows())))
 
 
 def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
     """Refuse a table of origin 'formula' that is not the one of this thruster."""
     if table.origin == "formula":
-        _check_same(table, _limit_speed(thruster, thruster.speed_rpm(table.columns(), table.rows())))
+        _check_same(table, _speeds(thruster, table))
 
 
 def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
@@ -103,29 +103,25 @@ def _cell(position: Any, size: int) -> tuple[Any, Any]:
     return index.astype(np.uint32), inside - index
 
 
-def _table(column_start: float, column_step: float, columns: int) -> BilinearTable:
+def _blank_table(column_start: float, column_step: float, columns: int) -> BilinearTable:
     blank = np.zeros((RUDDER_ROWS, columns))
     return BilinearTable(RUDDER_START, RUDDER_STEP, column_start, column_step, blank, "formula")
 
 
-def _fill_table(table: BilinearTable, values: Any) -> BilinearTable:
-    return BilinearTable(
-        table.row_start, table.row_step, table.column_start, table.column_step, np.asarray(values), table.origin
-    )
-
-
 def _speed_table(thruster: Thruster, start: float) -> BilinearTable:
-    blank = _table(start, FORCE_STEP, round((FORCE_MAX - start) / FORCE_STEP) + 1)
-    return _fill_table(blank, _limit_speed(thruster, thruster.speed_rpm(blank.columns(), blank.rows())))
+    blank = _blank_table(start, FORCE_STEP, round((FORCE_MAX - start) / FORCE_STEP) + 1)
+    return replace(blank, values=np.asarray(_speeds(thruster, blank)))
 
 
-def _limit_speed(thruster: Thruster, speed_rpm: Any) -> Any:
-    return np.clip(speed_rpm, -thruster.speed_max_rpm, thruster.speed_max_rpm)
+def _speeds(thruster: Thruster, table: BilinearTable) -> Any:
+    """Speed (rpm) at every force and rudder angle of a table's axes, up to the top speed."""
+    speed = thruster.speed_rpm(table.columns(), table.rows())
+    return np.clip(speed, -thruster.speed_max_rpm, thruster.speed_max_rpm)
 
 
-def _check_same(table: BilinearTable, wanted: Any) -> None:
-    worst = float(np.max(np.abs(np.asarray(table.values) - wanted)))
-    if worst > 1e-9 * float(np.max(np.abs(wanted))):
+def _check_same(table: BilinearTable, exact: Any) -> None:
+    worst = float(np.max(np.abs(np.asarray(table.values) - exact)))
+    if worst > 1e-9 * float(np.max(np.abs(exact))):
         problem = f"the table was made from another thruster: values differ by up to {worst:.6g}"
         fix = "make it again from this thruster, or leave it out (None) to use the formula, or use origin='measured'"
         raise InputError("table", problem, fix=fix)

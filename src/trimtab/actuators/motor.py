@@ -71,10 +71,10 @@ class Motor:
         """At rest."""
         return MotorState()
 
-    def acceleration(self, speed: Any, given: MotorInput) -> Any:
+    def acceleration(self, speed: Any, input: MotorInput) -> Any:
         """Of the shaft (rad/s^2) at a speed (rad/s)."""
         n = speed * (RPM * 1e-3)
-        torque = self.stall_torque * (given.duty * given.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
+        torque = self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
         return (torque - self.propeller * n * abs(n)) / self.inertia
 
     def duty(self, speed_rpm: Any, voltage: Any = 7.2) -> Any:
@@ -83,11 +83,11 @@ class Motor:
         load = self.propeller * n * abs(n) / self.stall_torque + speed_rpm / self.free_rpm
         return load * self.nominal_voltage / voltage
 
-    def step(self, t: Any, state: MotorState, given: MotorInput) -> tuple[MotorState, MotorOutput]:
+    def step(self, t: Any, state: MotorState, input: MotorInput) -> tuple[MotorState, MotorOutput]:
         """One period further with duty and voltage held."""
 
         def rate(_: Any, x: MotorState) -> MotorState:
-            return MotorState(speed=self.acceleration(x.speed, given), turned=x.speed * (self.counts / (2 * np.pi)))
+            return MotorState(speed=self.acceleration(x.speed, input), turned=x.speed * (self.counts / (2 * np.pi)))
 
         x = rk4(rate, to_seconds(t), state, to_seconds(self.period))
         turned = x.turned - jnp.floor(x.turned / TURN_COUNTS) * TURN_COUNTS

@@ -47,7 +47,7 @@ class RudderServo:
     """Pulse width to rudder angle by a measured table of 21 points, linear in between, and back.
 
     Beyond the table's ends both directions continue its last segment, so that they stay inverse to each other; the
-    stops are applied separately, by `limited`.
+    stops are applied separately, by `limit_angle`.
 
     Frames:  angle theta from the body's x axis.    Not modelled: slew rate, backlash, load.
     Source:  [1] figure 4.2 (21 points, 1.00 to 2.00 ms, linear interpolation). The values are a plot only and are

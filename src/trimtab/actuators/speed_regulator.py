@@ -74,13 +74,13 @@ class SpeedRegulator:
         return SpeedRegulatorState()
 
     def step(
-        self, t: Any, state: SpeedRegulatorState, given: SpeedRegulatorInput
+        self, t: Any, state: SpeedRegulatorState, input: SpeedRegulatorInput
     ) -> tuple[SpeedRegulatorState, SpeedRegulatorOutput]:
         """The duty from integer time t on; to be called once a period."""
         dt = to_seconds(self.period)
-        moved = (given.count - state.count + 32768) % 65536 - 32768
-        speed = jnp.where(state.started, moved * self.rpm_per_count, 0.0)
-        wanted = jnp.where(jnp.isfinite(given.wanted_rpm), given.wanted_rpm, 0.0)
+        counts = (input.count - state.count + 32768) % 65536 - 32768
+        speed = jnp.where(state.started, counts * self.rpm_per_count, 0.0)
+        wanted = jnp.where(jnp.isfinite(input.wanted_rpm), input.wanted_rpm, 0.0)
         sign = jnp.sign(wanted)
         error = (wanted - speed) * 1e-3
         integral = jnp.where(state.integral * sign > 0, state.integral, 0.0)
@@ -92,7 +92,7 @@ class SpeedRegulator:
         fault = (state.fault | (still * dt >= self.stall)) & (sign != 0)
         duty = jnp.where(fault, 0.0, jnp.clip(wish, low, high))
         new = SpeedRegulatorState(
-            count=jnp.asarray(given.count, np.int32),
+            count=jnp.asarray(input.count, np.int32),
             integral=jnp.where(winds | fault, integral, integral + self.ki * error * dt),
             still=jnp.where(fault, 0, still).astype(np.int32),
             fault=fault,

@@ -61,7 +61,7 @@ FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disa
 """For jax.jit(…, compiler_options=FAST_COMPILE_OPTIONS) of what runs once: there compiling is what takes the time."""
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period, imperfection, switch))
+@dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
 def record(cls: type[T]) -> type[T]:
     """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
     frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)

@@ -1,21 +1,15 @@
-"""The WGS84 ellipsoid, and the plane tangent to it at a place: geodetic coordinates to local north-east-down and back.
+"""The earth: WGS84 ellipsoid, the plane tangent to it at a place, normal gravity, and the rate at which it turns.
 
 Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth-centred, earth-fixed, which turns with
 the earth and so is not inertial.
 
-Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., table 3.1 and chapter 3.
+On a lab floor rate and Coriolis acceleration, which the plane's navigation leaves out, are small: 15 deg/h, and
+0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times more. Where that is not so, give `earth_rate(latitude)` to the
+inertial unit and to the navigation.
 
-Normal gravity of WGS84 at a place: what an accelerometer at rest feels, without the local anomaly (< 1 mm/s²).
-
-Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., table 3.4, eqs. 4-1 and 4-3.
-
-The turning of the earth in the local frame, and the Coriolis acceleration: what the plane's navigation leaves out.
-
-On a lab floor both are small: 15 deg/h, and 0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times more. Where that is
-not so, give `earth_rate(latitude)` to the inertial unit and to the navigation.
-
-Source: Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections 2.4 and
-5.4; the rate is that of NIMA TR8350.2, table 3.1.
+Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., tables 3.1 and 3.4, chapter 3, eqs.
+4-1 and 4-3; Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections
+2.1.3, 2.4 and 5.4.
 """
 
 from typing import Any
@@ -30,6 +24,16 @@ ECCENTRICITY2 = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR = SEMI_MAJOR * (1 - FLATTENING)
 ITERATIONS = 3
 """Bowring's, from the surface; two reach 1 mm below 1000 km of height."""
+EQUATOR = 9.7803253359
+"""Normal gravity at the equator (m/s²)."""
+SOMIGLIANA = 0.00193185265241
+"""k = b gp/(a ge) - 1."""
+GM = 3.986004418e14
+RATE = 7.292115e-5
+"""Angular velocity of the earth (rad/s)."""
+M = RATE**2 * SEMI_MAJOR**2 * SEMI_MINOR / GM
+STANDARD = 9.80665
+"""Standard gravity (m/s²), the g of data sheets. Source: 3rd General Conference on Weights and Measures, 1901."""
 
 
 def to_ecef(latitude: Any, longitude: Any, height: Any) -> Any:
@@ -69,13 +73,6 @@ def ned_axes(latitude: Any, longitude: Any) -> Any:
     return jnp.stack([jnp.stack([-s * cl, -sl, -c * cl]), jnp.stack([-s * sl, cl, -c * sl]), jnp.stack([c, o, -s])])
 
 
-def curvature_radii(latitude: Any) -> tuple[Any, Any]:
-    """Radii of curvature of the ellipsoid (m): along the meridian, and across it. Source: TR8350.2, eqs. 4-15."""
-    w2 = 1 - ECCENTRICITY2 * jnp.sin(latitude) ** 2
-    across = SEMI_MAJOR / jnp.sqrt(w2)
-    return across * (1 - ECCENTRICITY2) / w2, across
-
-
 @record
 class TangentPlane:
     """North-east-down coordinates with their origin at a geodetic place: the world frame W, put on the map.
@@ -84,7 +81,7 @@ class TangentPlane:
 
     Frames:  W north-east-down at the origin; its axes don't turn with the place where the vehicle is.
     Valid:   anywhere; that "down" is the plumb line holds near the origin only (1 arc second in 31 m).
-    Source:  Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., 2.1.3.
+    Source:  Groves, 2nd ed., section 2.1.3.
     """
 
     latitude: Scalar = quantity("rad", "Of the origin.", kind="angle")
@@ -102,22 +99,11 @@ class TangentPlane:
         return from_ecef(origin + ned_axes(self.latitude, self.longitude) @ p_W)
 
 
-EQUATOR = 9.7803253359
-"""Normal gravity at the equator (m/s²)."""
-SOMIGLIANA = 0.00193185265241
-"""k = b gp/(a ge) - 1."""
-GM = 3.986004418e14
-RATE = 7.292115e-5
-"""Angular velocity of the earth (rad/s)."""
-M = RATE**2 * SEMI_MAJOR**2 * SEMI_MINOR / GM
-STANDARD = 9.80665
-"""Standard gravity (m/s²), the g of data sheets. Source: 3rd General Conference on Weights and Measures, 1901."""
-
-
 def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
     """Magnitude (m/s²), centrifugal acceleration included, at a geodetic latitude (rad) and height (m) below 20 km.
 
-    Somigliana's formula on the ellipsoid, and its expansion to second order in height.
+    What an accelerometer at rest feels, without the local anomaly (< 1 mm/s²): Somigliana's formula on the ellipsoid,
+    and its expansion to second order in height.
     """
     s2 = jnp.sin(latitude) ** 2
     surface = EQUATOR * (1 + SOMIGLIANA * s2) / jnp.sqrt(1 - ECCENTRICITY2 * s2)
@@ -140,13 +126,3 @@ def earth_rate(latitude: Any) -> Any:
 def coriolis(earth_rate_W: Any, v_W: Any) -> Any:
     """Coriolis acceleration -2 Omega × v (3,) (m/s²): what turns a free body aside, seen in the turning frame W."""
     return -2 * jnp.cross(earth_rate_W, v_W)
-
-
-def transport_rate(latitude: Any, height: Any, v_W: Any) -> Any:
-    """Rate (3,) (rad/s) at which local north-east-down turns as one travels over the ellipsoid at v_W (3,) (m/s).
-
-    Zero for a fixed tangent plane, which does not follow the vehicle. Singular at the poles, where east is not defined.
-    """
-    meridian, normal = curvature_radii(latitude)
-    east = v_W[1] / (normal + height)
-    return jnp.stack([east, -v_W[0] / (meridian + height), -east * jnp.tan(latitude)])

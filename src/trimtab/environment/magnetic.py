@@ -1,12 +1,9 @@
-"""The earth's magnetic field at a place and a date, evaluated once before a run; or a field given by numbers.
+"""The earth's magnetic field at a place and a date, evaluated before a run, or given by numbers; and heading from it.
 
 Source: Chulliat et al., "The US/UK World Magnetic Model for 2020-2025", NOAA, 2020; coefficients and evaluation by the
 package pygeomag.
 
-Heading from a measured magnetic field: flight code, used by whoever holds a magnetometer's sample.
-
-Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
-eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
 import math
@@ -18,31 +15,6 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import from_euler
-
-
-def level_field(field_B: Any, roll: Any, pitch: Any) -> Any:
-    """A field (3,) in the body, turned by roll and pitch (rad) into the level frame that has the body's heading."""
-    return from_euler(roll, pitch, jnp.zeros_like(pitch)) @ field_B
-
-
-def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0.0) -> Any:
-    """True heading (rad, in [-pi, pi]) from the measured field (3,) in B and the known field (3,) in north-east-down.
-
-    Both are projected on the horizontal plane; the heading is the angle from the measured to the known projection,
-
-        psi = atan2((b × w)_z, b · w),
-
-    which is exact at every angle, where an arc cosine of b · w loses half its digits near 0 and pi. Where a projection
-    vanishes (a magnetic pole, a dead sensor) it is 0: look at `strength_ratio`.
-    """
-    b, w = level_field(field_B, jnp.asarray(roll), jnp.asarray(pitch)), field_W
-    return jnp.arctan2(b[0] * w[1] - b[1] * w[0], b[0] * w[0] + b[1] * w[1])
-
-
-def strength_ratio(field_B: Any, field_W: Any) -> Any:
-    """Strength of the measured field over the known one: not 1 beside a motor or over steel, 0 for a dead sensor."""
-    return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
-
 
 MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
 """First year of each model, which holds for five years."""
@@ -66,9 +38,8 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
         fix = "give the field by numbers, field_from_angles(intensity, declination, inclination), or another date"
         raise InputError("earth_field", problem, choices=[f"{y} to {y + 5}" for y in MODELS], fix=fix)
     if not abs(latitude) <= math.pi / 2 or not math.isfinite(longitude) or not -1000 <= height <= 850e3:
-        problem = (
-            f"latitude {latitude} rad, longitude {longitude} rad, height {height} m is not a place the model covers"
-        )
+        place = f"latitude {latitude} rad, longitude {longitude} rad, height {height} m"
+        problem = f"{place} is not a place the model covers"
         raise InputError("earth_field", problem, fix="angles in radians, |latitude| <= pi/2, height -1 to 850 km")
     try:
         from pygeomag import GeoMag
@@ -76,8 +47,8 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
         fix = 'pip install "trimtab[nav]"'
         raise InputError("earth_field", "the package pygeomag is not installed", fix=fix) from None
     model = GeoMag(coefficients_file=MODELS[max(y for y in MODELS if y <= year)])
-    found = model.calculate(math.degrees(latitude), math.degrees(longitude), height / 1000, year)
-    return np.array([found.x, found.y, found.z]) * 1e-9
+    field = model.calculate(math.degrees(latitude), math.degrees(longitude), height / 1000, year)
+    return np.array([field.x, field.y, field.z]) * 1e-9
 
 
 def field_from_angles(intensity: float, declination: float, inclination: float) -> Any:
@@ -95,6 +66,28 @@ def declination(field_W: Any) -> Any:
 def inclination(field_W: Any) -> Any:
     """Dip below the horizon (rad) of a field (3,) in north-east-down."""
     return np.arctan2(field_W[2], np.hypot(field_W[0], field_W[1]))
+
+
+def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0.0) -> Any:
+    """True heading (rad, in [-pi, pi]) from the measured field (3,) in B and the known field (3,) in north-east-down.
+
+    Both are projected on the horizontal plane; the heading is the angle from the measured to the known projection,
+
+        psi = atan2((b × w)_z, b · w),
+
+    which is exact at every angle, where an arc cosine of b · w loses half its digits near 0 and pi. Where a projection
+    vanishes (a magnetic pole, a dead sensor) it is 0: look at `strength_ratio`. Flight code.
+
+    Source: [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
+    """
+    roll, pitch = jnp.asarray(roll), jnp.asarray(pitch)
+    b, w = from_euler(roll, pitch, jnp.zeros_like(pitch)) @ field_B, field_W
+    return jnp.arctan2(b[0] * w[1] - b[1] * w[0], b[0] * w[0] + b[1] * w[1])
+
+
+def strength_ratio(field_B: Any, field_W: Any) -> Any:
+    """Strength of the measured field over the known one: not 1 beside a motor or over steel, 0 for a dead sensor."""
+    return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
 
 
 def _decimal_year(when: date | float) -> float:

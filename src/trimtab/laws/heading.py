@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.record import Scalar, option, part, quantity, record, replace, tree_where
 from trimtab.core.rotation import wrap, wrap_positive
 from trimtab.core.signals import Estimate, PlanarForce
 from trimtab.laws.spin import (
@@ -68,7 +68,9 @@ def _first_state() -> HeadingLawState:
     return HeadingLawState(mode=zero, switches=zero, spin_reference=np.asarray(0.0))
 
 
-def _decide(law: Any, state: HeadingLawState, estimate: Estimate, e: Any, fresh: Any, kept: Any) -> HeadingLawState:
+def _decide(
+    law: Any, state: HeadingLawState, estimate: Estimate, e: Any, start_at: Any, go_on_at: Any
+) -> HeadingLawState:
     """The mode and reference from now on; nothing moves while the estimate is not valid.
 
     Args:
@@ -76,16 +78,16 @@ def _decide(law: Any, state: HeadingLawState, estimate: Estimate, e: Any, fresh:
         state: as left by the last step.
         estimate: what the law reads.
         e: heading error (rad).
-        fresh: reference (rad/s) with which a turn would start.
-        kept: reference (rad/s) with which a turn would go on.
+        start_at: reference (rad/s) with which a turn would start.
+        go_on_at: reference (rad/s) with which a turn would go on.
     """
     off = jnp.abs(e) > law.tolerance
-    calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, fresh)
+    calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, start_at)
     damping = state.mode == DAMP
     start = damping & off & calm & estimate.valid
     stop = ~damping & (~off | (e * state.spin_reference > 0)) & estimate.valid
     turning = start | (~damping & ~stop)
-    aim = jnp.where(damping & off, fresh, jnp.where(turning & ~start, kept, state.spin_reference))
+    aim = jnp.where(damping & off, start_at, jnp.where(turning & ~start, go_on_at, state.spin_reference))
     return HeadingLawState(
         mode=jnp.where(turning, TURN, DAMP).astype(np.int32),
         switches=state.switches + jnp.where(start | stop, 1, 0).astype(np.int32),
@@ -97,20 +99,18 @@ def _output(
     law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
 ) -> HeadingOutput:
     """What follows from the mode and reference of now."""
-    model, held = law.turning.model, before.spin_reference
+    model, reference = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
     _, turn = replace(law.turning, reference=now.spin_reference).step(t, (), estimate)
     turning = now.mode == TURN
     return HeadingOutput(
-        demand=PlanarForce(
-            FX=jnp.where(turning, turn.demand.FX, damp.demand.FX), FY=jnp.where(turning, turn.demand.FY, damp.demand.FY)
-        ),
+        demand=tree_where(turning, turn.demand, damp.demand),
         mode=now.mode,
         switches=now.switches,
         spin_reference=now.spin_reference,
         heading_error=e,
         lyapunov=jnp.where(turning, turn.lyapunov, damp.lyapunov),
-        provision=safe_reference_bound(model, lyapunov(model, estimate.state, held), held),
+        provision=safe_reference_bound(model, lyapunov(model, estimate.state, reference), reference),
     )
 
 
@@ -157,7 +157,7 @@ class HeadingBangBang:
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
         """The demand at integer time t; mode and reference change before it is computed."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
-        now = _decide(self, state, estimate, e, fresh=-jnp.sign(e) * self.turn_rate, kept=state.spin_reference)
+        now = _decide(self, state, estimate, e, -jnp.sign(e) * self.turn_rate, state.spin_reference)
         return now, _output(self, t, state, now, estimate, e)
 
 
@@ -202,15 +202,15 @@ class HeadingProportional:
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
         """The demand at integer time t; mode and reference change before it is computed."""
-        model, held = self.turning.model, state.spin_reference
+        model, reference = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
-        W = lyapunov(model, estimate.state, held)
+        W = lyapunov(model, estimate.state, reference)
         size = self.k * jnp.abs(e)
         if self.form == "floored":
             size = jnp.maximum(size, self.floor)
-        kept = jnp.maximum(safe_reference_bound(model, W, held), size)
+        next_size = jnp.maximum(safe_reference_bound(model, W, reference), size)
         if self.form == "floored":
-            moves = (self.margin * limit_point_value(model, held) > W) | (kept > jnp.abs(held))
-            kept = jnp.where(moves, kept, jnp.abs(held))
-        now = _decide(self, state, estimate, e, fresh=-jnp.sign(e) * size, kept=-jnp.sign(e) * kept)
+            moves = (self.margin * limit_point_value(model, reference) > W) | (next_size > jnp.abs(reference))
+            next_size = jnp.where(moves, next_size, jnp.abs(reference))
+        now = _decide(self, state, estimate, e, -jnp.sign(e) * size, -jnp.sign(e) * next_size)
         return now, _output(self, t, state, now, estimate, e)

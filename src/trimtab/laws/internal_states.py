@@ -15,11 +15,19 @@ from jax import lax
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.laws.path_inversion import STEEPEST, internal_rates, invert_path
+from trimtab.laws.path_inversion import internal_rates, invert_path, path_turn_rate
 from trimtab.vehicles.hypersonic import Hypersonic
 
 INTERNALS = 6
 """alpha, Q, eta1, eta1', eta2, eta2'."""
+STATES = 7
+"""Of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
+FARTHEST = 0.05
+"""Largest Newton step in the angle of attack (rad)."""
+WIDEST = 0.1
+"""Largest angle of attack looked at (rad): beyond it the curves of the model no longer hold, and searches get lost."""
+SETTLED = 1e-7
+"""A last Newton step below this (rad) has found the root: the next one is its square."""
 Complex = tuple[Any, Any]
 """Real and imaginary part."""
 
@@ -87,10 +95,6 @@ class InternalTable:
         return z[0] + s * s * (3 - 2 * s) * (z[1] - z[0]) + bend
 
 
-STATES = 7
-"""Of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
-
-
 @record
 class SylvesterInternal:
     """Wanted internal states for a `FilteredClimb`, by the linearised inside, without the future.
@@ -125,15 +129,7 @@ class SylvesterInternal:
         return state, jnp.where(t < command.start, self.zeta_0, self.zeta_0 + moving - ended)
 
 
-FARTHEST = 0.05
-"""Largest Newton step in the angle of attack (rad)."""
-WIDEST = 0.1
-"""Largest angle of attack looked at (rad): beyond it the curves of the model no longer hold, and searches get lost."""
-SETTLED = 1e-7
-"""A last Newton step below this (rad) has found the root: the next one is its square."""
-
-
-def solve_quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
+def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
     """zeta at which nothing inside turns or bends while the path is as wanted, and whether it was found.
 
         M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
@@ -142,29 +138,27 @@ def solve_quasi_static(craft: Hypersonic, wanted: Any, alpha: Any, steps: int) -
 
     Args:
         craft: the vehicle believed in.
-        wanted: PathPoint, each field a number or an array of instants.
+        p: PathPoint, each field a number or an array of instants.
         alpha: where the search starts (rad), of the same shape.
         steps: how many.
     """
-    p = wanted
 
     def moment(alpha: Any) -> tuple[Any, Any]:
-        found = invert_path(craft, p.h, p.h_rate, p.V, alpha, p.h_acceleration, p.V_rate)
-        return craft.forces.at(p.h, p.V, alpha, found.u.Phi, found.u.delta_e).M, found
+        inversion = invert_path(craft, p.h, p.h_rate, p.V, alpha, p.h_acceleration, p.V_rate)
+        return craft.forces.at(p.h, p.V, alpha, inversion.u.Phi, inversion.u.delta_e).M, inversion
 
     def nearer(_: Any, before: tuple[Any, Any]) -> tuple[Any, Any]:
         M, slope, _ = jax.jvp(moment, (before[0],), (jnp.ones_like(before[0]),), has_aux=True)
         step = jnp.where(jnp.isfinite(M / slope), jnp.clip(-M / slope, -FARTHEST, FARTHEST), FARTHEST)
-        moved = jnp.where(jnp.isfinite(M / slope), jnp.clip(before[0] + step, -WIDEST, WIDEST), before[0])
-        return moved, step
+        alpha = jnp.where(jnp.isfinite(M / slope), jnp.clip(before[0] + step, -WIDEST, WIDEST), before[0])
+        return alpha, step
 
     alpha, last = lax.fori_loop(0, steps, nearer, (alpha, FARTHEST + jnp.zeros_like(alpha)))
-    found = moment(alpha)[1]
-    eta1, eta2 = craft.modes.static_displacements(alpha, found.u.delta_e)
-    sine = jnp.clip(p.h_rate / p.V, -STEEPEST, STEEPEST)
-    turn = (p.h_acceleration - p.V_rate * sine) / (p.V * jnp.sqrt(1 - sine * sine))
+    _, inversion = moment(alpha)
+    eta1, eta2 = craft.modes.static_displacements(alpha, inversion.u.delta_e)
+    turn = path_turn_rate(p.h_rate, p.V, p.h_acceleration, p.V_rate)
     still = jnp.zeros_like(alpha)
-    return [alpha, turn, eta1, still, eta2, still], (jnp.abs(last) < SETTLED) & found.solvable
+    return [alpha, turn, eta1, still, eta2, still], (jnp.abs(last) < SETTLED) & inversion.solvable
 
 
 @record
@@ -303,9 +297,9 @@ class PreviewInternal:
         zeta = jnp.stack(still)
         w = jnp.stack(rates) - _matrix_product(self.A22, zeta)
         q = self._propagate_past(t, state, w[:, :1], zeta[:, :1])
-        made = self.past.reconstruct(q) + self.future.reconstruct(self._sum_future(w, zeta[:, -1:], d))
-        kept = PreviewState(1.0 * t, jnp.stack(q), w[:, :1], still[0], jnp.asarray(True), found.all())
-        return kept, made[:, 0]
+        wanted = self.past.reconstruct(q) + self.future.reconstruct(self._sum_future(w, zeta[:, -1:], d))
+        new = PreviewState(1.0 * t, jnp.stack(q), w[:, :1], still[0], jnp.asarray(True), found.all())
+        return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
         """The modes that fade, from the last step to t; at the first step as zeta says."""
@@ -320,10 +314,9 @@ class PreviewInternal:
     def _sum_future(self, w: Any, zeta: Any, d: Any) -> Complex:
         """The modes that grow, summed from the end of the horizon; in reversed time w has the other sign."""
         far, near = self.future.weights(d)
-        seen = self.future.modal_input(-w)
-        each = _add(
-            _multiply(near, (seen[0][:, :-1], seen[1][:, :-1])), _multiply(far, (seen[0][:, 1:], seen[1][:, 1:]))
-        )
+        real, imaginary = self.future.modal_input(-w)
+        near_part = _multiply(near, (real[:, :-1], imaginary[:, :-1]))
+        each = _add(near_part, _multiply(far, (real[:, 1:], imaginary[:, 1:])))
         fading = _multiply(self.future.powers(d * jnp.arange(1.0 * self.intervals)[None]), each)
         last = _multiply(self.future.powers(d * self.intervals * jnp.ones((1, 1))), self.future.modal_input(zeta))
         return fading[0].sum(axis=1, keepdims=True) + last[0], fading[1].sum(axis=1, keepdims=True) + last[1]

@@ -14,9 +14,8 @@ STEEPEST = 0.99
 class PathInversion(NamedTuple):
     """Phi and delta_e (rad) that give (h'', V') = v.
 
-    solvable: whether any elevator does; where not, the one that comes nearest. False too where the path is steeper than
-    STEEPEST.  slope: d(normal force)/d(delta_e)
-    (lbf/ft), zero where elevator and lift part.
+    solvable: whether any elevator does; where not, u has the one that comes nearest. False too where the path is
+    steeper than STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero where elevator and lift part.
     """
 
     u: HypersonicInput
@@ -99,6 +98,12 @@ def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: 
     return PathInversion(HypersonicInput(Phi, delta_e), solvable, slope)
 
 
+def path_turn_rate(h_rate: Any, V: Any, v1: Any, v2: Any) -> Any:
+    """gamma' (rad/s) of a path with this h' and V (ft/s) while h'' = v1 and V' = v2 (ft/s^2)."""
+    sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
+    return (v1 - v2 * sine) / (V * jnp.sqrt(1 - sine * sine))
+
+
 def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: Any, zeta: Any) -> list[Any]:
     """Psi: the rates of zeta = (alpha, Q, eta1, eta1', eta2, eta2') while h'' = v1 and V' = v2 exactly.
 
@@ -109,8 +114,7 @@ def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: 
     """
     alpha, q, eta1, eta1_rate, eta2, eta2_rate = zeta
     u = invert_path(craft, h, h_rate, V, alpha, v1, v2).u
-    sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
-    turn = (v1 - v2 * sine) / (V * jnp.sqrt(1 - sine * sine))
+    turn = path_turn_rate(h_rate, V, v1, v2)
     moment = craft.forces.at(h, V, alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(alpha, u.delta_e)
     back1, back2 = craft.modes.restoring_forces(eta1, eta1_rate, eta2, eta2_rate)

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, leaves, option, part, quantity, record
+from trimtab.core.record import Scalar, leaves, option, part, quantity, record, tree_where
 from trimtab.core.signals import Estimate, PlanarForce
-from trimtab.laws.velocity import VelocityOutput, ZeroVelocity
-from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+from trimtab.laws.velocity import READS, VelocityOutput, ZeroVelocity
+from trimtab.vehicles.hovercraft import Hovercraft
 
 BRAKE, SPIN = 0, 1
 """Modes of SupervisedSpin."""
@@ -35,7 +35,7 @@ class ConstantSpin:
     Source:  [1] eq. 2.39; default gains and reference [1] table 6.4.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=0.5, above=0, source="[1] table 6.4")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw-rate error.", default=3.5, above=0, source="[1] table 6.4")
@@ -55,14 +55,6 @@ class ConstantSpin:
     def lyapunov(self, s: Any) -> Any:
         """W (J); s: any record with the fields in `reads`."""
         return lyapunov(self.model, s, self.reference)
-
-    def good_limit_point(self) -> HovercraftState:
-        """Spinning on the spot at the reference."""
-        return HovercraftState(yaw_rate=self.reference)
-
-    def bad_limit_point(self) -> HovercraftState:
-        """Sliding sideways at -d reference without turning."""
-        return HovercraftState(sway_velocity=-self.model.arm * self.reference)
 
 
 def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
@@ -150,7 +142,7 @@ class SupervisedSpin:
     Source:  [1] section 2.2.6 and eq. 2.48.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     braking: ZeroVelocity = part("The law before the switch.", default=ZeroVelocity())
     spinning: ConstantSpin = part("The law after it; its reference is what is wanted.", default=ConstantSpin())
@@ -182,8 +174,6 @@ class SupervisedSpin:
             mode=jnp.where(spins, SPIN, BRAKE).astype(np.int32),
             switches=state.switches + jnp.where(switch, 1, 0).astype(np.int32),
         )
-        demand = PlanarForce(
-            FX=jnp.where(spins, spin.demand.FX, brake.demand.FX), FY=jnp.where(spins, spin.demand.FY, brake.demand.FY)
-        )
+        demand = tree_where(spins, spin.demand, brake.demand)
         value = jnp.where(spins, spin.lyapunov, brake.lyapunov)
         return now, SupervisedSpinOutput(demand=demand, mode=now.mode, switches=now.switches, lyapunov=value)

@@ -1,8 +1,9 @@
 """Tracking of altitude and speed by exact inversion around the bounded internal motion that the command asks for.
 
-What is refused before a path law flies: commands that no level flight ends, tables that are not the command's.
+Before it flies, commands that no level flight ends and tables that are not the command's are refused.
 
-Source: docs page, Stable inversion.
+[1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206.
 """
 
 from functools import partial
@@ -31,67 +32,6 @@ SOLVED = 1e-4
 LAST = 1e5
 """A time (s) by which every command has come to its end."""
 STEPS = 8
-
-
-def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
-    """Refuse a command that begins or ends where the craft believed in has no level flight within its limits."""
-    found, u, h, V = (np.asarray(a) for a in _level_flight_at_ends(craft, command))
-    for i, where in enumerate(("begins", "ends")):
-        if not found[i]:
-            problem = f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack balances the moment there"
-            raise InputError("command", problem, fix="choose h0, V0, dh and dV near 85000 ft, 7700 ft/s")
-    where = [f"level flight at {a:g} ft, {b:g} ft/s" for a, b in zip(h, V, strict=True)]
-    _check_input_limits(limits, u, where)
-
-
-def check_internal_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
-    """Refuse a table of another command or vehicle, and a command that needs more than the inputs have."""
-    t = table.first + table.spacing * np.arange(len(table.nodes))
-    wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
-    if not wrong.max() < SOLVED:
-        when = f"its rates are off by {wrong.max():.2g} of what counts, at {t[wrong.argmax()]:g} s"
-        problem = f"the table was made for another command or vehicle: {when}"
-        fix = "--set internal=preview, which needs no table, or fly a scenario made with that command"
-        raise InputError("internal", problem, fix=fix)
-    _check_input_limits(limits, u, [f"the command at {x:g} s" for x in t])
-
-
-def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
-    """u: fuel ratio and elevator (2, n), at places `where`."""
-    low, high = (np.array([*pair]) for pair in limits.bounds())
-    for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
-        beyond = np.maximum(least - value, value - most)
-        if beyond.max() > 0:
-            at = int(beyond.argmax())
-            problem = f"{where[at]} needs {what} {value[at]:.4g}, limits are {least:.4g} and {most:.4g}"
-            raise InputError("command", problem, fix="make the climb smaller, or wh and wV lower")
-
-
-@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
-def _level_flight_at_ends(craft: Any, command: Any) -> Any:
-    """Whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
-    p: PathPoint = command.at(jnp.array([0.0, LAST]))
-    still = jnp.zeros(2)
-    level = PathPoint(p.h, still, still, still, p.V, still, still)
-    zeta, found = solve_quasi_static(craft, level, jnp.full(2, 0.03), STEPS)
-    u = invert_path(craft, p.h, still, p.V, zeta[0], still, still).u
-    return found, jnp.stack([u.Phi, u.delta_e]), p.h, p.V
-
-
-@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
-def _table_residual(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
-    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
-
-    And fuel ratio and elevator (rad) that the command needs there (2, n).
-    """
-    p: PathPoint = command.at(t)
-    path = (p.h, p.h_rate, p.V)
-    found = internal_rates(craft, *path, p.h_acceleration, p.V_rate, nodes.T)
-    off = jnp.abs((jnp.stack(found, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
-    u = invert_path(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
-    return off, jnp.stack([u.Phi, u.delta_e])
-
-
 K_FLOWN = (
     (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
     (-0.0184104, -0.132192, -0.465382, -168.6866, -51.9745, 0.0504659, 0.0135084, 0.129350, 0.0334523),
@@ -165,8 +105,7 @@ class StableInversion:
 
     Frames:  as the vehicle's, in its units.
     Stable:  locally, with `design.certificate`; void while the input saturates.
-    Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
-             flight vehicle", Aerospace 2022, 9(4), 206, eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
+    Source:  [1] eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
     """
 
     internal: Any = part("Wanted internal motion: a record of laws.internal_*.", default=QuasiStaticInternal())
@@ -215,12 +154,10 @@ class StableInversion:
         terms = self.robust.terms(state.adaptation, e)
         feedback = jnp.asarray(self.K) @ e + jnp.asarray(self.Ki) @ state.integral
         v = jnp.stack([want.h_acceleration, want.V_rate]) + feedback + terms.u_h + terms.u_s
-        found = invert_path(self.craft, x.h, x.h_rate, x.V, x.alpha, v[0], v[1])
-        u, clipped = self.limits.clip(found.u)
+        inversion = invert_path(self.craft, x.h, x.h_rate, x.V, x.alpha, v[0], v[1])
+        u, clipped = self.limits.clip(inversion.u)
         usable = jnp.isfinite(u.Phi) & jnp.isfinite(u.delta_e)
-        u = HypersonicInput(
-            jnp.where(usable, u.Phi, self.limits.Phi_low), jnp.where(usable, u.delta_e, jnp.asarray(0.0))
-        )
+        u = tree_where(usable, u, HypersonicInput(self.limits.Phi_low, jnp.asarray(0.0)))
         saturated, integrates = clipped | ~usable, jnp.any(jnp.asarray(self.Ki) != 0)
         new = StableInversionState(
             internal=internal,
@@ -230,11 +167,7 @@ class StableInversion:
             started=jnp.asarray(True),
         )
         output = StableInversionOutput(
-            u,
-            want.h,
-            want.V,
-            e[0],
-            e[2],
+            *(u, want.h, want.V, e[0], e[2]),
             *(zeta[i] for i in range(6)),
             v=v,
             s=terms.s,
@@ -244,7 +177,7 @@ class StableInversion:
             rho1=state.adaptation.rho1,
             integral=state.integral,
             saturated=saturated,
-            unsolvable=~found.solvable,
+            unsolvable=~inversion.solvable,
             outside=self.fit.is_outside(x.h, x.V, x.alpha),
         )
         return new, output
@@ -267,3 +200,62 @@ class StableInversion:
         have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
         wanted = (want.h, want.h_rate, want.V, *(zeta[i] for i in range(6)))
         return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
+
+
+def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
+    """Refuse a command that begins or ends where the craft believed in has no level flight within its limits."""
+    found, u, h, V = (np.asarray(a) for a in _level_flight_at_ends(craft, command))
+    for i, where in enumerate(("begins", "ends")):
+        if not found[i]:
+            problem = f"the command {where} at {h[i]:g} ft, {V[i]:g} ft/s: no angle of attack balances the moment there"
+            raise InputError("command", problem, fix="choose h0, V0, dh and dV near 85000 ft, 7700 ft/s")
+    where = [f"level flight at {a:g} ft, {b:g} ft/s" for a, b in zip(h, V, strict=True)]
+    _check_input_limits(limits, u, where)
+
+
+def check_internal_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
+    """Refuse a table of another command or vehicle, and a command that needs more than the inputs have."""
+    t = table.first + table.spacing * np.arange(len(table.nodes))
+    wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
+    if not wrong.max() < SOLVED:
+        when = f"its rates are off by {wrong.max():.2g} of what counts, at {t[wrong.argmax()]:g} s"
+        problem = f"the table was made for another command or vehicle: {when}"
+        fix = "--set internal=preview, which needs no table, or fly a scenario made with that command"
+        raise InputError("internal", problem, fix=fix)
+    _check_input_limits(limits, u, [f"the command at {x:g} s" for x in t])
+
+
+def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
+    """u: fuel ratio and elevator (2, n), at places `where`."""
+    low, high = (np.array([*pair]) for pair in limits.bounds())
+    for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
+        beyond = np.maximum(least - value, value - most)
+        if beyond.max() > 0:
+            at = int(beyond.argmax())
+            problem = f"{where[at]} needs {what} {value[at]:.4g}, limits are {least:.4g} and {most:.4g}"
+            raise InputError("command", problem, fix="make the climb smaller, or wh and wV lower")
+
+
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _level_flight_at_ends(craft: Any, command: Any) -> Any:
+    """Whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
+    p: PathPoint = command.at(jnp.array([0.0, LAST]))
+    still = jnp.zeros(2)
+    level = PathPoint(p.h, still, still, still, p.V, still, still)
+    zeta, found = solve_quasi_static(craft, level, jnp.full(2, 0.03), STEPS)
+    u = invert_path(craft, p.h, still, p.V, zeta[0], still, still).u
+    return found, jnp.stack([u.Phi, u.delta_e]), p.h, p.V
+
+
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _table_residual(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
+    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
+
+    And fuel ratio and elevator (rad) that the command needs there (2, n).
+    """
+    p: PathPoint = command.at(t)
+    path = (p.h, p.h_rate, p.V)
+    exact = internal_rates(craft, *path, p.h_acceleration, p.V_rate, nodes.T)
+    off = jnp.abs((jnp.stack(exact, axis=1) - rates) / jnp.asarray(INTERNAL_SIZES)).max(axis=1)
+    u = invert_path(craft, *path, nodes[:, 0], p.h_acceleration, p.V_rate).u
+    return off, jnp.stack([u.Phi, u.delta_e])

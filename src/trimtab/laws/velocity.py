@@ -15,6 +15,8 @@ from trimtab.core.record import Scalar, part, quantity, record
 from trimtab.core.signals import Estimate, PlanarForce
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
+READS = ("surge_velocity", "sway_velocity", "yaw_rate")
+
 
 @record
 class VelocityOutput:
@@ -44,7 +46,7 @@ class ZeroVelocity:
     Source:  [1] eq. 2.16; default gains [1] table 6.1.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.1")
     k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=2.5, above=0, source="[1] table 6.1")
@@ -92,7 +94,7 @@ class ForwardMomentum:
     Source:  [1] eq. 2.24; lambda derived here; default gains [1] table 6.2.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
     k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=4.0, above=0, source="[1] table 6.2")
@@ -135,7 +137,7 @@ class ForwardMomentumMatched:
     Source:  [1] eq. 2.29; defaults [1] table 6.2.
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
     reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
@@ -178,7 +180,7 @@ class ReverseMomentum:
     Source:  [1] eq. 2.30; default gains [1] table 6.3 (theta = 4 J/(d^2 m)).
     """
 
-    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate")
+    reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.5, above=0, source="[1] table 6.3")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw.", default=1.0, above=0, source="[1] table 6.3")
@@ -190,9 +192,8 @@ class ReverseMomentum:
         """Refuse a reference that is not backward, and a theta that leaves the equilibrium unstable."""
         if not np.all(np.asarray(self.reference) < 0):
             problem = f"the reference momentum must be negative, it is {self.reference} kg m/s"
-            raise InputError(
-                "ReverseMomentum.reference", problem, fix="write e.g. -1.98; ForwardMomentum drives forward"
-            )
+            fix = "write e.g. -1.98; ForwardMomentum drives forward"
+            raise InputError("ReverseMomentum.reference", problem, fix=fix)
         least = self.model.inertia / (self.model.arm**2 * self.model.mass)
         if not np.all(np.asarray(self.theta) > least):
             problem = f"theta must be above J/(d^2 m) = {least:.4g}, it is {self.theta}"
@@ -224,6 +225,5 @@ class ReverseMomentum:
 def _check_forward(name: str, reference: Any) -> None:
     if not np.all(np.asarray(reference) > 0):
         problem = f"the reference momentum must be positive, it is {reference} kg m/s"
-        raise InputError(
-            f"{name}.reference", problem, fix="drive backward with ReverseMomentum, stop with ZeroVelocity"
-        )
+        fix = "drive backward with ReverseMomentum, stop with ZeroVelocity"
+        raise InputError(f"{name}.reference", problem, fix=fix)

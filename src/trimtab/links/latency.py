@@ -59,7 +59,7 @@ class MeasuredLatency:
                 "MeasuredLatency.latency",
                 f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, is not"
                 f" {NODES} rising latencies from 0 on",
-                fix="make it with gamma_table(mean, sd, shift), or from a measurement's quantiles at ndtr(normal_scores())",
+                fix="make it with gamma_table(mean, sd, shift), or from measured quantiles at ndtr(normal_scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
