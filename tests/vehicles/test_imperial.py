@@ -57,4 +57,4 @@ def test_every_unit_of_the_vehicle_is_known():
     records = (Hypersonic(disturbance=Disturbance()), HypersonicState(*[0.0] * 9), HypersonicInput(0.0, 0.0))
     units = {d.unit for r in records for _, _, d in leaves(r) if isinstance(d, Quantity)}
     assert {"ft", "lbf ft/ft", "(slug ft)^1/2/s^2"} <= units
-    assert units <= SI_ALREADY | set(imperial.UNITS)
+    assert units <= SI_ALREADY | set(imperial.FACTORS)
