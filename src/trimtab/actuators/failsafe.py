@@ -12,7 +12,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, leaves, part, period, quantity, record, replace, tree_where
 from trimtab.core.signals import Sample
-from trimtab.core.time import FOREVER, ms, seconds
+from trimtab.core.time import NEVER, ms, seconds
 
 MODES = ("disarmed", "computer", "manual", "failsafe")
 DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
@@ -27,7 +27,6 @@ CAUSES = (
     "pilot's radio lost",
 )
 START, ARM, DISARM, SILENCE, NEVER_CAME, TAKEOVER, RELEASED, RADIO = range(8)
-NEVER = -FOREVER
 
 
 @record

@@ -12,8 +12,8 @@ from jax import lax
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, quantity, record, replace
+from trimtab.core.rotation import DEG
 
-DEG = np.pi / 180
 RUDDER_START, RUDDER_STEP, RUDDER_ROWS = -35 * DEG, 5 * DEG, 14
 FORCE_MAX, FORCE_STEP = 2.0, 0.025
 

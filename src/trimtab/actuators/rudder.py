@@ -11,8 +11,8 @@ from jax import lax
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import DEG
 
-DEG = np.pi / 180
 _HORN = 72 * DEG
 _ANGLES = 35 * DEG * np.sin(_HORN * np.linspace(-1.0, 1.0, 21)) / np.sin(_HORN)
 

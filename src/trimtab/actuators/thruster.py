@@ -11,8 +11,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import DEG
 
-DEG = np.pi / 180
 NEWTON_STEPS = 5
 """Steps that solve the reverse map to rounding from the start used here; held by a test."""
 

@@ -13,6 +13,9 @@ import numpy as np
 
 from trimtab.core.record import Scalar
 
+DEG = np.pi / 180
+"""One degree (rad)."""
+
 
 def wrap(angle: Scalar) -> Scalar:
     """An angle (rad) as its equal in [-pi, pi)."""

@@ -18,6 +18,8 @@ SECONDS_PER_UNIT = 1e-7
 NAMES = {"s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
 FOREVER = 2**62
 """Later than any instant of a run."""
+NEVER = -FOREVER
+"""Earlier than any instant: when something was that has not been yet."""
 
 
 def seconds(value: float | str | Decimal) -> int:

@@ -85,9 +85,7 @@ def off_axis_angle(height: Any, distance: Any) -> Any:
 def fit_range_ratio(beta: Any, ratio: Any) -> tuple[float, float]:
     """Quadratic and linear coefficient through a calibration: least squares with ratio 1 on the axis.
 
-    Args:
-        beta: angles (rad), shape (n,).
-        ratio: true over measured range, shape (n,).
+    Args:     beta: angles (rad), shape (n,).    ratio: true over measured range, shape (n,).
     """
     b = np.asarray(beta, np.float64)
     A = np.stack([b * b, b], axis=1)

@@ -26,11 +26,8 @@ COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
 def earth_field(latitude: float, longitude: float, height: float, when: date | float) -> Any:
     """The World Magnetic Model's field (3,) (T) in local north-east-down.
 
-    Args:
-        latitude: geodetic (rad), in [-pi/2, pi/2].
-        longitude: (rad).
-        height: above the ellipsoid (m).
-        when: a date, or a year with decimals from 2010 up to 2030.
+    Args:     latitude, longitude: geodetic (rad).    height: above the ellipsoid (m).
+              when: a date, or a year with decimals from 2010 up to 2030.
     """
     year = _decimal_year(when)
     if not min(MODELS) <= year < LAST:

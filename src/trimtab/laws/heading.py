@@ -73,13 +73,7 @@ def _decide(
 ) -> HeadingLawState:
     """The mode and reference from now on; nothing moves while the estimate is not valid.
 
-    Args:
-        law: the heading law.
-        state: as left by the last step.
-        estimate: what the law reads.
-        e: heading error (rad).
-        start_at: reference (rad/s) with which a turn would start.
-        go_on_at: reference (rad/s) with which a turn would go on.
+    Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) of a turn that would start, or go on.
     """
     off = jnp.abs(e) > law.tolerance
     calm = law.damping.lyapunov(estimate.state) < switching_energy(law.turning.model, start_at)

@@ -136,11 +136,8 @@ def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tup
 
     by a fixed number of Newton steps; where they fail, the last angle that was finite stays.
 
-    Args:
-        craft: the vehicle believed in.
-        p: PathPoint, each field a number or an array of instants.
-        alpha: where the search starts (rad), of the same shape.
-        steps: how many.
+    Args:     p: PathPoint, each field a number or an array of instants.
+              alpha: where the search starts (rad), of the same shape.
     """
 
     def moment(alpha: Any) -> tuple[Any, Any]:

@@ -84,14 +84,8 @@ def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any,
 def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
     """The input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
 
-    Args:
-        craft: the vehicle believed in.
-        h: altitude (ft).
-        h_rate: its rate (ft/s).
-        V: speed (ft/s).
-        alpha: angle of attack (rad).
-        v1: wanted h'' (ft/s^2).
-        v2: wanted V' (ft/s^2).
+    Args:     craft: the vehicle believed in.    h, h_rate: altitude (ft) and its rate (ft/s).    V: speed (ft/s).
+              alpha: angle of attack (rad).
     """
     delta_e, solvable, slope = solve_elevator(craft, h, h_rate, V, alpha, v1, v2)
     Phi = solve_fuel_ratio(craft, h, h_rate, V, alpha, v2, delta_e)

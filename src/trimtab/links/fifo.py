@@ -17,10 +17,7 @@ from jax import lax
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.signals import Sample
-from trimtab.core.time import FOREVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_time, to_seconds
-
-NEVER = -FOREVER
-"""Earlier than any instant: when a slot was measured that holds nothing yet."""
+from trimtab.core.time import NEVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_time, to_seconds
 
 
 @record
@@ -98,13 +95,9 @@ def deliver(
 
     A packet arrives at max(arrival of the one before it, now + latency), and is seen at the first instant from then on.
 
-    Args:
-        t: now, integer time.
-        fifo: the packets under way.
-        sample: what the sending end has now.
-        draw: gives the latency (s, not negative) of a packet sent now, and whether it is lost.
-        send_period: one packet at most in each such period, at its first instant.
-        period: time since this was last called.
+    Args:     t: now, integer time.    sample: what the sending end has now.
+              draw: gives the latency (s, not negative) of a packet sent now, and whether it is lost.
+              send_period: one packet at most in each, at its first instant.    period: time since the last call.
     """
     number, before = t // send_period, (t - period) // send_period
     # The time alone decides, so that a batch of runs has a real branch here.
@@ -148,12 +141,7 @@ def required_slots(longest: float, send_period: int, period: int) -> int:
 def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
     """Refuse a ring in which a packet could be overwritten before it arrives, and sending between the instants.
 
-    Args:
-        name: of the link, for the message.
-        capacity: slots of the ring.
-        longest: longest latency (s).
-        send_period: one slot each.
-        period: of the link.
+    Args:     name: of the link.    capacity: slots of the ring, one each send_period.    longest: longest latency (s).
     """
     if send_period < period:
         raise InputError(

@@ -13,8 +13,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, switch
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
-from trimtab.core.time import UNITS_PER_SECOND, format_time, ms, to_seconds
-from trimtab.links.fifo import NEVER, Fifo, check_ring, deliver, empty_fifo, measurement_time
+from trimtab.core.time import NEVER, UNITS_PER_SECOND, format_time, ms, to_seconds
+from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, measurement_time
 
 BITS_PER_BYTE = 9
 """Eight and an acknowledgement."""

@@ -8,8 +8,8 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample, hold_sample, is_new
-from trimtab.core.time import SECONDS_PER_UNIT, ms
-from trimtab.links.fifo import NEVER, empty_slots, measurement_time, read_slot, receive_sample, write_slot
+from trimtab.core.time import NEVER, SECONDS_PER_UNIT, ms
+from trimtab.links.fifo import empty_slots, measurement_time, read_slot, receive_sample, write_slot
 
 
 @record

@@ -49,15 +49,10 @@ class Exchange:
 def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
     """Let stations answer over one channel.
 
-    Args:
-        sense: the rules.
-        key: of the draws.
-        number: of the exchange, an integer: other numbers, other draws.
-        ready: when each station starts to wait (s), shape (n,).
-        speaks: whether it has anything to say, shape (n,).
-        window: when the exchange ends (s); what is not over by then is lost.
-
-    Returns: an Exchange, fields of shape (n,).
+    Args:     number: of the exchange, an integer: other numbers, other draws.
+              ready: when each station starts to wait (s), shape (n,).    speaks: whether it has anything to say (n,).
+              window: when the exchange ends (s); what is not over by then is lost.
+    Returns:  an Exchange, fields of shape (n,).
     """
     n = ready.shape[0]
     base = jnp.asarray(number) * ATTEMPTS

@@ -13,6 +13,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
 from trimtab.core.rng import Key, normal2
+from trimtab.core.rotation import DEG
 from trimtab.core.second_order import Section, SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
@@ -65,7 +66,6 @@ class Encoder:
         return state, new_sample(t, reading)
 
 
-DEG = math.pi / 180
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
 """Natural frequency over the -3 dB frequency, and quality, of the two sections of a fourth-order Bessel low-pass."""
 

@@ -8,7 +8,6 @@ S scale factors (diagonal), M misalignments (off the diagonal), L the low-pass o
 stands behind the low-pass: its density is that of the output.
 """
 
-import math
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,13 +17,12 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normals
-from trimtab.core.rotation import from_euler
+from trimtab.core.rotation import DEG, from_euler
 from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.environment.geodetic import STANDARD
 
-DEG = math.pi / 180
 UNIT_DRAWS = 12
 """Standard normals that a triad keeps for a run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
@@ -102,13 +100,8 @@ def corrupt_triad(
 ) -> tuple[Any, Any, Any]:
     """The triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
 
-    Args:
-        errors: of the triad.
-        state: its state.
-        true: noise-free input along the unit's axes.
-        dt: time between samples (s).
-        white: standard normals (3,) of this sample's noise.
-        step: standard normals (3,) of the bias's step to the next sample.
+    Args:     true: noise-free input along the unit's axes.    dt: time between samples (s).
+              white: standard normals (3,) of this sample's noise.    step: those of the bias's step to the next sample.
     """
     memory, passed = _limit_bandwidth(errors, state, true, dt)
     bias = jnp.stack([errors.bias[i] + errors.turn_on_bias * state.draws[i] + state.walk[i] for i in range(3)])

@@ -9,7 +9,7 @@ from typing import Any
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, imperfection, option, period, record, replace
 from trimtab.core.rng import Key, normal2
-from trimtab.core.rotation import wrap_positive
+from trimtab.core.rotation import DEG, wrap_positive
 from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
 from trimtab.core.time import ms, seconds, to_seconds
 
@@ -49,7 +49,7 @@ def planar_state(motion: Motion) -> PlanarState:
     )
 
 
-CM, DEG = 0.01, math.pi / 180
+CM = 0.01
 READINGS: dict[str, tuple[float, float, float]] = {
     "A": (2.5 * CM, 1.0 * DEG, 0.5 * DEG),
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),

@@ -108,8 +108,14 @@ def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
     return distance, off_axis_angle(line[:, 2], distance)
 
 
-def measured_range(positions: Any, unit: Any) -> Any:
-    """Ranges (n,) as a receiver without noise gives them: too long off the axis. Source: [1] section 5.5.4."""
+def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
+    """Ranges (n,) as a receiver without noise gives them: too long off the axis. Source: [1] section 5.5.4.
+
+    Args:     positions: of the beacons (n, 3).    unit: its place (3,), or one for each beacon (n, 3).
+    """
+    if not cone_error:
+        line = unit - positions
+        return jnp.sqrt(jnp.sum(line * line, axis=1))
     distance, beta = distances(positions, unit)
     return distance / range_ratio(jnp.minimum(beta, math.pi / 2))
 
@@ -140,13 +146,8 @@ def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> A
 def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
     """Measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
 
-    Args:
-        ranges: without error (m), shape (n,).
-        key: of the draws.
-        number: of the ping, an integer.
-        errors: of single ranges.
-        medium: the air.
-        crystal: standard deviation of the timers' relative errors.
+    Args:     ranges: without error (m), shape (n,).    number: of the ping, an integer.
+              crystal: standard deviation of the timers' relative errors.
     """
     n = ranges.shape[0]
 

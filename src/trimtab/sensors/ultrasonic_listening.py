@@ -96,15 +96,8 @@ class UltrasonicListening:
         """The ranges h(x) of all beacons at one time, beacons where the map has them: no error but the cone's."""
         at, positions = unit_position(motion, self.unit), jnp.asarray(self.beacons.map)
         hears = audible_beacons(self.beacons, positions, at)
-        ranges = jnp.where(hears, self._noise_free_ranges(positions, at[None, :]), 0.0)
+        ranges = jnp.where(hears, measured_range(positions, at[None, :], self.cone_error), 0.0)
         return HeardRanges(range=ranges, arrived=hears, measured=jnp.full(hears.shape, motion.t, np.int64))
-
-    def _noise_free_ranges(self, positions: Any, at: Any) -> Any:
-        """Ranges (n,) without noise of beacons (n, 3) and places of the unit (n, 3) or (1, 3)."""
-        line = at - positions
-        if self.cone_error:
-            return measured_range(-line, jnp.zeros(3))
-        return jnp.sqrt(jnp.sum(line * line, axis=1))
 
     def chirps(self, t: Any, key: Key) -> tuple[Any, Any]:
         """When the beacons chirp in the window that begins at integer time t, and when their messages are over (n,).
@@ -147,6 +140,6 @@ class UltrasonicListening:
         at = unit_position(motion, self.unit) - ago[:, None] * unit_velocity(motion, self.unit)
         positions = actual_positions(self.beacons, key, t)
         number = t // self.window
-        exact = self._noise_free_ranges(positions, at)
+        exact = measured_range(positions, at, self.cone_error)
         ranges = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
         return ranges, responding_beacons(self.beacons, positions, unit_position(motion, self.unit), t)

@@ -10,7 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, imperfection, option, part, period, quantity, record, replace, switch
+from trimtab.core.record import (
+    Scalar,
+    imperfection,
+    option,
+    part,
+    period,
+    quantity,
+    record,
+    replace,
+    switch,
+    tree_where,
+)
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Motion, Sample
 from trimtab.core.time import FOREVER, UNITS_PER_SECOND, format_time, ms, seconds, to_seconds
@@ -140,14 +151,8 @@ class UltrasonicRanging:
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)
         arrived = audible_beacons(self.beacons, positions, at)
-        return Ranges(range=jnp.where(arrived, self.ranges(positions, at), 0.0), arrived=arrived, unit=unit)
-
-    def ranges(self, positions: Any, at: Any) -> Any:
-        """Ranges (n,) without noise between beacons (n, 3) and a unit at a place (3,), both in W."""
-        if self.cone_error:
-            return measured_range(positions, at)
-        line = at - positions
-        return jnp.sqrt(jnp.sum(line * line, axis=1))
+        exact = measured_range(positions, at, self.cone_error)
+        return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
         """The replies to a ping in the slot of integer time t, and how long after its start the last one is in (s)."""
@@ -158,7 +163,7 @@ class UltrasonicRanging:
         at = unit_position(motion, lever) + unit_velocity(motion, lever) * late
         positions = actual_positions(self.beacons, key, t)
         hears = responding_beacons(self.beacons, positions, at, t)
-        exact = self.ranges(positions, at)
+        exact = measured_range(positions, at, self.cone_error)
         ranges = corrupt_ranges(exact, key, number, self.errors, self.medium, self.beacons.crystal)
         window = to_seconds(self.slot)
         ready = late + exact / speed_of_sound(self.medium.actual)
@@ -174,7 +179,7 @@ class UltrasonicRanging:
         """The newest ranges whose replies are in at integer time t."""
         t = jnp.asarray(t, np.int64)
         fresh = state.due <= t
-        held = jax.tree.map(lambda new, old: jnp.where(fresh, new, old), state.coming, state.held)
+        held = tree_where(fresh, state.coming, state.held)
         measured = jnp.where(fresh, state.pinged, state.measured)
         valid = state.any | fresh
         due = jnp.where(fresh, FOREVER, state.due)

@@ -207,11 +207,8 @@ class FlexibleModes:
     def solve_accelerations(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
         """Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
 
-        Args:
-            Iyy: moment of inertia (slug ft^2/ft).
-            M: pitching moment (lbf ft/ft).
-            r1: N1 and restoring force of mode 1.
-            r2: the same of mode 2.
+        Args:     Iyy: moment of inertia (slug ft^2/ft).    M: pitching moment (lbf ft/ft).
+                  r1, r2: N_i and restoring force of each mode.
         """
         if self.kmode == "parker":
             J = Iyy + self.psi1**2 + self.psi2**2

@@ -59,12 +59,7 @@ def to_si(r: Any) -> dict[str, Any]:
 
 
 def from_si(like: R, **values: Any) -> R:
-    """A copy of a record with some quantities replaced, given in the SI.
-
-    Args:
-        like: record whose fields declare their units.
-        values: field name -> value in the SI.
-    """
+    """A copy of a record, whose fields declare their units, with some quantities replaced: name=value in the SI."""
     declared = {n: d for n, d in declarations(type(like)).items() if isinstance(d, Quantity)}
     for name in values:
         if name not in declared:
