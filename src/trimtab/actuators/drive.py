@@ -76,7 +76,7 @@ class DriveCommand:
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
 
 
-NEUTRAL_COMMAND = DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0)
+NEUTRAL_COMMAND = DriveCommand(rudder_pulse=RudderServo().neutral_pulse, speed_rpm=0.0)
 """Rudder in the middle, fan at rest."""
 
 

@@ -28,6 +28,8 @@ WIDEST = 0.1
 """Largest angle of attack looked at (rad): beyond it the curves of the model no longer hold, and searches get lost."""
 SETTLED = 1e-7
 """A last Newton step below this (rad) has found the root: the next one is its square."""
+FIRST_ALPHA = 0.03
+"""Where a search of the angle of attack starts (rad)."""
 Complex = tuple[Any, Any]
 """Real and imaginary part."""
 
@@ -181,7 +183,7 @@ class QuasiStaticInternal:
     """
 
     craft: Any = part("The vehicle believed in.", default=Hypersonic())
-    alpha: Scalar = quantity("rad", "Where the first search starts.", default=0.03, kind="angle")
+    alpha: Scalar = quantity("rad", "Where the first search starts.", default=FIRST_ALPHA, kind="angle")
     steps: int = option("Newton steps each time.", default=4)
 
     def init(self, key: Any) -> QuasiStaticState:
@@ -265,7 +267,7 @@ class PreviewInternal:
     future: FadingModes = part("Modes that grow, in reversed time.")
     craft: Any = part("The vehicle believed in.", default=Hypersonic())
     horizon: Scalar = quantity("s", "How far ahead the command is read: H.", default=4.0, above=0)
-    alpha: Scalar = quantity("rad", "Where the first search starts.", default=0.03, kind="angle")
+    alpha: Scalar = quantity("rad", "Where the first search starts.", default=FIRST_ALPHA, kind="angle")
     intervals: int = option("Nodes ahead.", default=40)
     steps: int = option("Newton steps each time.", default=3)
 

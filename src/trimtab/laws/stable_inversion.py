@@ -20,7 +20,7 @@ from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.time import to_seconds
 from trimtab.laws.adaptive_robust import AdaptationState, AdaptiveRobust
-from trimtab.laws.internal_states import InternalTable, QuasiStaticInternal, solve_quasi_static
+from trimtab.laws.internal_states import FIRST_ALPHA, InternalTable, QuasiStaticInternal, solve_quasi_static
 from trimtab.laws.path_command import FilteredClimb, PathPoint
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
@@ -242,7 +242,7 @@ def _level_flight_at_ends(craft: Any, command: Any) -> Any:
     p: PathPoint = command.at(jnp.array([0.0, LAST]))
     still = jnp.zeros(2)
     level = PathPoint(p.h, still, still, still, p.V, still, still)
-    zeta, found = solve_quasi_static(craft, level, jnp.full(2, 0.03), STEPS)
+    zeta, found = solve_quasi_static(craft, level, jnp.full(2, FIRST_ALPHA), STEPS)
     u = invert_path(craft, p.h, still, p.V, zeta[0], still, still).u
     return found, jnp.stack([u.Phi, u.delta_e]), p.h, p.V
 

@@ -15,6 +15,7 @@ from trimtab.core.second_order import Section, SectionState, filter_sample, stea
 from trimtab.core.time import ms, to_seconds
 
 TICK = ms("6.5536")
+"""Time between samples of the hovercraft's inertial unit."""
 
 
 @record

@@ -20,8 +20,9 @@ from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import DEG, from_euler
 from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
 from trimtab.core.signals import Motion, Sample, new_sample
-from trimtab.core.time import format_time, ms, to_seconds
+from trimtab.core.time import format_time, to_seconds
 from trimtab.environment.geodetic import STANDARD
+from trimtab.sensors.gyro_dynamics import TICK
 
 UNIT_DRAWS = 12
 """Standard normals that a triad keeps for a run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
@@ -177,7 +178,7 @@ class Imu:
     earth_rate: Any = quantity(
         "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=ZERO, shape=(3,)
     )
-    period: int = period("Time between samples.", default=ms("6.5536"))
+    period: int = period("Time between samples.", default=TICK)
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":

@@ -11,8 +11,8 @@ from trimtab.core.record import Scalar, imperfection, part, period, quantity, re
 from trimtab.core.rng import Key, normals
 from trimtab.core.rotation import from_euler
 from trimtab.core.signals import Motion, Sample, new_sample
-from trimtab.core.time import ms
 from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.sensors.gyro_dynamics import TICK
 from trimtab.sensors.imu import ZERO, digitise
 
 GAUSS = 1e-4
@@ -124,7 +124,7 @@ class Magnetometer:
     disturbances: Any = part(
         "What stands near: a tuple of RunningMotor, FloorSteel, …", default=(), off={"magnetic-disturbances": ()}
     )
-    period: int = period("Time between samples.", default=ms("6.5536"))
+    period: int = period("Time between samples.", default=TICK)
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":

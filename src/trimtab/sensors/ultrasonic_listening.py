@@ -70,7 +70,7 @@ class UltrasonicListening:
         "The beacons.", default=Beacons(), off={"range-noise": lambda sensor: replace(sensor.beacons, crystal=0.0)}
     )
     unit: Any = quantity("m", "Position of the unit.", default=np.zeros(3), frame="B", shape=(3,))
-    channel: CarrierSense = part("How chirps share the radio channel.", default=CarrierSense(attempts=48))
+    channel: CarrierSense = part("How chirps share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
     medium: Medium = part("The air.", default=Medium())
     cone_error: bool = switch("Whether ranges are too long off the axis.", "cone-error")
