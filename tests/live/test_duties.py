@@ -19,7 +19,7 @@ from trimtab.wire.protocol import ArmRequest, JoystickAxes, ModeRequest, Receive
 from trimtab.wire.station import Status
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-MS, WHO = 10_000, (255, 190)
+MS = 10_000
 COMMAND = Command(t=np.int64(0), valid=False, value=DriveCommand(rudder_pulse=1.5e-3, speed_rpm=0.0))
 READS = {"command.t": 0, "command.valid": 1, "command.value.rudder_pulse": 2, "command.value.speed_rpm": 3}
 NAN = float("nan")
@@ -63,11 +63,11 @@ def craft():
 
 
 def arm(wanted=True):
-    return ArmRequest(wanted, WHO)
+    return ArmRequest(wanted)
 
 
-def receiver(*pulses_us, override=False):
-    return ReceiverChannels(tuple(p * 1e-6 for p in pulses_us), override, WHO)
+def receiver(*pulses_us):
+    return ReceiverChannels(tuple(p * 1e-6 for p in pulses_us))
 
 
 STOPPED = (0.0, 1.5e-3, 0.0)
@@ -161,13 +161,13 @@ def test_channels_without_sticks_are_no_pilot(craft):
 
 def test_a_ground_station_takes_over_by_mode_and_joystick(craft):
     craft.run(10, asks=[arm()])
-    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(MANUAL_MODE, WHO)])
+    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(MANUAL_MODE)])
     assert craft.duties.mode.mode == "computer"  # nobody holds a stick
-    held = JoystickAxes(surge=0.5, sway=0.0, heave=0.0, yaw=-1.0, buttons=0, requester=WHO)
+    held = JoystickAxes(surge=0.5, sway=0.0, heave=0.0, yaw=-1.0)
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [held])
     assert craft.duties.mode.mode == "manual"
     assert craft.acting == pytest.approx((1.0, drive_failsafe().low.rudder_pulse, 9600.0))
-    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(COMPUTER_MODE, WHO)], every=lambda: [held])
+    craft.run(50, command=(1.6e-3, 4000.0), asks=[ModeRequest(COMPUTER_MODE)], every=lambda: [held])
     assert craft.duties.mode.mode == "computer"
 
 
@@ -186,8 +186,8 @@ def test_without_limits_there_is_no_place_for_a_stick():
         high=DriveCommand(rudder_pulse=UNLIMITED, speed_rpm=UNLIMITED),
     )
     duties = Duties(wide, COMMAND, SimpleNamespace(reads=READS, inputs=np.full(4, -1.0)))
-    held = JoystickAxes(surge=0.6, sway=0.0, heave=0.0, yaw=0.0, buttons=0, requester=WHO)
-    for event in (arm(), ModeRequest(MANUAL_MODE, WHO), held):
+    held = JoystickAxes(surge=0.6, sway=0.0, heave=0.0, yaw=0.0)
+    for event in (arm(), ModeRequest(MANUAL_MODE), held):
         duties.handle_event(event, 0)
     duties.act(0, None)
     assert duties.mode.mode == "computer"

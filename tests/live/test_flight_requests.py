@@ -11,7 +11,6 @@ from trimtab.wire.protocol import FlightRequest, ModeRequest
 from trimtab.wire.station import Status
 
 _, DIALECT = dialect({"compass": every()}, every())
-GROUND = 255, 190
 STANDBY, FLYING, HOLDING = 0, 1, 2
 MANUAL, HOLD, COMPUTER = 0, 4, 15
 GOTO, LAND = 252, 21
@@ -79,7 +78,7 @@ def test_others_are_not_the_autopilot(beat):
 
 
 def test_a_request_is_repeated_until_it_is_acknowledged(line):
-    line.requests.handle_event(FlightRequest("end", GROUND), line.now)
+    line.requests.handle_event(FlightRequest("end"), line.now)
     assert line.run(ms(250)) == [(1, LAND, 0, 0), (101, LAND, 0, 1), (201, LAND, 0, 2)]
     line.hear("COMMAND_ACK", command=GOTO, result=0)  # of something else
     assert len(line.run(RESEND_PERIOD)) == 1
@@ -89,17 +88,17 @@ def test_a_request_is_repeated_until_it_is_acknowledged(line):
 
 
 def test_a_refusal_and_an_answer_that_never_comes_are_told(line):
-    line.requests.handle_event(FlightRequest("end", GROUND), line.now)
+    line.requests.handle_event(FlightRequest("end"), line.now)
     line.run(ms(1))
     line.hear("COMMAND_ACK", command=LAND, result=3)
-    line.requests.handle_event(FlightRequest("hold", GROUND), line.now)
+    line.requests.handle_event(FlightRequest("hold"), line.now)
     assert len(line.run(REQUEST_TIMEOUT + RESEND_PERIOD)) == REQUEST_TIMEOUT // RESEND_PERIOD
     assert line.said[1:] == ["autopilot: end refused", "autopilot: hold: no answer"]
     assert line.run(seconds(1)) == []
 
 
 def test_mode_hold_asks_to_hold_and_is_told_when_the_autopilot_holds(line):
-    line.requests.handle_event(ModeRequest(HOLD, GROUND), line.now)
+    line.requests.handle_event(ModeRequest(HOLD), line.now)
     assert line.run(ms(50)) == [(1, GOTO, 0, 0)]
     assert line.status().mode == COMPUTER
     line.hear("COMMAND_ACK", command=GOTO, result=0)
@@ -108,18 +107,18 @@ def test_mode_hold_asks_to_hold_and_is_told_when_the_autopilot_holds(line):
     line.now += AUTOPILOT_TIMEOUT + 1
     assert line.status().mode == COMPUTER
     line.beat(HOLDING)
-    line.requests.handle_event(ModeRequest(COMPUTER, GROUND), line.now)
+    line.requests.handle_event(ModeRequest(COMPUTER), line.now)
     assert [(command, first) for _, command, first, _ in line.run(ms(50))] == [(GOTO, 1)]
 
 
 def test_mode_computer_asks_for_nothing_where_nothing_is_held(line):
-    line.requests.handle_event(ModeRequest(COMPUTER, GROUND), line.now)
-    line.requests.handle_event(ModeRequest(MANUAL, GROUND), line.now)
+    line.requests.handle_event(ModeRequest(COMPUTER), line.now)
+    line.requests.handle_event(ModeRequest(MANUAL), line.now)
     assert line.run(seconds(1)) == []
 
 
 def test_to_go_on_takes_the_place_of_a_hold_that_has_not_been_answered(line):
-    line.requests.handle_event(ModeRequest(HOLD, GROUND), line.now)
+    line.requests.handle_event(ModeRequest(HOLD), line.now)
     line.run(ms(50))
-    line.requests.handle_event(ModeRequest(COMPUTER, GROUND), line.now)
+    line.requests.handle_event(ModeRequest(COMPUTER), line.now)
     assert [first for _, _, first, _ in line.run(ms(50))] == [1]

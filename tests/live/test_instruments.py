@@ -69,7 +69,7 @@ def test_servos_show_the_command_between_its_bounds(hovercraft):
 
 def test_receiver_is_told_while_it_is_heard(hovercraft):
     assert hovercraft.ask(65) is None
-    hovercraft.instruments.handle_event(ReceiverChannels((1.1e-3, 1.9e-3), False, (1, 1)), seconds(1))
+    hovercraft.instruments.handle_event(ReceiverChannels((1.1e-3, 1.9e-3)), seconds(1))
     assert hovercraft.ask(65, seconds("1.4"))["chan2_raw"] == 1900
     assert hovercraft.ask(1, seconds("1.4"))["onboard_control_sensors_present"] & 0x10000
     assert hovercraft.ask(65, seconds("1.6")) is None

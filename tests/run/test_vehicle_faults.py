@@ -46,7 +46,7 @@ def driven(parts, step, word, severity=1.0):
             step.parameters[f"uplink.fault.{name}"][...] = value
     duties = Duties(choose_failsafe(bare, command), command, world, step)
     where = [duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
-    duties.handle_event(ArmRequest(True, (1, 191)), 0)
+    duties.handle_event(ArmRequest(True), 0)
     speeds, modes = [], []
     for k in range(1500):
         t = ms(k)

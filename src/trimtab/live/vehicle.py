@@ -157,7 +157,7 @@ class LiveVehicle:
             if why:
                 self._report(why)
                 last = t + (DISARM_DELAY if self.duties.is_commanded else 0)
-                self.duties.handle_event(ArmRequest(False, (self.endpoint.system, self.endpoint.component)), t)
+                self.duties.handle_event(ArmRequest(False), t)
             if last is not None and t >= last:
                 break
             self._run_instant(t, log_period)

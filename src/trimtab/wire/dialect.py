@@ -45,7 +45,9 @@ GENERATED_WORDS = """
     msgname native_format fieldtypes fielddisplays_by_name fieldenums_by_name fieldunits_by_name
 """
 """Arguments and attributes of the code that the generators write."""
-RESERVED_WORDS = {w.lower() for w in (*LANGUAGE_WORDS.split(), *GENERATED_WORDS.split(), *keyword.kwlist, *dir(builtins))}
+RESERVED_WORDS = {
+    w.lower() for w in (*LANGUAGE_WORDS.split(), *GENERATED_WORDS.split(), *keyword.kwlist, *dir(builtins))
+}
 
 
 class ValuePlace(NamedTuple):

@@ -2,11 +2,8 @@
 
 A name is made of the path: initials of what leads to a parameter, then its own name, "world.vehicle.mass" -> WV_MASS;
 a long one is cut word by word. Where two meet, or one still is too long, it ends in five digits of its path's hash.
+Over the wire lists are sent at a pace, and a change is answered with the value that holds.
 Source: https://mavlink.io/en/services/parameter.html (values as C casts).
-
-Parameters read and changed over the wire: lists are sent at a pace, a change is answered with the value that holds.
-
-Source: https://mavlink.io/en/services/parameter.html.
 """
 
 import hashlib
@@ -32,6 +29,8 @@ MOST_NUMBERS = 64
 FLOAT = struct.Struct("<f")
 WORD = 4
 """To how many letters the words of a long name are cut."""
+PERIOD = seconds("0.02")
+"""Between two values of a list."""
 
 
 class Parameter(NamedTuple):
@@ -43,28 +42,20 @@ class Parameter(NamedTuple):
     declaration: Quantity
 
 
-class ParameterOutcome(NamedTuple):
-    """What became of a wish to change a parameter: its path and number, the value now, and why not, if refused."""
-
-    parameter: Parameter
-    value: float
-    refusal: str
-
-
 class Parameters:
     """Numbers of a tree of records, in the order of their declaration, by name and by index."""
 
     def __init__(self, tree: Any, path: str = "") -> None:
         """Every quantity at or below a record but tables, e.g. a scenario's world; `path` is put before all paths."""
-        found = [
+        numbers = [
             (where, slot if np.shape(value) else None, declared, float(number))
             for where, value, declared in leaves(tree, path)
             if isinstance(declared, Quantity) and np.size(value) <= MOST_NUMBERS
             for slot, number in enumerate(np.ravel(np.asarray(value, float)))
         ]
-        names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in found])
-        self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, found, strict=True))
-        self.values = [value for *_, value in found]
+        names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in numbers])
+        self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, numbers, strict=True))
+        self.values = [value for *_, value in numbers]
         self._index = {p.name: k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
@@ -77,18 +68,17 @@ class Parameters:
             return self._index.get(name)
         return index if index < len(self.listed) else None
 
-    def change_value(self, index: int, value: float, why_not: str = "") -> ParameterOutcome:
-        """Put a value in place if what was declared allows it, and nothing else speaks against it.
+    def change_value(self, index: int, value: float) -> str:
+        """Put a value in place if what was declared allows it, else say why not.
 
         One that reads the same on the wire stays as it is, with all its digits.
         """
-        own = self.listed[index]
         if round_to_float32(self.values[index]) == value:
-            return ParameterOutcome(own, self.values[index], "")
-        refused = why_not or _refusal(own.declaration, value)
-        if not refused:
+            return ""
+        refusal = _refusal(self.listed[index].declaration, value)
+        if not refusal:
             self.values[index] = value
-        return ParameterOutcome(own, self.values[index], refused)
+        return refusal
 
 
 def parameter_names(paths: Sequence[str]) -> list[str]:
@@ -143,10 +133,6 @@ def _refusal(declared: Quantity, value: float) -> str:
     return ""
 
 
-PERIOD = seconds("0.02")
-"""Between two values of a list."""
-
-
 class ParameterService:
     """Answers for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
 
@@ -172,19 +158,17 @@ class ParameterService:
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
         return [] if index is None else [self.value(index)]
 
-    def change_value(self, message: Message, why_not: str) -> tuple[list[bytes], list[ParameterChange], str]:
+    def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
         """Follow a PARAM_SET: the value that holds now, the event if it is another, why it was refused."""
         name = message.get("param_id")
         index = self._parameters.find_index(name, -1)
         if index is None:
             return [], [], f"there is no parameter {name!r}"
-        before = self._parameters.values[index]
-        changed = self._parameters.change_value(index, message.get("param_value"), why_not)
-        own, events = changed.parameter, []
-        if changed.value != before:
-            events = [ParameterChange(own.path, own.slot, changed.value, (message.system, message.component))]
-        refused = f"{name} ({own.path}) {changed.refusal}" if changed.refusal else ""
-        return [self.value(index)], events, refused
+        own, before = self._parameters.listed[index], self._parameters.values[index]
+        refusal = self._parameters.change_value(index, message.get("param_value"))
+        value = self._parameters.values[index]
+        events = [ParameterChange(own.path, own.slot, value)] if value != before else []
+        return [self.value(index)], events, f"{name} ({own.path}) {refusal}" if refusal else ""
 
     def value(self, index: int) -> bytes:
         """The packet that tells a value."""

@@ -1,16 +1,12 @@
-"""Numbers of MAVLink's common dialect that the vehicle's end speaks. Source: https://mavlink.io/en/messages/common.html.
+"""The part of MAVLink's common dialect that the vehicle's end speaks: its numbers, and what messages ask of a vehicle.
 
-What is asked of a vehicle over the wire; the vehicle's process acts upon it. `asked_by`: (system, component).
-
-What ground stations send to have an autopilot hold, go on, or end its flight.
+What has an autopilot hold, go on, or end its flight:
 
     hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
     resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
     end      MAV_CMD_NAV_LAND (21), wherever that is asked for
 
 Source: https://mavlink.io/en/messages/common.html.
-
-What a pilot's receiver or joystick says, in SI units. Source: https://mavlink.io/en/messages/common.html.
 """
 
 from enum import IntEnum, IntFlag
@@ -18,28 +14,23 @@ from typing import NamedTuple
 
 from trimtab.wire.definitions import Message
 
-SystemComponent = tuple[int, int]
-
 
 class ArmRequest(NamedTuple):
     """Arm or disarm; arming comes only while nothing speaks against it."""
 
     arm: bool
-    requester: SystemComponent
 
 
 class ModeRequest(NamedTuple):
     """Change to a mode, by its number; only modes that are known and open come."""
 
     mode: int
-    requester: SystemComponent
 
 
 class FlightRequest(NamedTuple):
     """The autopilot is to "hold", to "resume" or to "end" its flight; comes only while there is one to be asked."""
 
     request: str
-    requester: SystemComponent
 
 
 class ParameterChange(NamedTuple):
@@ -48,29 +39,21 @@ class ParameterChange(NamedTuple):
     path: str
     slot: int
     value: float
-    requester: SystemComponent
 
 
 class ReceiverChannels(NamedTuple):
-    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a channel that isn't there.
-
-    override: they come from a ground station in the receiver's place, and are to be trusted less.
-    """
+    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a channel that isn't there."""
 
     pulses: tuple[float, ...]
-    override: bool
-    requester: SystemComponent
 
 
 class JoystickAxes(NamedTuple):
-    """A joystick: forward, right, up, turn from -1 to 1, NaN where there is none; buttons as bits."""
+    """A joystick: forward, right, up, turn from -1 to 1, NaN where there is none."""
 
     surge: float
     sway: float
     heave: float
     yaw: float
-    buttons: int
-    requester: SystemComponent
 
 
 VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | ReceiverChannels | JoystickAxes
@@ -91,7 +74,6 @@ class ModeFlag(IntFlag):
     """MAV_MODE_FLAG."""
 
     CUSTOM = 1
-    MANUAL_INPUT = 64
     ARMED = 128
 
 
@@ -152,14 +134,16 @@ GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
 """The number of SET_MODE, which is what its acknowledgement names."""
-
-
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
 HOLD_POSITIONS = 0, 2
 """Where to hold: not said, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
+CHANNELS = 18
+NAN = float("nan")
+ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
+"""Values that mean: no such channel; to be let alone; given back to the receiver."""
 
 
 class FlightCommand(NamedTuple):
@@ -178,9 +162,9 @@ FLIGHT_COMMANDS = {
 """How one end of the line asks the other."""
 
 
-def parse_request(wanted: FlightCommand) -> str | None:
+def parse_request(flight_command: FlightCommand) -> str | None:
     """What a command asks for; DENIED where that can't be done; None for a command that asks for none of it."""
-    command, first, second = wanted
+    command, first, second = flight_command
     if command == CommandCode.LAND:
         return END
     if command == CommandCode.PAUSE_CONTINUE:
@@ -192,23 +176,16 @@ def parse_request(wanted: FlightCommand) -> str | None:
     return None
 
 
-CHANNELS = 18
-NAN = float("nan")
-ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
-"""Values that mean: no such channel; to be let alone; given back to the receiver."""
-
-
 def parse_channels(message: Message) -> ReceiverChannels:
     """Pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
     fields = message.fields()
     many = fields.get("chancount", CHANNELS)
     raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
-    pulses = (NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
-    override = message.name == "RC_CHANNELS_OVERRIDE"
-    return ReceiverChannels(tuple(pulses), override, (message.system, message.component))
+    return ReceiverChannels(
+        tuple(NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
+    )
 
 
 def parse_joystick(message: Message) -> JoystickAxes:
     """A joystick from MANUAL_CONTROL; what lies outside of +-1000 is an axis that isn't there."""
-    surge, sway, heave, yaw = (v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr"))
-    return JoystickAxes(surge, sway, heave, yaw, message.get("buttons"), (message.system, message.component))
+    return JoystickAxes(*(v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr")))

@@ -25,7 +25,6 @@ from trimtab.wire.protocol import (
     ModeRequest,
     Severity,
     State,
-    SystemComponent,
     VehicleEvent,
     VehicleType,
     parse_channels,
@@ -34,11 +33,11 @@ from trimtab.wire.protocol import (
 )
 from trimtab.wire.streams import Streams, TextQueue
 from trimtab.wire.telemetry import version_fields
+from trimtab.wire.time_sync import NS_PER_UNIT
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
 """How long after its last heartbeat another system counts as one that listens."""
-NS_PER_UNIT = 100
 
 
 class Status(NamedTuple):
@@ -73,27 +72,23 @@ class Station:
         modes: Mapping[int, str],
         *,
         vehicle: VehicleType = VehicleType.GENERIC,
-        live: bool = True,
         streams: Streams | None = None,
     ) -> None:
         """A vehicle at rest.
 
         Args:
-            endpoint: packs the replies; give it what it has heard by `handle`.
+            endpoint: packs the replies; give what it has accepted to `handle_message`.
             parameters: what ground stations can read and change.
             modes: number of a mode -> its name for people.
             vehicle: what it says it is.
-            live: whether parameters may be changed while armed.
             streams: what is told again and again while another system (a ground station) is there.
         """
         if not modes:
             raise InputError("station", "there are no modes", fix='give modes={0: "MANUAL", …}')
         self._endpoint, self._modes = endpoint, dict(modes)
         self._parameters = ParameterService(endpoint, parameters)
-        self._vehicle, self._live = vehicle, live
+        self._vehicle = vehicle
         self.status = Status(mode=next(iter(self._modes)))
-        self.heard: dict[SystemComponent, int] = {}
-        """When the last heartbeat of each (system, component) came."""
         self.texts = TextQueue(endpoint)
         self._heartbeat_at: int | None = None
         self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
@@ -125,13 +120,13 @@ class Station:
 
     def due(self, now: int) -> list[bytes]:
         """What is to be sent by now: heartbeats, texts, streams, the parameters that were asked for, paced."""
-        found = self.texts.pack_texts()
+        packets = self.texts.pack_texts()
         if self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD:
             self._heartbeat_at = now
-            found.append(self._heartbeat_packet())
+            packets.append(self._heartbeat_packet())
         if now < self._listens_until:
-            found += self._streams.due(now)
-        return found + self._parameters.due(now)
+            packets += self._streams.due(now)
+        return packets + self._parameters.due(now)
 
     def queue_text(self, severity: Severity, text: str) -> None:
         """A line for people, sent with what is due next; what is too much is dropped and counted."""
@@ -160,7 +155,6 @@ class Station:
         )
 
     def _note_heartbeat(self, message: Message, now: int, done: StationResponse) -> None:
-        self.heard[_sender(message)] = now
         if message.system != self._endpoint.system:
             self._listens_until = now + LISTENING_TIME
 
@@ -176,13 +170,13 @@ class Station:
     def _handle_command(self, message: Message, now: int, done: StationResponse) -> None:
         command, first, second = (message.get(n) for n in ("command", "param1", "param2"))
         if command == CommandCode.ARM:
-            result = self._arm(first, _sender(message), done)
+            result = self._arm(first, done)
         elif command == CommandCode.TERMINATE and first > 0.5:
-            result = self._arm(0.0, _sender(message), done)
+            result = self._arm(0.0, done)
         elif command == CommandCode.SET_MODE:
-            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, _sender(message), done)
+            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, done)
         elif (request := parse_request(FlightCommand(command, first, second))) is not None:
-            result = self._request_flight(request, _sender(message), done)
+            result = self._request_flight(request, done)
         elif command == CommandCode.REQUEST_CAPABILITIES or (command == CommandCode.REQUEST_MESSAGE and first == 148):
             done.replies.append(self._pack_fields("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
             result = CommandResult.ACCEPTED
@@ -203,16 +197,16 @@ class Station:
             target_component=message.component,
         )
 
-    def _arm(self, wanted: float, who: SystemComponent, done: StationResponse) -> CommandResult:
-        if wanted not in (0.0, 1.0):
+    def _arm(self, arm: float, done: StationResponse) -> CommandResult:
+        if arm not in (0.0, 1.0):
             return CommandResult.DENIED
-        if wanted and not self.status.armed and self.status.arming_problem:
+        if arm and not self.status.armed and self.status.arming_problem:
             self.queue_text(Severity.WARNING, f"Arming refused: {self.status.arming_problem}")
             return CommandResult.NOT_NOW
-        done.events.append(ArmRequest(bool(wanted), who))
+        done.events.append(ArmRequest(bool(arm)))
         return CommandResult.ACCEPTED
 
-    def _change_mode(self, flags: int, mode: float, who: SystemComponent, done: StationResponse) -> CommandResult:
+    def _change_mode(self, flags: int, mode: float, done: StationResponse) -> CommandResult:
         if not flags & ModeFlag.CUSTOM or mode not in self._modes:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())
             self.queue_text(Severity.WARNING, f"No mode {mode:g}; there are {known}")
@@ -221,33 +215,28 @@ class Station:
         if why:
             self.queue_text(Severity.WARNING, f"Mode {self._modes[int(mode)]} refused: {why}")
             return CommandResult.NOT_NOW
-        done.events.append(ModeRequest(int(mode), who))
+        done.events.append(ModeRequest(int(mode)))
         return CommandResult.ACCEPTED
 
-    def _request_flight(self, request: str, who: SystemComponent, done: StationResponse) -> CommandResult:
+    def _request_flight(self, request: str, done: StationResponse) -> CommandResult:
         if not request:
             return CommandResult.DENIED
         if self.status.autopilot_problem:
             self.queue_text(Severity.WARNING, f"Not asked to {request}: {self.status.autopilot_problem}")
             return CommandResult.NOT_NOW
-        done.events.append(FlightRequest(request, who))
+        done.events.append(FlightRequest(request))
         return CommandResult.ACCEPTED
 
     def _set_mode(self, message: Message, now: int, done: StationResponse) -> None:
-        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), _sender(message), done)
+        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), done)
         done.replies.append(self._acknowledgement_packet(SET_MODE_MESSAGE, result, message))
 
     def _set_parameter(self, message: Message, now: int, done: StationResponse) -> None:
-        why_not = "can't be changed while armed" if self.status.armed and not self._live else ""
-        replies, events, refused = self._parameters.change_value(message, why_not)
+        replies, events, refusal = self._parameters.change_value(message)
         done.replies.extend(replies)
         done.events.extend(events)
-        if refused:
-            self.queue_text(Severity.WARNING, f"Not set: {refused}")
+        if refusal:
+            self.queue_text(Severity.WARNING, f"Not set: {refusal}")
 
     def _refuse_key(self, message: Message, now: int, done: StationResponse) -> None:
         self.queue_text(Severity.WARNING, "Keys are not taken over the link")
-
-
-def _sender(message: Message) -> SystemComponent:
-    return message.system, message.component

@@ -1,11 +1,8 @@
-"""Messages sent again and again, each at its own rate, which ground stations may ask to be another.
+"""What a vehicle tells unasked: messages sent again and again, and lines for people.
 
-One a call at most, so that a slow line is never given a burst.
-Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; messages/common.html, MAV_DATA_STREAM.
-
-Lines for people: long ones in several messages, and no more of them than can be sent.
-
-Source: https://mavlink.io/en/messages/common.html, STATUSTEXT.
+Each message has its own rate, which ground stations may ask to be another; one a call at most, so that a slow line is
+never given a burst. A long line goes in several messages; there are no more lines than can be sent.
+Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; common.html, MAV_DATA_STREAM and STATUSTEXT.
 """
 
 import math
@@ -17,9 +14,26 @@ from trimtab.core.time import FOREVER, ms, seconds
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import CommandCode, CommandResult, Severity
+from trimtab.wire.telemetry import UNITS_PER_US
 
 PIECE = 50
+"""Bytes of text in one message."""
 MOST = 20
+"""Messages of text that may wait."""
+FASTEST = ms(20)
+"""Nothing is sent more often, whatever is asked for."""
+SLOWEST = seconds(60)
+ALL_STREAMS = 0
+STREAMS: Mapping[int, frozenset[str]] = {
+    1: frozenset({"HIGHRES_IMU"}),
+    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME"}),
+    3: frozenset({"RC_CHANNELS", "SERVO_OUTPUT_RAW"}),
+    6: frozenset({"LOCAL_POSITION_NED"}),
+    10: frozenset({"ATTITUDE"}),
+    11: frozenset({"VFR_HUD"}),
+}
+"""What REQUEST_DATA_STREAM means by its numbers."""
+INTERVAL = "MESSAGE_INTERVAL"
 
 
 class TextQueue:
@@ -44,35 +58,18 @@ class TextQueue:
 
     def pack_texts(self) -> list[bytes]:
         """All that waits, packed."""
-        found = [
+        packets = [
             self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
             for severity, piece, number, k in self._waiting
         ]
         self._waiting.clear()
-        return found
+        return packets
 
 
 def _split_text(text: bytes) -> list[bytes]:
     """A text in as many messages as it needs; where the last is full, an empty one says that it ends."""
     pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
     return [*pieces, b""] if len(pieces) > 1 and len(pieces[-1]) == PIECE else pieces
-
-
-FASTEST = ms(20)
-"""Nothing is sent more often, whatever is asked for."""
-SLOWEST = seconds(60)
-UNITS_PER_US = 10
-ALL_STREAMS = 0
-STREAMS: Mapping[int, frozenset[str]] = {
-    1: frozenset({"HIGHRES_IMU"}),
-    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME"}),
-    3: frozenset({"RC_CHANNELS", "SERVO_OUTPUT_RAW"}),
-    6: frozenset({"LOCAL_POSITION_NED"}),
-    10: frozenset({"ATTITUDE"}),
-    11: frozenset({"VFR_HUD"}),
-}
-"""What REQUEST_DATA_STREAM means by its numbers."""
-INTERVAL = "MESSAGE_INTERVAL"
 
 
 class TelemetryStream(NamedTuple):
@@ -109,18 +106,14 @@ class Streams:
         if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
             command, first = CommandCode.GET_INTERVAL, second
         name = self._names.get(int(first)) if math.isfinite(first) else None
-        if name is None or command not in (
-            CommandCode.REQUEST_MESSAGE,
-            CommandCode.SET_INTERVAL,
-            CommandCode.GET_INTERVAL,
-        ):
-            return CommandResult.UNSUPPORTED, []
-        if command == CommandCode.GET_INTERVAL:
+        if name is not None and command == CommandCode.GET_INTERVAL:
             return CommandResult.ACCEPTED, [self._interval_packet(name)]
-        if command == CommandCode.SET_INTERVAL:
+        if name is not None and command == CommandCode.SET_INTERVAL:
             return self._set_interval(name, second, now), []
-        packets = self._stream_packet(name, now)
-        return (CommandResult.ACCEPTED if packets else CommandResult.NOT_NOW), packets
+        if name is not None and command == CommandCode.REQUEST_MESSAGE:
+            packets = self._stream_packet(name, now)
+            return (CommandResult.ACCEPTED if packets else CommandResult.NOT_NOW), packets
+        return CommandResult.UNSUPPORTED, []
 
     def ask(self, message: Message, now: int) -> None:
         """Follow a REQUEST_DATA_STREAM."""

@@ -2,12 +2,6 @@
 
 Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
-
-The fields of AUTOPILOT_VERSION. Source: https://mavlink.io/en/messages/common.html.
-
-What a vehicle says it is: MAV_TYPE, as its record declares it.
-
-Source: https://mavlink.io/en/messages/common.html#MAV_TYPE.
 """
 
 import math
@@ -21,28 +15,6 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import Capability, VehicleType
-
-
-def mav_type(vehicle: Any) -> VehicleType:
-    """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
-    name = optional_member(vehicle, "MAV_TYPE")
-    if name not in VehicleType.__members__:
-        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
-        choices = tuple(VehicleType.__members__)
-        raise InputError("world.vehicle", problem, choices=choices, fix='write MAV_TYPE = "GENERIC", or leave it out')
-    return VehicleType[name]
-
-
-def version_fields(endpoint: Endpoint) -> dict[str, Any]:
-    """What an end can do, trimtab's version, and the fingerprint of its dialect."""
-    numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
-    return {
-        "capabilities": Capability.COMMAND_INT | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT,
-        "flight_sw_version": int.from_bytes(bytes([*numbers, 0])),
-        "flight_custom_version": endpoint.dialect.fingerprint,
-        "uid": endpoint.system,
-    }
-
 
 Vector = Sequence[float]
 Fields = Mapping[str, Any]
@@ -76,40 +48,40 @@ class VehicleMotion(NamedTuple):
     w_WB_B: Vector
 
 
-def attitude(now: int, seen: VehicleMotion) -> Fields:
+def attitude(now: int, motion: VehicleMotion) -> Fields:
     """ATTITUDE; angles from -pi to pi."""
-    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, seen.attitude), strict=True))
-    rates = zip(("rollspeed", "pitchspeed", "yawspeed"), seen.w_WB_B, strict=True)
+    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, motion.attitude), strict=True))
+    rates = zip(("rollspeed", "pitchspeed", "yawspeed"), motion.w_WB_B, strict=True)
     return {"time_boot_ms": _milliseconds(now)} | angles | dict(rates)
 
 
-def local_position(now: int, seen: VehicleMotion) -> Fields:
+def local_position(now: int, motion: VehicleMotion) -> Fields:
     """LOCAL_POSITION_NED; the origin is that of W."""
-    place = zip("xyz", seen.p_WB, strict=True)
-    velocity = zip(("vx", "vy", "vz"), rotate_to_world(seen.attitude, seen.v_WB_B), strict=True)
+    place = zip("xyz", motion.p_WB, strict=True)
+    velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
     return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
 
 
-def vfr_hud(seen: VehicleMotion) -> Fields:
+def vfr_hud(motion: VehicleMotion) -> Fields:
     """VFR_HUD; there is no wind, so the speed through the air is that over the ground."""
-    north, east, down = rotate_to_world(seen.attitude, seen.v_WB_B)
+    north, east, down = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
-        "airspeed": math.sqrt(sum(v * v for v in seen.v_WB_B)),
+        "airspeed": math.sqrt(sum(v * v for v in motion.v_WB_B)),
         "groundspeed": math.hypot(north, east),
-        "heading": round(math.degrees(seen.attitude[2])) % 360,
-        "alt": 0.0 - seen.p_WB[2],
+        "heading": round(math.degrees(motion.attitude[2])) % 360,
+        "alt": 0.0 - motion.p_WB[2],
         "climb": 0.0 - down,
     }
 
 
 def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
     """HIGHRES_IMU from a sample measured at t; field: of a magnetometer (T)."""
-    found: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
+    fields: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
     for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
-        found |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
+        fields |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
     for axis in "xyz":
-        found[f"{axis}mag"] *= GAUSS_PER_TESLA
-    return found
+        fields[f"{axis}mag"] *= GAUSS_PER_TESLA
+    return fields
 
 
 def servo_outputs(now: int, shares: Vector) -> Fields:
@@ -146,14 +118,35 @@ def system_health(has: Health, well: Health, lost: int, accepted: int, refused: 
     }
 
 
-def landed_state(held: bool) -> Fields:
+def landed_state(is_held: bool) -> Fields:
     """EXTENDED_SYS_STATE: on the ground while it is held, else not known."""
-    return {"landed_state": ON_GROUND if held else 0}
+    return {"landed_state": ON_GROUND if is_held else 0}
 
 
 def system_time(now: int, unix: float) -> Fields:
     """SYSTEM_TIME; unix: seconds since 1970 by the vehicle's computer."""
     return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _milliseconds(now)}
+
+
+def mav_type(vehicle: Any) -> VehicleType:
+    """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
+    name = optional_member(vehicle, "MAV_TYPE")
+    if name not in VehicleType.__members__:
+        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
+        choices = tuple(VehicleType.__members__)
+        raise InputError("world.vehicle", problem, choices=choices, fix='write MAV_TYPE = "GENERIC", or leave it out')
+    return VehicleType[name]
+
+
+def version_fields(endpoint: Endpoint) -> dict[str, Any]:
+    """What an end can do, trimtab's version, and the fingerprint of its dialect."""
+    numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
+    return {
+        "capabilities": Capability.COMMAND_INT | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT,
+        "flight_sw_version": int.from_bytes(bytes([*numbers, 0])),
+        "flight_custom_version": endpoint.dialect.fingerprint,
+        "uid": endpoint.system,
+    }
 
 
 def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
