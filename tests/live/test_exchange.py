@@ -117,7 +117,7 @@ def test_groups_are_found_by_sensor_and_for_another_vector():
     command = Command(t=np.int64(0), valid=False, value=EVERY)
     where, size = places(command, "command.")
     group = command_group(DIALECT, lambda p: where[p])
-    moved = group.at(DIALECT, lambda p: where[p] + 5 if isinstance(where[p], int) else shifted(where[p]))
+    moved = command_group(DIALECT, lambda p: where[p] + 5 if isinstance(where[p], int) else shifted(where[p]))
     both, vector = ends(DIALECT), np.arange(1.0, size + 1)
     vector[where["command.valid"]] = vector[where["command.value.flag"]] = 1
     (taken,) = through(moved, group.pack(both.here, vector), both.there)

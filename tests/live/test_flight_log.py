@@ -65,7 +65,7 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
         log.write_row(k * PERIOD, (0.0, True))
     os.kill(log._stream.pid, signal.SIGKILL)
     log._stream._process.wait(10)
-    assert not log.is_alive
+    assert not log._stream.is_alive
     for k in range(100, 20_000):  # more than the ring holds
         log.write_row(k * PERIOD, (0.0, True))
     log.write_event("nobody hears this")

@@ -111,7 +111,7 @@ def test_every_step_is_in_the_log(flown):
     assert (np.diff(flown.log.ticks) % period == 0).all()
     assert flown.log["loop.skipped"][-1] == flown.pair.flyer.skipped
     assert flown.log["vehicle.armed"][-1] == 1
-    assert flown.log["link.samples"][-1] <= flown.flight.autopilot_end.received_samples
+    assert flown.log["link.samples"][-1] <= flown.pair.flyer.autopilot_end.received_samples
 
 
 def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flown):

@@ -100,8 +100,9 @@ def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
 def test_silence_is_told_once_and_so_is_its_end():
     flyer, said = object.__new__(LiveAutopilot), []
     flyer.endpoint = SimpleNamespace(counts=SimpleNamespace(accepted=0))
+    flyer._flight_log, flyer._tell = None, said.append
     flyer._accepted, flyer._receive_time, flyer._silent = 0, 0, False
     for k in range(100):
         flyer.endpoint.counts.accepted += k < 20 or k > 80
-        flyer._report_silence(ms(10 * k), None, said.append)
+        flyer._report_silence(ms(10 * k))
     assert said == ["nothing from the vehicle for 0.250 s", "the vehicle is heard again, after 0.620 s"]

@@ -39,10 +39,9 @@ def command(
     with open_line(link, listen=False) as line:
         endpoint = endpoint_factory(link, INJECTOR, signing_key)(scenario_dialect(built))
         try:
-            done = Injector(line, endpoint).inject(plan)
+            start = format_time(Injector(line, endpoint).inject(plan))
         finally:
             endpoint.close()
-    start = format_time(done.start)
     lasts = "until the end" if plan.fault.duration == FOREVER else f"for {format_time(int(plan.fault.duration))}"
     if as_json:
         print_json({"fault": fault, "from": start, "lasts": lasts})

@@ -12,6 +12,7 @@ for the experiment; header, ids and units are reconstructed.
 
 import hashlib
 import struct
+import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -47,7 +48,7 @@ class ClockMessageParser:
 
     def feed(self, data: bytes) -> list[ClockMessage]:
         """The messages that are complete now."""
-        data, found, at = self._rest + data, [], 0
+        data, messages, at = self._rest + data, [], 0
         while at + 2 <= len(data):
             size = self._sizes.get(data[at + 1]) if data[at] == HEADER else None
             if size is None:
@@ -55,10 +56,10 @@ class ClockMessageParser:
             elif at + 2 + size > len(data):
                 break
             else:
-                found.append(ClockMessage(data[at + 1], data[at + 2 : at + 2 + size]))
+                messages.append(ClockMessage(data[at + 1], data[at + 2 : at + 2 + size]))
                 at += 2 + size
         self._rest = data[at:]
-        return found
+        return messages
 
 
 class Hello(NamedTuple):
@@ -83,9 +84,7 @@ def boot_digest() -> bytes:
     """Eight bytes that two processes share if they share the monotonic clock: a machine's current boot."""
     try:
         text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
-    except OSError:
-        import uuid  # no such file on this system: no shared clock is assumed
-
+    except OSError:  # no such file on this system: no shared clock is assumed
         text = str(uuid.uuid4())
     return hashlib.sha256(text.encode()).digest()[:8]
 
@@ -98,13 +97,15 @@ class Reply(NamedTuple):
 
 
 class ClockTimeExchange:
-    """The measuring end's codec. shared: whether both ends have the same clock; known once the far end said hello."""
+    """The measuring end's codec."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session
         self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
+        """Whether both ends have one clock; None while the far end has not been heard."""
         self.heard = 0
+        """How many requests have arrived up there, as far as it has said."""
 
     def request(self, t: int) -> tuple[int, bytes]:
         """Key and bytes of a request that leaves at t (100 ns)."""
@@ -117,24 +118,20 @@ class ClockTimeExchange:
         """Asks the far end for so many bytes per second, and for who it is."""
         return Hello(self._boot, self._session, rate).pack()
 
-    def pack_load(self) -> bytes:
-        """A message of load on the uplink."""
-        return LOAD_UP
-
     def read_replies(self, data: bytes) -> list[Reply]:
         """The replies in what came."""
-        found = []
+        replies = []
         for message in self._parser.feed(data):
             if message.id == CLOCK_TIME:
                 key, uplink = struct.unpack("<IH", message.data)
                 if uplink < LONGEST_UPLINK:
-                    found.append(Reply(key, uplink * TICKS))
+                    replies.append(Reply(key, uplink * TICKS))
             elif message.id == CLOCK_PAIR:
                 t0, far = struct.unpack("<qq", message.data)
-                found.append(Reply(t0, far - t0))
+                replies.append(Reply(t0, far - t0))
             elif message.id == STATUS and (hello := parse_hello(message.data)) and hello.session == self._session:
                 self.shared, self.heard = hello.boot == self._boot, hello.number
-        return found
+        return replies
 
 
 def echo_request(message: ClockMessage, t: int) -> bytes:

@@ -1,9 +1,8 @@
 """What a vehicle's firmware does besides flying: who may command it, and what it does when nobody does.
 
-It also passes on what ground stations ask of the autopilot: hold, resume, end; and tells what the autopilot does.
-
-The autopilot's heartbeat, of an onboard computer, has its supervisor's mode as custom mode; one without a supervisor
-has none, and can't be pending. A request is sent again each 100 ms until it is acknowledged.
+It also passes on what ground stations ask of the autopilot (hold, resume, end), again each 100 ms until it is
+acknowledged, and tells what the autopilot does. The autopilot's heartbeat, of an onboard computer, has its supervisor's
+mode as custom mode; one without a supervisor has none, and can't be asked.
 Source: docs pages, Vehicle and Station.
 """
 
@@ -17,7 +16,7 @@ from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
-from trimtab.live.exchange import GroupSample
+from trimtab.live.exchange import GroupSample, slot_indices
 from trimtab.loop import supervisor
 from trimtab.loop.supervisor import HOLD as HOLDS
 from trimtab.run.blocks import failsafe_block
@@ -82,18 +81,18 @@ class Duties:
         writes = self.step.writes
         self._inputs = _input_slots(self.step)
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]
-        self._out = _slot_indices(writes, shared, len(self.step.outputs))
-        self._in = _slot_indices(world.reads, shared, len(world.inputs))
+        self._out = slot_indices(writes, shared, len(self.step.outputs))
+        self._in = slot_indices(world.reads, shared, len(world.inputs))
         self._world, self.uplink = world, uplink
         self._first = self.step if uplink is None else uplink
         self._first_slots = _input_slots(self._first)
         if uplink is not None:
             paths = [p for p in uplink.writes if p in self._inputs]
-            self._uplink_slots = _slot_indices(uplink.writes, paths, len(uplink.outputs))
-            self._failsafe_slots = _slot_indices(self._inputs, paths, len(self.step.inputs))
+            self._uplink_slots = slot_indices(uplink.writes, paths, len(uplink.outputs))
+            self._failsafe_slots = slot_indices(self._inputs, paths, len(self.step.inputs))
         self._low, self._range = command_ranges(failsafe)
         paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
-        self._manual = _slot_indices(self._inputs, paths, len(self.step.inputs))
+        self._manual = slot_indices(self._inputs, paths, len(self.step.inputs))
         self._has_sticks = bool(np.isfinite(self._range).all())
         self._radio_at: int | None = None
         self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
@@ -181,11 +180,6 @@ def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
     return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)
 
 
-def _slot_indices(where: Any, paths: list[str], size: int) -> Any:
-    every = np.arange(size)
-    return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
-
-
 class _PendingRequest(NamedTuple):
     request: str
     since: int
@@ -194,7 +188,7 @@ class _PendingRequest(NamedTuple):
 
 
 class FlightRequests:
-    """The vehicle's side; times `now` are the vehicle's, in 100 ns."""
+    """What is asked of the autopilot, on the vehicle's side; times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
         """tell: is given lines for people."""

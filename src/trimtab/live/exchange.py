@@ -3,9 +3,11 @@
 Source: docs page, Exchange.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from time import monotonic
 from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from trimtab.core.interfaces import Link
 from trimtab.wire.definitions import Message
@@ -30,7 +32,7 @@ class MessageGroup:
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
         """group: as the dialect names it, e.g. "samples.imu" or "command"."""
-        self.group, self.names = group, dialect.groups[group]
+        self.names = dialect.groups[group]
         self._layouts: dict[str, _MessageLayout] = {}
         self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
         for name in self.names:
@@ -42,10 +44,6 @@ class MessageGroup:
                 if place.path == f"{group}.{TIME}":
                     time = i
             self._layouts[name] = _MessageLayout(slots, whole, time)
-
-    def at(self, dialect: Dialect, where: Where) -> "MessageGroup":
-        """The same messages for another vector."""
-        return MessageGroup(dialect, self.group, where)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
         """The packets of what stands in a vector; `shift` is added to its time."""
@@ -87,6 +85,12 @@ class GroupSample(NamedTuple):
         """Put it into a vector; `shift` is added to its time."""
         vector[self.slots] = self.values
         vector[self.slots[self.time]] = self.t + shift
+
+
+def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> Any:
+    """Where the numbers of these leaves stand in a vector of a size, in order."""
+    every = np.arange(size)
+    return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:

@@ -16,10 +16,10 @@ from trimtab.logs.ring import Ring
 from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
+from trimtab.wire.mavlink import FrameCounts
 
 ROWS = 16384
 """Rows that the ring holds: how long the disk may keep the writer waiting."""
-
 WRITER_DIED = "the log's writer died; what it had written is there"
 
 
@@ -31,10 +31,19 @@ class LogSource(NamedTuple):
     name: Callable[[str], str | None]
 
 
-def describe_flight(scenario: Scenario, side: str, seed: int, log_period: int) -> dict[str, Any]:
-    """What a flight's log says of it. side: "autopilot" or "vehicle"."""
-    about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
-    return describe_scenario(scenario) | about
+def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
+    """What a row has of the frames of its line, below a path; `count_frames` gives the numbers."""
+    return {
+        f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+        f"{prefix}.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
+        f"{prefix}.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
+        f"{prefix}.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+    }
+
+
+def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
+    """The numbers of `frame_signals`."""
+    return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
 class FlightLog:
@@ -64,7 +73,6 @@ class FlightLog:
         except BaseException:
             self._release_ring()
             raise
-        self.path = path
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
         """A row: the vectors as they are now."""
@@ -79,11 +87,6 @@ class FlightLog:
         """A line of text between rows."""
         self._ring.write_text(text)
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether the writer runs."""
-        return self._stream.is_alive
-
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
         """End the log; None where the writer had died."""
         try:
@@ -94,6 +97,23 @@ class FlightLog:
     def _release_ring(self) -> None:
         self._ring.unlink()
         self._ring.close()
+
+
+def open_flight_log(
+    path: Path | None,
+    sources: Sequence[LogSource],
+    own: Mapping[str, tuple[str, Quantity]],
+    scenario: Scenario,
+    *,
+    side: str,
+    seed: int,
+    log_period: int,
+) -> FlightLog | None:
+    """The log of one side of a flight, "autopilot" or "vehicle"; None without a path."""
+    if path is None:
+        return None
+    about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
+    return FlightLog(path, sources, own, describe_scenario(scenario) | about)
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:

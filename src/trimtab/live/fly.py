@@ -19,7 +19,7 @@ from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity
 from trimtab.core.time import SECONDS_PER_UNIT, UNITS_PER_SECOND, ms, seconds, to_seconds
 from trimtab.live.autopilot_end import AutopilotEnd, scenario_dialect
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, describe_flight
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, count_frames, frame_signals, open_flight_log
 from trimtab.live.real_time import NS, Deadlines, RealTimeGrant, discard_packets, real_time
 from trimtab.live.remote import RemoteVehicle
 from trimtab.logs.stream import LogFileSummary
@@ -32,8 +32,6 @@ from trimtab.wire.mavlink import Endpoint
 
 REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
 """Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
-
-
 LONGEST_DELAY = seconds("0.5")
 """How far behind the loop may be before it gives up catching up and goes on from now."""
 MOST_PACKETS = 64
@@ -55,27 +53,11 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "link.overtaken": ("i8", Quantity("1", "Samples so far that came after a later one.", kind="count")),
     "link.silence": ("f8", Quantity("s", "Time since the vehicle was last heard.")),
     "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
-    "link.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-    "link.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
-    "link.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
-    "link.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+    **frame_signals("link"),
     "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
     "vehicle.armed": ("?", Quantity("1", "The vehicle says that it is armed.", kind="flag")),
 }
 """What a row of a flight's log has besides frame and outputs."""
-
-
-class _CodeNames(NamedTuple):
-    at: int
-    names: tuple[str, ...]
-
-
-class _RequestSlots(NamedTuple):
-    request: int
-    t: int
-    age: int
-    fresh: int
-    valid: int
 
 
 class CompiledSupervisor:
@@ -86,19 +68,19 @@ class CompiledSupervisor:
         self._step = step
         declared = {m.path: m.declaration for m in step.text.outputs}
         paths = ("supervisor.mode", "supervisor.cause")
-        self._codes = [_CodeNames(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
+        self._codes = [(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
         self._last_codes: tuple[int, ...] = ()
         supervisor = scenario.autopilot.supervisor
         sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
         fields = ("value.request", "t", "age", "fresh", "valid")
-        places = [step.reads[path] for path in (f"{sample}.{f}" for f in fields) if path in step.reads]
-        self._slots = _RequestSlots(*places) if len(places) == len(fields) and self._codes else None
+        slots = {f: step.reads[path] for f in fields if (path := f"{sample}.{f}") in step.reads}
+        self._slots = slots if len(slots) == len(fields) and self._codes else None
         self._request: str | None = None
 
     @property
     def mode(self) -> int | None:
         """The supervisor's, by its number; None where there is none, or it can't be asked."""
-        return None if self._slots is None else int(self._step.outputs[self._codes[0].at])
+        return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
 
     def request(self, request: str) -> None:
         """Make a request in the next step, unless it would change nothing."""
@@ -109,19 +91,19 @@ class CompiledSupervisor:
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots
-        inputs[at.fresh] = self._request is not None
+        inputs[at["fresh"]] = self._request is not None
         if self._request is not None:
-            inputs[at.request], inputs[at.t], inputs[at.valid] = REQUESTS.index(self._request), t, True
+            inputs[at["value.request"]], inputs[at["t"]], inputs[at["valid"]] = REQUESTS.index(self._request), t, True
             self._request = None
-        inputs[at.age] = (t - inputs[at.t]) * SECONDS_PER_UNIT
+        inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
 
     def describe_changes(self) -> str:
         """What it has decided since this was last asked, for people; empty for nothing."""
-        codes = tuple(int(self._step.outputs[one.at]) for one in self._codes)
+        codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
         if codes == self._last_codes:
             return ""
         self._last_codes = codes
-        return "supervisor: " + ": ".join(one.names[k] for one, k in zip(self._codes, codes, strict=True))
+        return "supervisor: " + ": ".join(names[k] for (_, names), k in zip(self._codes, codes, strict=True))
 
 
 class LiveFlightSummary(NamedTuple):
@@ -131,8 +113,6 @@ class LiveFlightSummary(NamedTuple):
     arming_time: int | None
     grant: RealTimeGrant
     deadlines: Deadlines
-    autopilot_end: AutopilotEnd
-    remote: RemoteVehicle
     log: LogFileSummary | None
 
 
@@ -161,6 +141,8 @@ class LiveAutopilot:
         self.arming_time: int | None = None
         self._sent = self._jumps = self._accepted = self._receive_time = 0
         self._silent = False
+        self._flight_log: FlightLog | None = None
+        self._tell: Callable[[str], None] = lambda _: None
 
     def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
         """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds.
@@ -204,48 +186,50 @@ class LiveAutopilot:
             tell: is given lines for people.
         """
         length = self.scenario.duration if duration is None else duration
-        flight_log = self._open_log(log) if log else None
-        self.remote.tell = lambda text: self._report(text, flight_log, tell)
+        sources, log_period = self.autopilot_end.log_sources(), self.scenario.autopilot.period
+        flight_log = self._flight_log = open_flight_log(
+            log, sources, OWN_SIGNALS, self.scenario, side="autopilot", seed=self.seed, log_period=log_period
+        )
+        self._tell, self.remote.tell = tell, self._report
         discard_packets(self.link)
         self.autopilot_end.drop_samples()
         try:
-            with real_time(wanted_real_time) as granted:
+            with real_time(wanted_real_time) as grant:
                 try:
-                    t = self._run_loop(length, flight_log, stop, tell)
+                    t = self._run_loop(length, stop)
                 finally:
                     if self.arming_time is not None or self.remote.is_asking:  # else it is none of this end's business
                         self._disarm()
         finally:
+            self._flight_log = None
             summary = flight_log.close() if flight_log else None
         if flight_log is not None and summary is None:
             tell(WRITER_DIED)
-        return LiveFlightSummary(t, self.arming_time, granted, self.deadlines, self.autopilot_end, self.remote, summary)
+        return LiveFlightSummary(t, self.arming_time, grant, self.deadlines, summary)
 
-    def _run_loop(
-        self, length: int, flight_log: FlightLog | None, stop: Callable[[], bool], tell: Callable[[str], None]
-    ) -> int:
-        period = self.scenario.autopilot.period
+    def _run_loop(self, length: int, stop: Callable[[], bool]) -> int:
+        flight_log, period = self._flight_log, self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
-        kept = self.deadlines = Deadlines(period)
-        self._receive_time = kept.start // NS
+        deadlines = self.deadlines = Deadlines(period)
+        self._receive_time = deadlines.start // NS
         k = t = 0
         while not stop() and (self.arming_time is None or t - self.arming_time < length):
             t = k * period
             woke = self._receive_until(k)
-            now = kept.start // NS + t
-            ahead = kept.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            now = deadlines.start // NS + t
+            ahead = deadlines.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
             self.autopilot_end.set_inputs(t, self._to_local)
             self.supervised.set_inputs(t)
             began = monotonic_ns()
             self.autopilot_end.step.step()
             stepped = monotonic_ns()
-            if k % every == 0 and kept.remaining(k + every) > 0:  # else there are newer ones soon
+            if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send_command(t, ahead)
-            self._update_line(t, now)
-            self._report_silence(now, flight_log, tell)
+            self._update_line(t)
+            self._report_silence(now)
             if flight_log is not None:
-                flight_log.write_row(t, self._own_signals(now, woke - kept.start - t * NS, stepped - began))
-            kept.record_period(k, woke, began, stepped)
+                flight_log.write_row(t, self._own_signals(now, woke - deadlines.start - t * NS, stepped - began))
+            deadlines.record_period(k, woke, began, stepped)
             k = self._next_period(k)
         return t
 
@@ -292,7 +276,7 @@ class LiveAutopilot:
         self.skipped += passed
         return k + 1 + passed
 
-    def _update_line(self, t: int, now: int) -> None:
+    def _update_line(self, t: int) -> None:
         """Arm when there is something to fly with; keep the line."""
         if self.arming_time is None and self.remote.armed:
             self.arming_time = t
@@ -310,41 +294,35 @@ class LiveAutopilot:
         if news:
             self.remote.tell(news)
 
-    def _report_silence(self, now: int, flight_log: FlightLog | None, tell: Callable[[str], None]) -> None:
+    def _report_silence(self, now: int) -> None:
         """Say when nothing comes any more, and when it does again."""
         accepted, silence = self.endpoint.counts.accepted, now - self._receive_time
         if accepted != self._accepted:
             if self._silent:
-                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s", flight_log, tell)
+                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s")
             self._accepted, self._receive_time, self._silent = accepted, now, False
         elif silence >= SILENCE and not self._silent:
             self._silent = True
-            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s", flight_log, tell)
+            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s")
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
-        remote, kept, counts = self.remote, self.deadlines, self.endpoint.counts
+        remote, deadlines = self.remote, self.deadlines
         return (
             late * 1e-9,
             step * 1e-9,
-            kept.own + kept.scheduler,
+            deadlines.own + deadlines.scheduler,
             self.skipped,
             self.autopilot_end.received_samples,
             self.autopilot_end.overtaken_samples,
             (now - self._receive_time) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
-            counts.refusals,
-            counts.lost,
-            counts.checksum,
-            counts.garbage,
+            *count_frames(self.endpoint.counts),
             self.link.fileno() >= 0,
             remote.armed,
         )
 
-    def _report(self, text: str, flight_log: FlightLog | None, tell: Callable[[str], None]) -> None:
-        tell(text)
-        if flight_log:
-            flight_log.write_event(text)
-
-    def _open_log(self, path: Path) -> FlightLog:
-        about = describe_flight(self.scenario, "autopilot", self.seed, self.scenario.autopilot.period)
-        return FlightLog(path, self.autopilot_end.log_sources(), OWN_SIGNALS, about)
+    def _report(self, text: str) -> None:
+        """A line to people and into the log."""
+        self._tell(text)
+        if self._flight_log is not None:
+            self._flight_log.write_event(text)

@@ -18,19 +18,13 @@ from trimtab.run.blocks import replace_links
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.parameters import Parameters
+from trimtab.wire.protocol import REAL_32
 
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
 """Seconds until no answer is expected any more, and until a question is sent again."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
 """What is sent of a fault; the word last, for then it acts."""
-
-
-class Injection(NamedTuple):
-    """A fault, and when it begins by the vehicle's clock (100 ns)."""
-
-    fault: Fault
-    start: int
 
 
 def add_idle_faults(scenario: Scenario) -> Scenario:
@@ -57,7 +51,7 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
     Args:
         scenario: as the vehicle was asked to fly it.
         text: see the docs page, Faults.
-        names: as `fault_parameter_names` gives them, if it has been asked.
+        names: as `fault_parameter_names` gives them; None: it is asked here.
     """
     where, fault = parse_fault(scenario, text)
     if fault.watch:
@@ -75,12 +69,12 @@ class Injector:
     def __init__(self, link: Link, endpoint: Endpoint) -> None:
         self.link, self.endpoint = link, endpoint
 
-    def inject(self, plan: FaultPlan) -> Injection:
-        """Set all of a fault; its start counts from now."""
+    def inject(self, plan: FaultPlan) -> int:
+        """Set all of a fault; its start counts from now. Returns when it begins by the vehicle's clock (100 ns)."""
         start = self.read_vehicle_time() + int(plan.fault.start)
         for k, (name, value) in enumerate(plan.values.items()):
             self.set(name, value if k else float(start))
-        return Injection(plan.fault, start)
+        return start
 
     def _request(self, what: str, packet: Callable[[], bytes], answer: Callable[[Message], T | None]) -> T:
         result = request_answer(
@@ -103,7 +97,8 @@ class Injector:
 
     def set(self, name: str, value: float) -> None:
         """Set a parameter, until the vehicle has said that it holds."""
-        fields = {"param_id": name, "param_value": value, "param_type": 9, "target_system": 1, "target_component": 1}
+        to = {"target_system": 1, "target_component": 1}
+        fields = {"param_id": name, "param_value": value, "param_type": REAL_32} | to
 
         def answer(message: Message) -> bool | None:
             if message.name != "PARAM_VALUE" or message.get("param_id") != name:

@@ -15,6 +15,7 @@ from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
 from trimtab.live.duties import RADIO_TIMEOUT, command_ranges
+from trimtab.live.exchange import slot_indices
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.run.blocks import motion_block
 from trimtab.wire import telemetry
@@ -37,7 +38,10 @@ class Instruments:
         self._body, self._endpoint, self._flying = body, endpoint, flying
         self._motion = compile_block(motion_block(body.scenario))
         self._pairs = _slot_pairs(self._motion.reads, body.world.writes)
-        self._commanded = _command_slots(failsafe, body.world.reads)
+        paths = [f"command.value.{p}" for p, _, _ in leaves(failsafe.safe)]
+        self._command_slots = slot_indices(body.world.reads, paths, len(body.world.inputs))
+        self._low, span = command_ranges(failsafe)
+        self._range = np.where(span > 0, span, np.nan)
         self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self._pulses: tuple[float, ...] = ()
         self._pulse_time = -2 * RADIO_TIMEOUT
@@ -75,8 +79,8 @@ class Instruments:
         return VehicleMotion(*(motion.result(name).tolist() for name in VehicleMotion._fields))
 
     def _servo_fields(self, now: int) -> Mapping[str, Any]:
-        at, low, span = self._commanded
-        return telemetry.servo_outputs(now, ((self._body.world.inputs[at] - low) / span).tolist())
+        shares = (self._body.world.inputs[self._command_slots] - self._low) / self._range
+        return telemetry.servo_outputs(now, shares.tolist())
 
     def _receiver_fields(self, now: int) -> Mapping[str, Any] | None:
         return telemetry.receiver_channels(now, self._pulses) if now - self._pulse_time <= RADIO_TIMEOUT else None
@@ -127,11 +131,3 @@ def _slot_pairs(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tup
     """Where each number of the state, and of what acts, stands for the motion and in the world."""
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p != "t"]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]
-
-
-def _command_slots(failsafe: Failsafe, reads: Mapping[str, Any]) -> tuple[Any, Any, Any]:
-    """Where the numbers that the actuators are given stand, their lowest value and their range; NaN for none."""
-    every = np.arange(1 + max(at.stop if isinstance(at, slice) else at for at in reads.values()))
-    at = [np.atleast_1d(every[reads[f"command.value.{p}"]]) for p, _, _ in leaves(failsafe.safe)]
-    low, span = command_ranges(failsafe)
-    return np.concatenate(at), low, np.where(span > 0, span, np.nan)

@@ -5,14 +5,14 @@ A request carries the sender's time; the far end appends its timer and echoes it
     uplink = timer - t0,    downlink = now - t0 - uplink
 
 and with two the offset between them is taken from the quickest round trips, as if those took as long up as down.
-What is found: the table's figures, recordings to replay, and a channel model with the same moments.
+What comes of it: the table's figures, recordings to replay, and a channel model with the same moments.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
 
 import random
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_t
 from trimtab.links.latency_trace import Trace
 from trimtab.live.clock_time import (
     LOAD_DOWN,
+    LOAD_UP,
     STATUS,
     UP,
     ClockMessageParser,
+    ClockTimeExchange,
     Hello,
-    Reply,
     boot_digest,
     echo_request,
     parse_hello,
@@ -150,33 +151,8 @@ def echo_requests(
     return echoed
 
 
-class DelayExchange(Protocol):
-    """The bytes of the experiment, at the measuring end."""
-
-    shared: bool | None
-    """Whether both ends have one clock; None while the far end has not been heard."""
-    heard: int
-    """How many requests have arrived up there, as far as it has said."""
-
-    def request(self, t: int) -> tuple[int, bytes]:
-        """Key and bytes of a request that leaves at t (100 ns)."""
-        ...
-
-    def pack_hello(self, rate: int) -> bytes:
-        """Asks the far end to speak, and for a load (byte/s); may be empty once it has."""
-        ...
-
-    def pack_load(self) -> bytes:
-        """A message of load on the uplink."""
-        ...
-
-    def read_replies(self, data: bytes) -> list[Reply]:
-        """The replies in what came."""
-        ...
-
-
 def measure_delays(
-    link: Link, exchange: DelayExchange, plan: LinkTestPlan, clock: Callable[[], int] = monotonic_time
+    link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Callable[[], int] = monotonic_time
 ) -> Delays | None:
     """Send requests under load and gather the replies; None where nobody answers.
 
@@ -193,15 +169,15 @@ def measure_delays(
     session.ask()
     after, took = link.statistics, time.monotonic() - start
     session.finish()
-    carried = (after.bytes_out - before.bytes_out, after.bytes_in - before.bytes_in)
-    up, down = (1e-3 * BITS_PER_BYTE * n / took for n in carried)
+    counts = (after.bytes_out - before.bytes_out, after.bytes_in - before.bytes_in)
+    up, down = (1e-3 * BITS_PER_BYTE * n / took for n in counts)
     return session.delays((up, down))
 
 
 class _DelayMeasurement:
     """One measurement: when each request left and, by its key, what the reply to it said and when it came."""
 
-    def __init__(self, link: Link, exchange: DelayExchange, plan: LinkTestPlan, clock: Callable[[], int]) -> None:
+    def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Callable[[], int]) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
         self._sent: dict[int, int] = {}
         self._back: dict[int, tuple[int, int]] = {}
@@ -217,7 +193,7 @@ class _DelayMeasurement:
 
     def ask(self) -> None:
         """Send the requests, out of step with whatever else is periodic, and the load between them."""
-        draw, pace = random.Random(self._plan.seed), LoadPace(len(self._exchange.pack_load()))
+        draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = time.monotonic()
         while len(self._sent) < self._plan.requests:
@@ -234,7 +210,7 @@ class _DelayMeasurement:
                 pace.count_bytes(len(self._hello), t)
                 hello_at += HELLO_PERIOD
             if pace.due(t):
-                self._link.send(self._exchange.pack_load())
+                self._link.send(LOAD_UP)
             self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
 
     def finish(self) -> None:
@@ -254,7 +230,7 @@ class _DelayMeasurement:
             if key in self._sent:
                 self._back.setdefault(key, (uplink, arrived))
 
-    def delays(self, carried: tuple[float, float]) -> Delays:
+    def delays(self, data_rates: tuple[float, float]) -> Delays:
         """What came of it."""
         left = np.array(list(self._sent.values()), np.int64)
         came = np.array([key in self._back for key in self._sent], bool)
@@ -266,7 +242,7 @@ class _DelayMeasurement:
         if not shared and came.any():
             up = up - clock_offset(up[came], trip[came])
         lost_up = max(len(left) - max(self._exchange.heard, len(answered)), 0)
-        return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, carried)
+        return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, data_rates)
 
 
 def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:

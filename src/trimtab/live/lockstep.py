@@ -15,7 +15,7 @@ from trimtab.core.interfaces import Link
 from trimtab.core.time import ms
 from trimtab.live.autopilot_end import AutopilotEnd, scenario_dialect
 from trimtab.live.exchange import GroupSample, receive_messages, request_answer
-from trimtab.live.flight_log import FlightLog, describe_flight
+from trimtab.live.flight_log import open_flight_log
 from trimtab.live.remote import HEARTBEAT
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.logs.stream import LogFileSummary
@@ -37,8 +37,8 @@ class NoAnswerError(Exception):
     """The other end has not answered for too long."""
 
 
-def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each: Callable[[int], None]) -> None:
-    """The vehicle's end, for the scenario's duration; `each(t)` is called after every instant and at the end.
+def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint) -> Iterator[int]:
+    """The vehicle's end, for the scenario's duration: yields each instant after its command has come, and the end.
 
     Raises NoAnswerError when nobody answers.
     """
@@ -47,12 +47,12 @@ def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, each:
     for t in vehicle.instants():
         vehicle.advance(min(t, duration), fresh=fresh)
         if t >= duration:
-            each(duration)
+            yield duration
             return
         fresh = t % period == 0
         if fresh:
             _await_command(vehicle, link, endpoint, t).write(vehicle.world.inputs)
-        each(t)
+        yield t
 
 
 def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> GroupSample:
@@ -121,16 +121,14 @@ class LockstepVehicle:
     def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
         """Lead through the scenario's duration; raises NoAnswerError where nobody follows."""
         body = self.body
-        about = describe_flight(self.scenario, "vehicle", self.seed, log_period)
-        flight_log = FlightLog(log, body.log_sources(), {}, about) if log else None
-
-        def each(t: int) -> None:
-            if flight_log is not None and t and body.row_t % log_period == 0:
-                flight_log.write_row(body.row_t)
-
+        flight_log = open_flight_log(
+            log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
+        )
         summary = None
         try:
-            lead_lockstep(body, link, self.endpoint, each)
+            for t in lead_lockstep(body, link, self.endpoint):
+                if flight_log is not None and t and body.row_t % log_period == 0:
+                    flight_log.write_row(body.row_t)
         finally:
             self.endpoint.close()
             summary = flight_log.close(body.final_truth()) if flight_log else None
@@ -151,8 +149,10 @@ class LockstepAutopilot:
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
         """Follow through the scenario's duration; raises NoAnswerError where nobody leads."""
         period = self.scenario.autopilot.period
-        about = describe_flight(self.scenario, "autopilot", self.seed, period)
-        flight_log = FlightLog(log, self.autopilot_end.log_sources(), {}, about) if log else None
+        sources = self.autopilot_end.log_sources()
+        flight_log = open_flight_log(
+            log, sources, {}, self.scenario, side="autopilot", seed=self.seed, log_period=period
+        )
         summary = None
         try:
             for t in follow_lockstep(self.autopilot_end, link, self.endpoint, self.scenario.duration, period):

@@ -5,13 +5,8 @@ ended after the next deadline is an overrun. Where the thread itself was on the 
 put down to its own work, else to the scheduler; periods that are made up afterwards, without a wait, to what the first
 one was put down to.
 
-Times counted as they come: a fixed table, a few hundred nanoseconds each, nothing allocated.
-
-Source: G. Tene, HdrHistogram (buckets of constant relative width).
-
-Instants in wall-clock time, and what comes over a line until each of them.
-
-Source: docs page, Vehicle.
+Times are counted as they come, in a fixed table: a few hundred nanoseconds each, nothing allocated.
+Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
 """
 
 import contextlib
@@ -29,9 +24,13 @@ NS = 100
 """Nanoseconds in a unit of time."""
 MOST_PACKETS = 64
 """Packets taken at one instant, so that a flood can't stop the clock."""
-
 DISCARD_LIMIT = 10_000
 """Packets thrown away at most."""
+SUB_BUCKET_BITS = 5
+"""Each doubling is cut into 2**SUB_BUCKET_BITS buckets: 3 % wide."""
+BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
+PRIORITY = 40
+MCL_CURRENT_AND_FUTURE = 3
 
 
 class WallClock:
@@ -45,7 +44,7 @@ class WallClock:
         return (monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
-        """Take what comes until integer time t, at least once and at most MOST packets late; returns now (ns)."""
+        """Take what comes until integer time t, at least once and at most MOST_PACKETS late; returns now (ns)."""
         due = self.start + t * NS
         late = 0
         while True:
@@ -60,15 +59,10 @@ class WallClock:
 
 def discard_packets(link: Link) -> int:
     """Throw away what lies waiting, of a time when nobody looked; returns how many packets."""
-    found = 0
-    while found < DISCARD_LIMIT and link.receive(0.0) is not None:
-        found += 1
-    return found
-
-
-SUB_BUCKET_BITS = 5
-"""Each doubling is cut into 2**HALF buckets: 3 % wide."""
-BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
+    count = 0
+    while count < DISCARD_LIMIT and link.receive(0.0) is not None:
+        count += 1
+    return count
 
 
 class TimeSummary(NamedTuple):
@@ -97,10 +91,10 @@ class Histogram:
 
     def quantile(self, share: float) -> float:
         """The time (s) that this share of all does not exceed; 0 when there is none."""
-        wanted, seen = share * sum(self.counts), 0
+        rank, below = share * sum(self.counts), 0
         for bucket, count in enumerate(self.counts):
-            seen += count
-            if count and seen >= wanted:
+            below += count
+            if count and below >= rank:
                 return min(bucket_end(bucket), self.longest) * 1e-9
         return 0.0
 
@@ -116,10 +110,6 @@ def bucket_end(bucket: int) -> int:
     return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 
 
-PRIORITY = 40
-MCL_CURRENT_AND_FUTURE = 3
-
-
 class RealTimeGrant(NamedTuple):
     """What the system granted: scheduler "fifo" or "ordinary", memory locked or not."""
 
@@ -132,7 +122,7 @@ class RealTimeGrant(NamedTuple):
 
 
 @contextlib.contextmanager
-def real_time(wanted: bool = True) -> Iterator[RealTimeGrant]:
+def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
     """Within it this process is scheduled before ordinary ones and stays in memory, where that is allowed.
 
     The collector of cycles rests: the loop makes none, and a collection takes milliseconds.
@@ -142,7 +132,7 @@ def real_time(wanted: bool = True) -> Iterator[RealTimeGrant]:
     gc.collect()
     gc.disable()
     libc = ctypes.CDLL(None, use_errno=True)
-    if wanted:
+    if is_wanted:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
             scheduler = "fifo"
@@ -169,7 +159,7 @@ class Deadlines:
         self._before, self._over, self._blamed = spent(), False, False
         self.start = monotonic_ns()
         self.late, self.step, self.work = Histogram(), Histogram(), Histogram()
-        self.own = self.scheduler = self.skipped = 0
+        self.own = self.scheduler = 0
 
     def remaining(self, k: int) -> float:
         """Seconds until deadline k; negative when it has passed."""
@@ -196,6 +186,10 @@ class Deadlines:
 
     def summary(self) -> dict[str, object]:
         """All of it, times in seconds, for a report."""
-        tables = {name: getattr(self, name).summary()._asdict() for name in ("late", "step", "work")}
-        overruns = {"own_work": self.own, "scheduler": self.scheduler}
-        return {"period": format_time(self.period), **tables, "overruns": overruns}
+        return {
+            "period": format_time(self.period),
+            "late": self.late.summary()._asdict(),
+            "step": self.step.summary()._asdict(),
+            "work": self.work.summary()._asdict(),
+            "overruns": {"own_work": self.own, "scheduler": self.scheduler},
+        }

@@ -13,8 +13,8 @@ from trimtab.core.record import Quantity, replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
-from trimtab.live.exchange import GroupSample
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource, describe_flight
+from trimtab.live.exchange import GroupSample, command_group
+from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource, count_frames, frame_signals, open_flight_log
 from trimtab.live.instruments import Instruments
 from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
 from trimtab.live.virtual_vehicle import VirtualVehicle
@@ -31,10 +31,7 @@ from trimtab.wire.telemetry import mav_type
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
     "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
-    "wire.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-    "wire.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
-    "wire.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
-    "wire.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+    **frame_signals("wire"),
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
 DISARM_DELAY = ms(50)
@@ -69,7 +66,7 @@ class LiveVehicle:
         received = None if isinstance(uplink, Wire) else compile_block(uplink_block(uplink, command, seed=seed))
         self.duties = Duties(failsafe, command, world, received)
         self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded)
-        self._command = self.body.command.at(dialect, lambda p: self.duties.slot(p))
+        self._command = command_group(dialect, self.duties.slot)
         parameters = Parameters(scenario.world, "world")
         self._declared = {p.path: p.declaration for p in parameters.listed}
         kind, streams = mav_type(scenario.world.vehicle), self.instruments.telemetry_streams()
@@ -138,7 +135,12 @@ class LiveVehicle:
             tell: is given lines for people.
         """
         self._tell = tell
-        flight_log = self._flight_log = self._open_log(log, log_period) if log else None
+        failsafe = self.duties.step
+        decisions = LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}")
+        sources = [*self.body.log_sources(), decisions]
+        flight_log = self._flight_log = open_flight_log(
+            log, sources, OWN_SIGNALS, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
+        )
         discard_packets(self.link)
         try:
             with real_time(wanted_real_time):
@@ -178,8 +180,7 @@ class LiveVehicle:
         for packet in self.body.sample_packets(self.endpoint, self.body.changed_sensors()):
             self.link.send(packet)
         if flight_log is not None and t and self.body.row_t % log_period == 0:
-            counts, is_held = self.endpoint.counts, self.release_time is None
-            own = (is_held, late * 1e-9, counts.refusals, counts.lost, counts.checksum, counts.garbage)
+            own = (self.release_time is None, late * 1e-9, *count_frames(self.endpoint.counts))
             flight_log.write_row(self.body.row_t, own)
         command, self._newest_command = self._newest_command, None
         if self.duties.act(t, command):
@@ -199,14 +200,6 @@ class LiveVehicle:
         """A line to ground stations, into the log and to people."""
         self.station.queue_text(severity, text)
         self._report(text)
-
-    def _open_log(self, path: Path, log_period: int) -> FlightLog:
-        failsafe = self.duties.step
-        sources = [
-            *self.body.log_sources(),
-            LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}"),
-        ]
-        return FlightLog(path, sources, OWN_SIGNALS, describe_flight(self.scenario, "vehicle", self.seed, log_period))
 
 
 def format_value(declared: Quantity, value: float) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.compiler.compiled_block import CompiledBlock
-from trimtab.live.exchange import MessageGroup, command_group, sample_groups
+from trimtab.live.exchange import MessageGroup, command_group, sample_groups, slot_indices
 from trimtab.live.flight_log import LogSource
 from trimtab.loop.scenario import Scenario
 from trimtab.wire.dialect import Dialect
@@ -37,13 +37,8 @@ class VirtualVehicle:
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
         """What was at `row_t`, the instant before t, acting included: as a log of `simulate` has it."""
-        self._actuation_slots = np.concatenate(
-            [
-                np.atleast_1d(np.arange(len(world.outputs))[at])
-                for p, at in writes.items()
-                if p.startswith(ACTUATION_PREFIXES)
-            ]
-        )
+        paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
+        self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
         self._last_outputs: Any = np.zeros(len(world.outputs))
         self._has_begun = False
 

@@ -1,10 +1,8 @@
-"""Message definitions: MAVLink's XML read into what packing and parsing need.
+"""Message definitions: MAVLink's XML read into what packing and parsing need; messages that have come in.
 
 A payload holds the fields ordered by the size of their elements, largest first, otherwise as declared; extension fields
 follow as declared. CRC_EXTRA is made of the message's name and of its fields without extensions.
 Source: https://mavlink.io/en/guide/serialization.html.
-
-A message that has come in, and values put into the shape that a definition packs.
 """
 
 import math
@@ -40,7 +38,7 @@ class Field(NamedTuple):
 
     type: MAVLink's name of its elements' type.  length: 0 for a single number, else how many; text is `char`.
     at, slots: where its values start among those of the message, and how many they are; text is one.
-    default: what stands there when nothing is given.
+    default: what stands there when nothing else is said.
     """
 
     name: str
@@ -48,9 +46,7 @@ class Field(NamedTuple):
     length: int
     at: int
     slots: int
-    unit: str
     default: int
-    extension: bool
 
 
 class MessageDefinition(NamedTuple):
@@ -80,7 +76,7 @@ class MessageDefinition(NamedTuple):
 
     @property
     def blank_values(self) -> list[Any]:
-        """Values of a message in which nothing was given."""
+        """Values of a message of which nothing is said."""
         values: list[Any] = []
         for f in self.fields:
             values += [b""] if f.type == "char" else [f.default] * f.slots
@@ -95,15 +91,13 @@ def read_definitions(text: str) -> dict[str, MessageDefinition]:
 
 
 def _read_definition(message: ElementTree.Element, version: int) -> MessageDefinition:
-    base, extensions, declared = [], [], []
+    base, extensions = [], []
     target = base
     for child in message:
         if child.tag == "extensions":
             target = extensions
         elif child.tag == "field":
-            field = _read_field(child, version, target is extensions)
-            target.append(field)
-            declared.append(field)
+            target.append(_read_field(child, version))
     base.sort(key=lambda f: -SIZES[f.type])
     fields, at = [], 0
     for f in [*base, *extensions]:
@@ -123,14 +117,14 @@ def _read_definition(message: ElementTree.Element, version: int) -> MessageDefin
     )
 
 
-def _read_field(element: ElementTree.Element, version: int, extension: bool) -> Field:
+def _read_field(element: ElementTree.Element, version: int) -> Field:
     kind, _, length = element.attrib["type"].rstrip("]").partition("[")
     default = 0
     if kind == VERSION_FIELD:
         kind, default = "uint8_t", version
     count = int(length or 0)
     slots = 1 if kind == "char" else max(count, 1)
-    return Field(element.attrib["name"], kind, count, 0, slots, element.get("units", ""), default, extension)
+    return Field(element.attrib["name"], kind, count, 0, slots, default)
 
 
 def _struct_code(field: Field) -> str:
@@ -156,7 +150,7 @@ class Message(NamedTuple):
     """A decoded message.
 
     values: in the order of the payload, arrays number by number, text as bytes; `places` of the dialect say which is
-    which.  system, component: who sent it, on which link.  signed: whether its signature was checked and right.
+    which.  system, component: who sent it.  is_signed: whether its signature was checked and right.
     """
 
     name: str
@@ -164,8 +158,6 @@ class Message(NamedTuple):
     definition: MessageDefinition
     system: int
     component: int
-    link: int
-    sequence: int
     is_signed: bool
 
     def get(self, field: str) -> Any:
@@ -183,13 +175,13 @@ def _field_value(field: Field, values: tuple[Any, ...]) -> Any:
     return values[field.at : field.at + field.slots] if field.length else values[field.at]
 
 
-def arrange_values(definition: MessageDefinition, given: Mapping[str, Any]) -> list[Any]:
-    """Values in the order of the payload from fields by name; what is not given is zero.
+def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> list[Any]:
+    """Values in the order of the payload from fields by name; what is not there is zero.
 
     Raises InputError for a field that the message doesn't have, or with the wrong number of values.
     """
     values = definition.blank_values
-    for name, value in given.items():
+    for name, value in fields.items():
         field = definition.where.get(name)
         if field is None:
             near = closest(name, definition.where) or list(definition.where)

@@ -5,8 +5,6 @@
 The tag is the first 48 bits of SHA-256 over the key and all that stands before it. Zeros at the end of a payload are
 left out. Nothing that is heard raises: what is refused is counted.
 Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/guide/message_signing.html.
-
-What one end of a line has sent, taken and refused.
 """
 
 import dataclasses
@@ -112,17 +110,14 @@ class Endpoint:
         if definition is None:
             near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
             raise InputError("wire", f"there is no message {name!r}", choices=near, fix=f"write {near[0]!r}")
-        given = (
-            arrange_values(definition, values)
-            if isinstance(values, Mapping)
-            else values
-            if len(values)
-            else definition.blank_values
-        )
+        if not len(values):
+            values = definition.blank_values
+        elif isinstance(values, Mapping):
+            values = arrange_values(definition, values)
         try:
-            payload = definition.packing.pack(*given)
+            payload = definition.packing.pack(*values)
         except (struct.error, OverflowError, TypeError, ValueError):
-            payload = definition.packing.pack(*fit_values(definition, given))
+            payload = definition.packing.pack(*fit_values(definition, values))
             self.counts.clamped += 1
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0")
 
@@ -149,12 +144,12 @@ class Endpoint:
         """The messages that are complete and accepted with these bytes, in order; never raises."""
         if not data:
             return []
-        buffer, at, found = self._rest + data, 0, []
+        buffer, at, messages = self._rest + data, 0, []
         size = len(buffer)
         while at < size:
             first = buffer[at]
             if first == VERSION_2:
-                used = self._read_frame(buffer, at, found)
+                used = self._read_frame(buffer, at, messages)
             elif first == VERSION_1:
                 used = self._skip_old_frame(buffer, at)
             else:
@@ -167,9 +162,9 @@ class Endpoint:
         if self._datagrams:
             self.counts.garbage += len(self._rest)
             self._rest = b""
-        return found
+        return messages
 
-    def _read_frame(self, buffer: bytes, at: int, found: list[Message]) -> int:
+    def _read_frame(self, buffer: bytes, at: int, messages: list[Message]) -> int:
         """How many bytes the frame at `at` has; NO_FRAME; or NOT_YET if more bytes are needed to tell."""
         if len(buffer) - at < HEADER.size:
             return NOT_YET
@@ -194,8 +189,8 @@ class Endpoint:
             self._count_lost(system, component, sequence)
             payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
             values = definition.packing.unpack(payload)
-            link, signed = (frame[-TAG], self._keyed is not None) if flags else (0, False)
-            found.append(Message(definition.name, values, definition, system, component, link, sequence, signed))
+            is_signed = bool(flags) and self._keyed is not None
+            messages.append(Message(definition.name, values, definition, system, component, is_signed))
             self.counts.accepted += 1
         return size
 

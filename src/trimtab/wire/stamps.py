@@ -162,9 +162,9 @@ def _read_store(file: int, store: Path) -> int:
     if not text:
         return 0
     with contextlib.suppress(ValueError):
-        found = int(text)
-        if 0 <= found <= LARGEST:
-            return found
+        stamp = int(text)
+        if 0 <= stamp <= LARGEST:
+            return stamp
     os.close(file)
     problem = f"holds {text[:32]!r} and no stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

@@ -101,11 +101,11 @@ class TimeSync:
             return False
         self._asked.remove(sent)
         remote = tc1 // NS_PER_UNIT
-        found = TimeSyncExchange(remote, remote - (sent + now) / 2, now - sent)
-        if self.is_known and abs(found.offset - self._line.value(remote)) > found.round_trip / 2 + JUMP:
+        exchange = TimeSyncExchange(remote, remote - (sent + now) / 2, now - sent)
+        if self.is_known and abs(exchange.offset - self._line.value(remote)) > exchange.round_trip / 2 + JUMP:
             self._restart()
-        self._exchanges.append(found)
-        while found.remote - self._exchanges[0].remote > WINDOW:
+        self._exchanges.append(exchange)
+        while remote - self._exchanges[0].remote > WINDOW:
             self._exchanges.popleft()
         self._line = fit_offset_line(list(self._exchanges))
         self._turn_offset(remote)
@@ -122,9 +122,9 @@ class TimeSync:
         if self._last is None:
             self._from, self._applied, self._turn = remote, self._line.value(remote), drift
         else:
-            held = self._offset_at(self._last)
-            wanted = drift + (self._line.value(self._last) - held) / HORIZON
-            self._from, self._applied, self._turn = self._last, held, min(max(wanted, -SLEW), SLEW)
+            applied = self._offset_at(self._last)
+            turn = drift + (self._line.value(self._last) - applied) / HORIZON
+            self._from, self._applied, self._turn = self._last, applied, min(max(turn, -SLEW), SLEW)
         self._after = drift
 
     def _offset_at(self, remote: int) -> float:
