@@ -61,9 +61,9 @@ class FlightLog:
         self._picks: list[tuple[Any, Any, slice]] = []
         stop = 1
         for source in sources:
-            picked, start = _select_numbers(source, signals), stop
-            stop += len(picked)
-            self._picks.append((source.vector, np.array(picked, np.intp), slice(start, stop)))
+            slots, start = _select_numbers(source, signals), stop
+            stop += len(slots)
+            self._picks.append((source.vector, np.array(slots, np.intp), slice(start, stop)))
         signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
         self._own = slice(stop, stop + len(own))
         self._row = np.zeros(stop + len(own))
@@ -118,11 +118,11 @@ def open_flight_log(
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
     """Which numbers of a vector are logged; what they are goes to the end of `signals`."""
-    picked, at = [], 0
+    slots, at = [], 0
     for m in source.members:
         path = source.name(m.name)
         if path is not None:
             signals.append((path, m.shape, m.numpy_type, m.declaration))
-            picked += range(at, at + m.size)
+            slots += range(at, at + m.size)
         at += m.size
-    return picked
+    return slots

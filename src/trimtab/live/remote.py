@@ -10,14 +10,20 @@ from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, seconds
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import CommandCode, CommandResult, FlightCommand, ModeFlag, VehicleType, parse_request
+from trimtab.wire.protocol import (
+    VERSION_MESSAGE,
+    CommandCode,
+    CommandResult,
+    FlightCommand,
+    ModeFlag,
+    VehicleType,
+    parse_request,
+)
 from trimtab.wire.time_sync import TimeSync
 
 NO_AUTOPILOT = 8
 HEARTBEAT = {"type": VehicleType.ONBOARD_COMPUTER, "autopilot": NO_AUTOPILOT, "system_status": 4}
 """Of an onboard computer that is no flight controller, running."""
-VERSION_MESSAGE = 148
-"""The number of AUTOPILOT_VERSION."""
 MOST_ASKS = 4
 """Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
 MOST_REQUESTS = 8
@@ -63,11 +69,11 @@ class RemoteVehicle:
 
     def reason_not_ready(self) -> str:
         """Why it is not ready, for people."""
-        counts, carried = self._endpoint.counts, self._link.statistics
+        counts, traffic = self._endpoint.counts, self._link.statistics
         if self.misfit:
             return self.misfit
-        if not carried.packets_in:
-            return "no vehicle answers" + ("" if carried.connected else ": there is no connection")
+        if not traffic.packets_in:
+            return "no vehicle answers" + ("" if traffic.connected else ": there is no connection")
         if counts.wrong_signature or counts.unsigned:
             return f"{counts.wrong_signature + counts.unsigned} frames came unsigned or signed with another key"
         if counts.checksum or counts.unknown:

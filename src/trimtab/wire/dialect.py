@@ -102,21 +102,19 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
 
     Raises InputError where there are more messages than ids.
     """
-    wanted: dict[str, tuple[str, list[list[_FieldPiece]]]] = {}
-    for sensor, sample in frame_like.samples.items():
-        wanted[f"samples.{sensor}"] = (message_name(f"sample_{sensor}"), _split_parts(sample, f"samples.{sensor}"))
-    wanted[COMMAND] = (message_name(COMMAND), _split_parts(command_like, COMMAND))
+    parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
+    parts_of[COMMAND] = _split_parts(command_like, COMMAND)
     now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
     count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
-    wanted[INSTANT] = (message_name(INSTANT), [[now, count]])
+    parts_of[INSTANT] = [[now, count]]
     standard = STANDARD.read_text("utf-8")
-    taken = {name.lower() for name in read_definitions(standard)}
+    used_names = {name.lower() for name in read_definitions(standard)}
     groups: dict[str, tuple[str, ...]] = {}
     contents: dict[str, list[_FieldPiece]] = {}
-    for group in sorted(wanted):
-        name, parts = wanted[group]
+    for group, parts in sorted(parts_of.items()):
+        name = message_name(group.replace("samples.", "sample_", 1))
         several = [name] if len(parts) == 1 else [f"{name}_{k + 1}" for k in range(len(parts))]
-        groups[group] = tuple(unique_name(n, taken) for n in several)
+        groups[group] = tuple(unique_name(n, used_names) for n in several)
         contents |= dict(zip(groups[group], parts, strict=True))
     if len(contents) > MOST_MESSAGES:
         problem = f"{len(contents)} messages are more than the {MOST_MESSAGES} numbers kept for them"
@@ -124,10 +122,10 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     return _make_dialect(standard, groups, contents)
 
 
-def _split_parts(carried: Any, path: str) -> list[list[_FieldPiece]]:
+def _split_parts(record: Any, path: str) -> list[list[_FieldPiece]]:
     """Time, validity and the leaves of the value, in as many payloads as they need."""
     head, rest = [], []
-    for below, value, declared in leaves(carried):
+    for below, value, declared in leaves(record):
         if not isinstance(declared, Quantity):
             continue
         piece = _field_piece(f"{path}.{below}", value, declared)
@@ -156,11 +154,11 @@ def _field_piece(path: str, value: Any, declared: Quantity) -> _FieldPiece:
 
 
 def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[str, list[_FieldPiece]]) -> Dialect:
-    numbers = {name: FIRST_ID + k for k, name in enumerate(sorted(contents))}
-    lines, named, carried = [], {}, {name: group for group, names in groups.items() for name in names}
-    for name in sorted(contents):
-        named[name] = _name_fields(contents[name])
-        lines += _message_xml(name, numbers[name], carried[name], named[name])
+    fields_of = {name: _name_fields(contents[name]) for name in sorted(contents)}
+    group_of = {name: group for group, names in groups.items() for name in names}
+    lines: list[str] = []
+    for k, (name, fields) in enumerate(fields_of.items()):
+        lines += _message_xml(name, FIRST_ID + k, group_of[name], fields)
     text = standard.replace("  </messages>", "\n".join([*lines, "  </messages>"]))
     definitions = read_definitions(text)
     places = {
@@ -169,14 +167,14 @@ def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: d
             for f in definitions[name].fields
             for k in range(f.slots)
         )
-        for name, fields in named.items()
+        for name, fields in fields_of.items()
     }
     return Dialect(text, definitions, {d.id: d for d in definitions.values()}, groups, places)
 
 
 def _name_fields(pieces: list[_FieldPiece]) -> dict[str, _FieldPiece]:
-    taken: set[str] = set()
-    return {unique_name(field_name(p.path), taken): p for p in pieces}
+    used_names: set[str] = set()
+    return {unique_name(field_name(p.path), used_names): p for p in pieces}
 
 
 def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPiece]) -> list[str]:
@@ -200,16 +198,16 @@ def field_name(path: str) -> str:
     return _legal_name(below or path.rsplit(".", 1)[-1])
 
 
-def unique_name(name: str, taken: set[str]) -> str:
-    """The name, numbered where it is taken already (case does not tell two apart); it is taken afterwards.
+def unique_name(name: str, used_names: set[str]) -> str:
+    """The name, numbered where it is used already (case does not tell two apart); it is put to the used ones.
 
-    taken: names in small letters.
+    used_names: in small letters.
     """
     unique, k = name, 1
-    while unique.lower() in taken:
+    while unique.lower() in used_names:
         k += 1
         unique = f"{name}_{k}"
-    taken.add(unique.lower())
+    used_names.add(unique.lower())
     return unique
 
 

@@ -94,6 +94,6 @@ def _run_generator(generator: Any, dialect: Dialect, output: Path, language: str
         source = Path(own) / f"{NAME}.xml"
         source.write_text(dialect.text, "utf-8")
         options = generator.Opts(str(output), wire_protocol="2.0", language=language, validate=False)
-        done = generator.mavgen(options, [str(source)])
-    if not done:
+        success = generator.mavgen(options, [str(source)])
+    if not success:
         raise InputError("dialect", f"MAVLink's generator failed: {said.getvalue()[-300:]}", fix="rename the fields")

@@ -84,10 +84,9 @@ class Parameters:
 def parameter_names(paths: Sequence[str]) -> list[str]:
     """A name for each path, in the same order; no two are equal."""
     plain = [_short_name(path) for path in paths]
-    often = Counter(plain)
-    taken: set[str] = set()
-    hashed = (name if often[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
-    return [unique_name(name, taken) for name in hashed]
+    counts, used_names = Counter(plain), set[str]()
+    hashed = (name if counts[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
+    return [unique_name(name, used_names) for name in hashed]
 
 
 def _short_name(path: str) -> str:

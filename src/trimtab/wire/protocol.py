@@ -134,6 +134,8 @@ GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
 """The number of SET_MODE, which is what its acknowledgement names."""
+VERSION_MESSAGE = 148
+"""The number of AUTOPILOT_VERSION."""
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1

@@ -16,6 +16,7 @@ from trimtab.wire.parameters import Parameters, ParameterService
 from trimtab.wire.protocol import (
     GENERIC_AUTOPILOT,
     SET_MODE_MESSAGE,
+    VERSION_MESSAGE,
     ArmRequest,
     CommandCode,
     CommandResult,
@@ -38,6 +39,7 @@ from trimtab.wire.time_sync import NS_PER_UNIT
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
 """How long after its last heartbeat another system counts as one that listens."""
+VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
 class Status(NamedTuple):
@@ -100,23 +102,23 @@ class Station:
             "COMMAND_INT": self._handle_command,
             "SET_MODE": self._set_mode,
             "PARAM_REQUEST_LIST": lambda *_: self._parameters.start_list(),
-            "PARAM_REQUEST_READ": lambda message, now, done: done.replies.extend(self._parameters.read(message)),
+            "PARAM_REQUEST_READ": lambda m, now, response: response.replies.extend(self._parameters.read(m)),
             "PARAM_SET": self._set_parameter,
-            "REQUEST_DATA_STREAM": lambda message, now, done: self._streams.ask(message, now),
-            "RC_CHANNELS": lambda message, now, done: done.events.append(parse_channels(message)),
-            "RC_CHANNELS_OVERRIDE": lambda message, now, done: done.events.append(parse_channels(message)),
-            "MANUAL_CONTROL": lambda message, now, done: done.events.append(parse_joystick(message)),
+            "REQUEST_DATA_STREAM": lambda m, now, response: self._streams.ask(m, now),
+            "RC_CHANNELS": lambda m, now, response: response.events.append(parse_channels(m)),
+            "RC_CHANNELS_OVERRIDE": lambda m, now, response: response.events.append(parse_channels(m)),
+            "MANUAL_CONTROL": lambda m, now, response: response.events.append(parse_joystick(m)),
             "SETUP_SIGNING": self._refuse_key,
         }
 
     def handle_message(self, message: Message, now: int) -> StationResponse:
         """What a message leads to; those for others, and those that nothing is known of, lead to nothing."""
-        done = StationResponse([], [])
+        response = StationResponse([], [])
         answer = self._answers.get(message.name)
         if answer is not None and self._is_for_us(message):
-            answer(message, now, done)
-            done.replies.extend(self.texts.pack_texts())
-        return done
+            answer(message, now, response)
+            response.replies.extend(self.texts.pack_texts())
+        return response
 
     def due(self, now: int) -> list[bytes]:
         """What is to be sent by now: heartbeats, texts, streams, the parameters that were asked for, paced."""
@@ -154,39 +156,39 @@ class Station:
             system_status=self.status.state,
         )
 
-    def _note_heartbeat(self, message: Message, now: int, done: StationResponse) -> None:
+    def _note_heartbeat(self, message: Message, now: int, response: StationResponse) -> None:
         if message.system != self._endpoint.system:
             self._listens_until = now + LISTENING_TIME
 
-    def _answer_time_sync(self, message: Message, now: int, done: StationResponse) -> None:
+    def _answer_time_sync(self, message: Message, now: int, response: StationResponse) -> None:
         if message.get("tc1") == 0:
-            done.replies.append(self._pack_fields("TIMESYNC", tc1=now * NS_PER_UNIT or 1, ts1=message.get("ts1")))
+            response.replies.append(self._pack_fields("TIMESYNC", tc1=now * NS_PER_UNIT or 1, ts1=message.get("ts1")))
 
-    def _answer_ping(self, message: Message, now: int, done: StationResponse) -> None:
+    def _answer_ping(self, message: Message, now: int, response: StationResponse) -> None:
         if message.get("target_system") == 0:
             fields = message.fields() | {"target_system": message.system, "target_component": message.component}
-            done.replies.append(self._pack_fields("PING", **fields))
+            response.replies.append(self._pack_fields("PING", **fields))
 
-    def _handle_command(self, message: Message, now: int, done: StationResponse) -> None:
+    def _handle_command(self, message: Message, now: int, response: StationResponse) -> None:
         command, first, second = (message.get(n) for n in ("command", "param1", "param2"))
         if command == CommandCode.ARM:
-            result = self._arm(first, done)
+            result = self._arm(first, response)
         elif command == CommandCode.TERMINATE and first > 0.5:
-            result = self._arm(0.0, done)
+            result = self._arm(0.0, response)
         elif command == CommandCode.SET_MODE:
-            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, done)
+            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, response)
         elif (request := parse_request(FlightCommand(command, first, second))) is not None:
-            result = self._request_flight(request, done)
-        elif command == CommandCode.REQUEST_CAPABILITIES or (command == CommandCode.REQUEST_MESSAGE and first == 148):
-            done.replies.append(self._pack_fields("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
+            result = self._request_flight(request, response)
+        elif command == CommandCode.REQUEST_CAPABILITIES or (command, first) == VERSION_REQUEST:
+            response.replies.append(self._pack_fields("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
             result = CommandResult.ACCEPTED
         elif command == CommandCode.REQUEST_MESSAGE and first == 0:
-            done.replies.append(self._heartbeat_packet())
+            response.replies.append(self._heartbeat_packet())
             result = CommandResult.ACCEPTED
         else:
             result, packets = self._streams.handle_command(command, first, second, now)
-            done.replies.extend(packets)
-        done.replies.append(self._acknowledgement_packet(command, result, message))
+            response.replies.extend(packets)
+        response.replies.append(self._acknowledgement_packet(command, result, message))
 
     def _acknowledgement_packet(self, command: int, result: CommandResult, message: Message) -> bytes:
         return self._pack_fields(
@@ -197,16 +199,16 @@ class Station:
             target_component=message.component,
         )
 
-    def _arm(self, arm: float, done: StationResponse) -> CommandResult:
+    def _arm(self, arm: float, response: StationResponse) -> CommandResult:
         if arm not in (0.0, 1.0):
             return CommandResult.DENIED
         if arm and not self.status.armed and self.status.arming_problem:
             self.queue_text(Severity.WARNING, f"Arming refused: {self.status.arming_problem}")
             return CommandResult.NOT_NOW
-        done.events.append(ArmRequest(bool(arm)))
+        response.events.append(ArmRequest(bool(arm)))
         return CommandResult.ACCEPTED
 
-    def _change_mode(self, flags: int, mode: float, done: StationResponse) -> CommandResult:
+    def _change_mode(self, flags: int, mode: float, response: StationResponse) -> CommandResult:
         if not flags & ModeFlag.CUSTOM or mode not in self._modes:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())
             self.queue_text(Severity.WARNING, f"No mode {mode:g}; there are {known}")
@@ -215,28 +217,28 @@ class Station:
         if why:
             self.queue_text(Severity.WARNING, f"Mode {self._modes[int(mode)]} refused: {why}")
             return CommandResult.NOT_NOW
-        done.events.append(ModeRequest(int(mode)))
+        response.events.append(ModeRequest(int(mode)))
         return CommandResult.ACCEPTED
 
-    def _request_flight(self, request: str, done: StationResponse) -> CommandResult:
+    def _request_flight(self, request: str, response: StationResponse) -> CommandResult:
         if not request:
             return CommandResult.DENIED
         if self.status.autopilot_problem:
             self.queue_text(Severity.WARNING, f"Not asked to {request}: {self.status.autopilot_problem}")
             return CommandResult.NOT_NOW
-        done.events.append(FlightRequest(request))
+        response.events.append(FlightRequest(request))
         return CommandResult.ACCEPTED
 
-    def _set_mode(self, message: Message, now: int, done: StationResponse) -> None:
-        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), done)
-        done.replies.append(self._acknowledgement_packet(SET_MODE_MESSAGE, result, message))
+    def _set_mode(self, message: Message, now: int, response: StationResponse) -> None:
+        result = self._change_mode(message.get("base_mode"), message.get("custom_mode"), response)
+        response.replies.append(self._acknowledgement_packet(SET_MODE_MESSAGE, result, message))
 
-    def _set_parameter(self, message: Message, now: int, done: StationResponse) -> None:
+    def _set_parameter(self, message: Message, now: int, response: StationResponse) -> None:
         replies, events, refusal = self._parameters.change_value(message)
-        done.replies.extend(replies)
-        done.events.extend(events)
+        response.replies.extend(replies)
+        response.events.extend(events)
         if refusal:
             self.queue_text(Severity.WARNING, f"Not set: {refusal}")
 
-    def _refuse_key(self, message: Message, now: int, done: StationResponse) -> None:
+    def _refuse_key(self, message: Message, now: int, response: StationResponse) -> None:
         self.queue_text(Severity.WARNING, "Keys are not taken over the link")
