@@ -92,7 +92,7 @@ class AutopilotEnd:
         self.step.step()
 
     def set_inputs(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
-        """What a period's step reads: see `fly`, which then makes the step."""
+        """What a period's step reads; `fly_period` makes the step, too."""
         inputs = self.step.inputs
         inputs[self._time_slot] = t
         for sensor, queue in self._queues.items():
