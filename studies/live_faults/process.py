@@ -27,7 +27,7 @@ class Process:
         path = os.pathsep.join(p for p in sys.path if p)
         with self._output_file.open("wb") as said, self._out.open("wb") as out:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "trimtab.cli", *words, "--json"],
+                [sys.executable, "-m", "trimtab", *words, "--json"],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=said,
