@@ -171,11 +171,8 @@ def find_metric(
     path, target_paths = full_path(name), [full_path(t.path) for t in targets]
     if kind in OF_TARGETS and path not in target_paths:
         short = [p.removeprefix("truth.") for p in target_paths]
-        fix = (
-            f"--metric {kind}:{short[0]}"
-            if short
-            else f"--metric rms:{name}, or give the scenario targets=(Target(…),)"
-        )
+        alone = f"--metric rms:{name}, or give the scenario targets=(Target(…),)"
+        fix = f"--metric {kind}:{short[0]}" if short else alone
         raise InputError(part, f"the scenario has no target for {name!r}", choices=short, fix=fix)
     if path not in signals:
         near = closest(path, signals, 6) or list(signals)[:6]
