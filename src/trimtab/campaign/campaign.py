@@ -34,8 +34,8 @@ from trimtab.run.simulate import simulate
 class CampaignResult(NamedTuple):
     """What came of it. columns: by name, (n,); `run` is the number of each row.
 
-    success: the share of runs that did what they must, with its interval.  flown, wall_s: runs of this session, and
-    the time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
+    success: the share of runs that did what they must, with its interval.  flown_runs, wall_s: of this session, and the
+    time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
     """
 
     plan: CampaignPlan

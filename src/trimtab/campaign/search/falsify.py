@@ -198,12 +198,12 @@ class BoxSearch:
 
 
 class FalsificationResult(NamedTuple):
-    """What was found.
+    """The worst run, and how the search went.
 
     margin: of the worst run, as it flew again by itself; the run failed where it is negative.  values: path -> what the
     parameters have there, to the bit.  point: (d,), where in the box.  word: its run word.  columns: the metrics of
-    that run.  flown: runs in all.  first: after how many the first failure, or None.  tried: margins of all
-    candidates (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
+    that run.  flown_runs: in all.  first: after how many the first failure, or None.  candidate_margins: (n, words), in
+    the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
     restarts, and last the worst point with other words.
     """
 

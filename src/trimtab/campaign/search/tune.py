@@ -100,10 +100,11 @@ def parse_gain(path: str, text: str) -> Distribution:
 
 
 class Gains(NamedTuple):
-    """The gains among the factors of a campaign. at: their columns.  start: (d,), where the scenario's own lie."""
+    """The gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), places."""
 
     ready: PreparedCampaign
     at: Any
+    own: tuple[float, ...]
     start: Any
 
     @property
@@ -120,19 +121,15 @@ class Gains(NamedTuple):
     def slope(self, x: Any) -> Any:
         """How fast each gain changes with its place x (n, d): d gain/d x, of the same shape."""
         columns = []
-        for factor, place, own in zip(self.factors, np.asarray(x).T, self.scenario_values(), strict=True):
+        for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
             ratio = np.log(high / low) * low * (high / low) ** place if factor.distribution.kind == RANGES[1] else None
             columns.append(np.full(len(place), high - low) if ratio is None else ratio)
         return np.stack(columns, axis=1)
 
-    def scenario_values(self) -> list[float]:
-        """The scenario's own values."""
-        return [_scenario_value(self.ready, f) for f in self.factors]
-
     def gain_values(self, x: Any) -> dict[str, float]:
         """Gain, as it was written -> its value at x (d,)."""
-        each = zip(self.factors, inside_cube(x), self.scenario_values(), strict=True)
+        each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
     def values(self, x: Any) -> dict[str, Any]:
@@ -145,37 +142,33 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
     """The gains of a campaign; refuses a range that the scenario's own value is not in."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
-    start = []
+    known = {path: value for path, value, _ in leaves(ready.scenario)}
+    values, start = [], []
     for i in at:
         factor = ready.spread.factors[i]
-        part = f"--gain {factor.text}"
-        shape = np.shape(next(v for p, v, _ in leaves(ready.scenario) if p == factor.path))
-        if shape and factor.at is None:
-            zeros = ",".join("0" * len(shape))
+        part, value = f"--gain {factor.text}", np.asarray(known[factor.path])
+        if value.ndim and factor.at is None:
+            zeros = ",".join("0" * value.ndim)
             fix = f"--gain '{factor.path}[{zeros}]=LOW:HIGH'"
-            raise InputError(part, f"has shape {shape}: a gain is one number", fix=fix)
-        own = _scenario_value(ready, factor)
+            raise InputError(part, f"has shape {value.shape}: a gain is one number", fix=fix)
+        own = float(value[factor.at or ()])
         low, high = (a.of(own) for a in factor.distribution.amounts)
         if not low <= own <= high:
             problem = f"the scenario's own value, {own:g}, is not in {low:g} … {high:g}"
             raise InputError(part, problem, fix=f"a range around it, or another start: --set {factor.path}={low:g}")
         log = factor.distribution.kind == RANGES[1]
+        values.append(own)
         start.append(np.log(own / low) / np.log(high / low) if log else (own - low) / (high - low))
-    return Gains(ready, at, np.array(start))
-
-
-def _scenario_value(ready: PreparedCampaign, factor: Factor) -> float:
-    value = next(v for p, v, _ in leaves(ready.scenario) if p == factor.path)
-    return float(np.asarray(value)[factor.at or ()])
+    return Gains(ready, at, tuple(values), np.array(start))
 
 
 class TuningResult(NamedTuple):
     """What was found.
 
     values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
-    steps: how it went.  slopes: of the gradient's steps.  seen: against the scenario's own gains, in runs that tuning
-    flew; held_out: in runs that it did not, which is what counts.  flown: runs in all; a run with its derivative along
-    d gains counts d times.
+    steps: how it went.  slopes: of the gradient's steps.  seen_comparison: against the scenario's own gains, in runs
+    that tuning flew.  held_out_comparison: in runs that it did not, which is what counts.  flown_runs: in all; a run
+    with its derivative along d gains counts d times.
     """
 
     plan: CampaignPlan

@@ -146,7 +146,8 @@ def quantile(
         values: the metric of each run, shape (n,); runs are independent.
         p: which quantile, between 0 and 1.
         level: of confidence, between 0 and 1; half of the rest on each side.
-        missing: what a run counts as that gave NaN (it ran away, or never settled): inf, or -inf where little is bad.
+        missing: what a run counts as that gave NaN (it ran away, or never settled): inf is worse than every other; for
+            a metric of which little is bad, -inf.
         anytime: whether the band must hold at every number of runs at once, for stopping on what it says.
     """
     if not 0 < p < 1:

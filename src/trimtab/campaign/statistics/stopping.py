@@ -30,8 +30,8 @@ TAILS = 0.6
 
 
 class StoppingState(NamedTuple):
-    """How far it is. is_met: whether to stop.  value, low, high: of the runs so far.  expected_runs: how many in all, if
-    no value changes: the width goes down with the square root of them; inf where nothing can be foreseen.
+    """How far it is. is_met: whether to stop.  value, low, high: of the runs so far.  expected_runs: in all, if no
+    value changes: the width goes down with the square root of them; inf where nothing can be foreseen.
     """
 
     is_met: bool

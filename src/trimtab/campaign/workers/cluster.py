@@ -74,39 +74,31 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
 
     Raises: InputError where this machine's rows would be others.
     """
+    address, threads = _this_worker()
     try:
         with _one_prepares:
             ready, here = _prepare_cached(json.dumps(plain, sort_keys=True), asker["backend"])
     except InputError as error:
-        part = f"worker {_worker_address()}: {error.part}"
+        part = f"worker {address}: {error.part}"
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
     apart = [name for name in asker if here.get(name) != asker[name]]
     if apart:
         shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
         same = "have the same trimtab, packages and files there, and start the worker anew"
         fix = "install a C compiler there" if apart == ["backend"] else same
-        raise InputError(f"worker {_worker_address()}", f"would not give the same rows: {shown}", fix=fix)
-    return fly_block(ready, first, last, backend=asker["backend"], threads=_worker_threads())
+        raise InputError(f"worker {address}", f"would not give the same rows: {shown}", fix=fix)
+    return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
 
-def _worker_address() -> str:
-    """The worker's address, as the scheduler knows it."""
+def _this_worker() -> tuple[str, int]:
+    """Its address, as the scheduler knows it, and its share of the machine's threads: it may fly several blocks."""
     from distributed import get_worker
 
     try:
-        return str(get_worker().address)
+        worker = get_worker()
     except ValueError:
-        return "here"
-
-
-def _worker_threads() -> int:
-    """This worker's share of the machine: it may fly several blocks at once."""
-    from distributed import get_worker
-
-    try:
-        return max(1, thread_count(None) // get_worker().state.nthreads)
-    except ValueError:
-        return thread_count(None)
+        return "here", thread_count(None)
+    return str(worker.address), max(1, thread_count(None) // worker.state.nthreads)
 
 
 class SchedulerAddress(NamedTuple):
