@@ -12,7 +12,7 @@ import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.statistics.intervals import Proportion, proportion
-from trimtab.campaign.statistics.metrics import Metric, Rows
+from trimtab.campaign.statistics.metrics import Rows, function_metric
 from trimtab.campaign.store.store import CampaignStore, MemoryStore, missing_blocks, open_store, read_block_length
 from trimtab.campaign.workers.block import Workers, WorkersLost, compute_log_metrics, uses_c
 from trimtab.campaign.workers.local import RowCount, local_workers
@@ -99,7 +99,7 @@ class Campaign:
             success=tuple(success),
             log_period=log_period,
         )
-        own = [_metric_of_function(m) for m in metrics if not isinstance(m, str)]
+        own = [function_metric(getattr(m, "__name__", "metric"), m) for m in metrics if not isinstance(m, str)]
         named = isinstance(scenario, str)
         self.by_name = named and not own
         self.ready = prepare_campaign(self.plan, None if named else scenario, own)
@@ -210,8 +210,3 @@ def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, A
 
 def _as_distribution(path: str, drawn_from: str | Distribution) -> Distribution:
     return drawn_from if isinstance(drawn_from, Distribution) else parse_distribution(drawn_from, f"--spread {path}")
-
-
-def _metric_of_function(function: Callable[[Rows], Any]) -> Metric:
-    name = getattr(function, "__name__", "metric")
-    return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)

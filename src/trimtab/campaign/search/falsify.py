@@ -135,12 +135,8 @@ class BoxSearch:
         self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
     ) -> None:
         self.ready, self.words, self.over, self.options = ready, words, over, options
-        self.restart = -1
-        self.points: list[Any] = []
-        self.margins: list[Any] = []
-        self.restarts: list[Any] = []
-        self.firsts: list[Any] = []
-        self.has_failed = False
+        self.restart, self.has_failed = -1, False
+        self.flights: list[tuple[Any, Any, Any, Any]] = []
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
@@ -152,27 +148,24 @@ class BoxSearch:
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
-        self.points.append(x)
-        self.margins.append(m)
-        self.firsts.append(first)
-        self.restarts.append(np.full(len(x), self.restart))
+        self.flights.append((x, m, first, np.full(len(x), self.restart)))
         self.has_failed |= bool((m < 0).any())
         return m
 
     def refly_worst(self, n: int) -> None:
         """Fly the worst candidate n times more, each time with words that are new."""
-        x, m = self._flown()
+        x, m, *_ = self.candidates()
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
-        self.fly_candidates(np.repeat(x[[np.argmin(m)]], n, axis=0), first)
+        self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
 
-    def _flown(self) -> tuple[Any, Any]:
-        """All points (n, d), and what is to be small there (n,)."""
-        return np.concatenate(self.points), self.over(np.concatenate(self.margins))
+    def candidates(self) -> tuple[Any, ...]:
+        """All so far: points (n, d), margins (n, words), first word of each (n,), and its restart (n,)."""
+        return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
 
     def remaining_candidates(self, runs: int) -> int:
         """Candidates that may still fly."""
-        return runs // self.words - sum(map(len, self.points))
+        return runs // self.words - sum(len(x) for x, *_ in self.flights)
 
     def cover_box(self, n: int, until_first: bool) -> None:
         """Sobol points over the whole box, in parts."""
@@ -187,8 +180,8 @@ class BoxSearch:
     def start(self, restart: int) -> Any:
         """Where the next start is: the worst candidate of all that is not near an earlier start."""
         self.restart = restart
-        x, m = self._flown()
-        for i in np.argsort(m, kind="stable"):
+        x, m, *_ = self.candidates()
+        for i in np.argsort(self.over(m), kind="stable"):
             if all(np.abs(x[i] - s).max() > APART for s in self.starts):
                 self.starts.append(x[i])
                 return x[i]
@@ -202,9 +195,9 @@ class FalsificationResult(NamedTuple):
 
     margin: of the worst run, as it flew again by itself; the run failed where it is negative.  values: path -> what the
     parameters have there, to the bit.  point: (d,), where in the box.  word: its run word.  columns: the metrics of
-    that run.  flown_runs: in all.  first: after how many the first failure, or None.  candidate_margins: (n, words), in
-    the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
-    restarts, and last the worst point with other words.
+    that run.  flown_runs: in all.  first: after how many the first failure, or None.  candidate_margins: (n, words) in
+    the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the restarts, last the worst point
+    with other words.
     """
 
     plan: CampaignPlan
@@ -297,16 +290,16 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
         raise InputError("--words", f"{words} is not in 1 … {TOGETHER}", fix="--words 4")
     if runs < 4 * TOGETHER:
         raise InputError("--runs", f"{runs} runs are no search", fix="--runs 5000")
-    refuse_options(ready, "--spread")
+    refuse_options(ready)
     ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
-    check_bounds(ready, np.stack(ends), "--spread")
+    check_bounds(ready, np.stack(ends))
 
 
 def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
     """The worst run, flown once more by itself."""
-    x, m = np.concatenate(search.points), np.concatenate(search.margins)
+    x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
-    word = int(np.concatenate(search.firsts)[i] + at)
+    word = int(first[i] + at)
     u, plan = spread_levels(ready, x[i]), ready.plan
     log = simulate(
         scenario_at(ready, u),
@@ -329,7 +322,7 @@ def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, 
         first=int(fails[0]) + 1 if len(fails) else None,
         candidate_margins=m,
         points=x,
-        stages=np.concatenate(search.restarts),
+        stages=stages,
         names=tuple(f.text for f in ready.spread.factors),
         wall_s=time.perf_counter() - began,
     )

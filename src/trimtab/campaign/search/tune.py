@@ -123,8 +123,10 @@ class Gains(NamedTuple):
         columns = []
         for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
-            ratio = np.log(high / low) * low * (high / low) ** place if factor.distribution.kind == RANGES[1] else None
-            columns.append(np.full(len(place), high - low) if ratio is None else ratio)
+            if factor.distribution.kind == "loguniform":
+                columns.append(np.log(high / low) * low * (high / low) ** place)
+            else:
+                columns.append(np.full(len(place), high - low))
         return np.stack(columns, axis=1)
 
     def gain_values(self, x: Any) -> dict[str, float]:
@@ -156,7 +158,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
         if not low <= own <= high:
             problem = f"the scenario's own value, {own:g}, is not in {low:g} … {high:g}"
             raise InputError(part, problem, fix=f"a range around it, or another start: --set {factor.path}={low:g}")
-        log = factor.distribution.kind == RANGES[1]
+        log = factor.distribution.kind == "loguniform"
         values.append(own)
         start.append(np.log(own / low) / np.log(high / low) if log else (own - low) / (high - low))
     return Gains(ready, at, tuple(values), np.array(start))
@@ -280,11 +282,11 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
             scenario = build(scenario, dict(plan.settings), plan.without, plan.faults)
         spread = resolve_spread(scenario, parse_factors(plan.spread))
         bare = PreparedCampaign(plan, scenario, spread, (), (), (), 0)
-        refuse_options(bare, "--spread")
+        refuse_options(bare)
         chosen = campaign_gains(bare, gains)
         ends = np.stack([np.full(len(spread.factors), level) for level in (1e-3, 0.999)])
         ends[:, chosen.at] = inside_cube([[0.0], [1.0]])
-        check_bounds(bare, ends, "--spread")
+        check_bounds(bare, ends)
         return chosen._replace(ready=prepare_campaign(plan, scenario))
     except InputError as error:
         named, _, path = error.part.partition(" ")

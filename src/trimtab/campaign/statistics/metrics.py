@@ -194,6 +194,11 @@ def short_name(path: str) -> str:
     return next((short for short, full in SHORT.items() if full == path), path)
 
 
+def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
+    """The metric that a function is; its attribute `signals`, where it has one, says what it reads."""
+    return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
+
+
 def _load_metric(text: str, file: Path, name: str) -> Metric:
     part = f"--metric {text}"
     spec = importlib.util.spec_from_file_location(file.stem, file)
@@ -205,4 +210,4 @@ def _load_metric(text: str, file: Path, name: str) -> Metric:
     if not callable(function):
         known = [n for n, f in vars(module).items() if callable(f) and not n.startswith("_")]
         raise InputError(part, f"{file} has no function {name!r}", choices=known, fix=f"def {name or 'miss'}(rows): …")
-    return Metric(text, tuple(getattr(function, "signals", ("truth",))), function)
+    return function_metric(text, function)

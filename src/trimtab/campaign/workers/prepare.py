@@ -149,15 +149,12 @@ def prepare_campaign(
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
     scenario.check()
     shapes, units = signal_shapes(scenario)
-    targets = tuple(scenario.targets)
-    texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
-    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
+    targets, own = tuple(scenario.targets), tuple(own)
+    texts = plan.metrics or (() if own else default_metrics(targets))
+    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + own
     conditions = tuple(parse_condition(text) for text in plan.success)
+    conditions = conditions or tuple(Condition(f"settling:{short_name(t.path)}", "<", np.inf) for t in targets)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
-    if not conditions:
-        settled = [f"settling:{short_name(t.path)}" for t in targets]
-        needed = [name for name in settled if name not in [m.name for m in metrics]]
-        conditions = tuple(Condition(name, "<", np.inf) for name in settled)
     metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
     spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
     if plan.sampling in DESIGNS:
@@ -241,21 +238,18 @@ def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scena
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
 
-def refuse_options(ready: PreparedCampaign, part: str) -> None:
+def refuse_options(ready: PreparedCampaign) -> None:
     """Refuse a spread of what shapes the program: a search moves numbers."""
     for text, factor in program_options(ready).items():
         problem = f"{factor.path} shapes the program, and a search moves numbers"
         fix = f"one search each, e.g. --set '{factor.path}={factor.distribution.choices[0]}'"
-        raise InputError(f"{part} {text}", problem, fix=fix)
+        raise InputError(f"--spread {text}", problem, fix=fix)
 
 
-def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
+def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
     """Refuse bounds beyond what a part can be flown with: each parameter at its ends, and all at once.
 
-    Args:
-        ready: the campaign.
-        ends: (2, d), the least and the largest point.
-        part: what the refusal names.
+    ends: (2, d), the least and the largest point.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
     corners = [(ends[side], "all at one end") for side in (0, 1)]
@@ -269,4 +263,4 @@ def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
             scenario_at(ready, point).check()
         except InputError as error:
             problem = f"can't be flown at its end: {error.part}: {error.problem}"
-            raise InputError(f"{part} {name}", problem, choices=error.choices, fix="narrower bounds") from None
+            raise InputError(f"--spread {name}", problem, choices=error.choices, fix="narrower bounds") from None
