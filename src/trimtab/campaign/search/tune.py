@@ -230,13 +230,7 @@ def tune(
     Raises: InputError for what can't be flown or tuned, before anything flies.
     """
     began = time.perf_counter()
-    if method not in METHODS:
-        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
-    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
-        if number < least:
-            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
-    if not 0 < width <= 0.5:
-        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
+    _check_tuning(method, runs, held_out, iterations, width)
     if not gains:
         raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
     terms = parse_cost(cost)
@@ -273,6 +267,16 @@ def tune(
         flown_runs=fly.flown_runs,
         wall_s=time.perf_counter() - began,
     )
+
+
+def _check_tuning(method: str, runs: int, held_out: int, iterations: int, width: float) -> None:
+    if method not in METHODS:
+        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
+    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
+        if number < least:
+            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
+    if not 0 < width <= 0.5:
+        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
