@@ -34,12 +34,12 @@ CLIENT = """
 import sys
 import numpy as np
 from campaign.small import small
-from trimtab.campaign.workers.cluster import cluster
+from trimtab.campaign.workers.cluster import cluster_workers
 from trimtab.core.errors import InputError
 
 uri, folder, runs, ca, host, out = sys.argv[1:]
 try:
-    workers = cluster(uri, ca=f"{folder}/{ca}", cert=f"{folder}/{host}.pem", key=f"{folder}/{host}.key")
+    workers = cluster_workers(uri, ca=f"{folder}/{ca}", cert=f"{folder}/{host}.pem", key=f"{folder}/{host}.key")
     np.savez(out, **small(int(runs)).run(workers=workers).columns)
 except InputError as error:
     sys.exit(f"refused {error}")
@@ -81,7 +81,7 @@ def test_two_hosts(folder, whole, tmp_path):
 CUT = """
 import subprocess, sys, time
 from campaign.small import small
-from trimtab.campaign.workers.cluster import cluster
+from trimtab.campaign.workers.cluster import cluster_workers
 from trimtab.core.errors import InputError
 
 uri, folder, runs, store = sys.argv[1:]
@@ -92,7 +92,7 @@ def told(done):
     time.sleep(0.5)
 
 try:
-    small(int(runs)).run(store, workers=cluster(uri, **files), progress=told)
+    small(int(runs)).run(store, workers=cluster_workers(uri, **files), progress=told)
 except InputError as error:
     print(error, flush=True)
 """

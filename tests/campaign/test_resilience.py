@@ -117,15 +117,15 @@ def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
 LONG = """
 import sys
 from campaign.small import small
-from trimtab.campaign import here
+from trimtab.campaign.workers import local
 
-real = here.fly_block
+real = local.fly_block
 
 def fly_block(*given, **more):
     print("flies", flush=True)
     return real(*given, **more)
 
-here.fly_block = fly_block
+local.fly_block = fly_block
 settings = {"duration": "300 s", "links": "measured", "world.uplink.capacity": "32"}
 small(4096, block=2048, settings=settings).run(sys.argv[1])
 """

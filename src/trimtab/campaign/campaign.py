@@ -12,24 +12,30 @@ import numpy as np
 
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.statistics.intervals import Proportion, proportion
-from trimtab.campaign.statistics.metrics import Metric, Rows
+from trimtab.campaign.statistics.metrics import Rows, function_metric
 from trimtab.campaign.store.store import CampaignStore, MemoryStore, missing_blocks, open_store, read_block_length
 from trimtab.campaign.workers.block import Workers, WorkersLost, compute_log_metrics, uses_c
 from trimtab.campaign.workers.local import RowCount, local_workers
-from trimtab.campaign.workers.prepare import CampaignPlan, draw_runs, identity, prepare_campaign, scenario_of
+from trimtab.campaign.workers.prepare import (
+    CampaignPlan,
+    draw_runs,
+    identity,
+    plan_campaign,
+    prepare_campaign,
+    scenario_of,
+)
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
-from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
     """What came of it. columns: by name, (n,); `run` is the number of each row.
 
-    success: the share of runs that did what they must, with its interval.  flown, wall_s: runs of this session, and
-    the time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
+    success: the share of runs that did what they must, with its interval.  flown_runs, wall_s: of this session, and the
+    time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
     """
 
     plan: CampaignPlan
@@ -77,26 +83,24 @@ class Campaign:
     ) -> None:
         if runs < 1:
             raise InputError("--runs", f"{runs} is no number of runs", fix="--runs 1000")
-        check_seed(seed)
-        asked = list(metrics)
-        named = isinstance(scenario, str)
-        if not named and (settings or tuple(without) or tuple(faults)):
-            raise InputError("Campaign", "settings are for a scenario that is named", fix="change the scenario itself")
-        self.plan = CampaignPlan(
-            scenario=scenario if named else scenario.name,
-            settings=tuple(sorted((settings or {}).items())),
-            without=tuple(without),
-            faults=tuple(faults),
-            seed=seed,
+        metrics = list(metrics)
+        self.plan = plan_campaign(
+            "Campaign",
+            scenario,
+            settings,
+            without,
+            faults,
+            seed,
             runs=runs,
             sampling=sampling,
             spread=tuple(sorted((p, _as_distribution(p, d)) for p, d in (spread or {}).items())),
             correlate=tuple((a, b, float(rho)) for (a, b), rho in sorted((correlate or {}).items())),
-            metrics=tuple(m for m in asked if isinstance(m, str)),
+            metrics=tuple(m for m in metrics if isinstance(m, str)),
             success=tuple(success),
             log_period=log_period,
         )
-        own = [_metric_of_function(m) for m in asked if not isinstance(m, str)]
+        own = [function_metric(getattr(m, "__name__", "metric"), m) for m in metrics if not isinstance(m, str)]
+        named = isinstance(scenario, str)
         self.by_name = named and not own
         self.ready = prepare_campaign(self.plan, None if named else scenario, own)
 
@@ -140,10 +144,12 @@ class Campaign:
         else:
             folder = Path(store)
             block = read_block_length(folder) or self.ready.block
-            told = {"identity": who, "plan": self.plan.as_dict(), **(about or {})}
-            with open_store(folder, told, self._example_row(), self.plan.runs, block) as kept:
-                flown = self._fly_blocks(fly, used, kept, block, stop, count)
-                columns = _first_rows(kept.read(), self.plan.runs)
+            attributes = {"identity": who, "plan": self.plan.as_dict(), **(about or {})}
+            with open_store(folder, attributes, self._example_row(), self.plan.runs, block) as rows:
+                flown = self._fly_blocks(fly, used, rows, block, stop, count)
+                columns = rows.read()
+            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may have more
+            columns = {name: column[:n] for name, column in columns.items()}
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
 
@@ -152,9 +158,9 @@ class Campaign:
         flown, blocks = 0, list(missing_blocks(done, self.plan.runs, block))
         if stop is not None and done[:1].all() and stop(_gapless_rows(rows, done)):
             return 0
-        made = fly(self.ready, blocks, used)
+        results = fly(self.ready, blocks, used)
         try:
-            for first, columns in made:
+            for first, columns in results:
                 n = len(columns["success"])
                 rows.write(first, columns)
                 flown += int((~done[first : first + n]).sum())
@@ -163,21 +169,18 @@ class Campaign:
                 if stop is not None and done[0] and stop(_gapless_rows(rows, done)):
                     break
         except WorkersLost as lost:
-            kept = (
-                f"{int(done.sum())} runs are kept"
-                if isinstance(rows, CampaignStore)
-                else "no run is kept without a store"
-            )
+            stored = isinstance(rows, CampaignStore)
+            kept = f"{int(done.sum())} runs are kept" if stored else "no run is kept without a store"
             raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
         finally:
-            made.close()
+            results.close()
         return flown
 
     def _example_row(self) -> dict[str, Any]:
         """A value of each column's type."""
         _, values = draw_runs(self.ready, 0, 1)
-        kept = {m.name: np.empty(1) for m in self.ready.metrics}
-        return {**values, **kept, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
+        metrics = {m.name: np.empty(1) for m in self.ready.metrics}
+        return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
     def scenario(self, run: int) -> Scenario:
         """The scenario of one run, with all that is its own."""
@@ -187,22 +190,16 @@ class Campaign:
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
         """One run once more, with its whole log; its numbers are those of its row."""
-        of, _ = draw_runs(self.ready, run, run + 1)
+        drawn, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
-        word = int(of.words[0])
+        word = int(drawn.words[0])
         return simulate(self.scenario(run), seed=self.plan.seed, run=word, log_period=period, signals=signals)
 
     def row(self, run: int, log: Log) -> dict[str, Any]:
         """The row that a rerun's log makes, of one run: to be held against that of the campaign."""
         _, values = draw_runs(self.ready, run, run + 1)
-        found = {**values, **compute_log_metrics(self.ready, log)}
-        return {name: column[0] for name, column in found.items()}
-
-
-def _first_rows(columns: dict[str, Any], runs: int) -> dict[str, Any]:
-    """Columns of the first runs, of a store that has more."""
-    n = int(np.searchsorted(columns["run"], runs))
-    return {name: column[:n] for name, column in columns.items()}
+        columns = {**values, **compute_log_metrics(self.ready, log)}
+        return {name: column[0] for name, column in columns.items()}
 
 
 def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, Any]:
@@ -211,10 +208,5 @@ def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, A
     return {name: column[:n] for name, column in rows.read().items()}
 
 
-def _as_distribution(path: str, given: str | Distribution) -> Distribution:
-    return given if isinstance(given, Distribution) else parse_distribution(given, f"--spread {path}")
-
-
-def _metric_of_function(function: Callable[[Rows], Any]) -> Metric:
-    name = getattr(function, "__name__", "metric")
-    return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
+def _as_distribution(path: str, drawn_from: str | Distribution) -> Distribution:
+    return drawn_from if isinstance(drawn_from, Distribution) else parse_distribution(drawn_from, f"--spread {path}")

@@ -65,22 +65,11 @@ class Condition(NamedTuple):
             return COMPARE[self.compare](column, self.bound)
 
 
-class Statistic(NamedTuple):
-    """Of all runs. kind: success, quantile, mean, max or min.  metric: of which, "success" for that.
-
-    p: which quantile; nan for others.
-    """
-
-    kind: str
-    metric: str
-    p: float
-
-
 class Requirement(NamedTuple):
     """What a campaign must show.
 
-    text: as written.  statistic, metric, p: as of a `Statistic`.  relation: "<=" or ">=".  bound: in SI units.
-    level: confidence; nan for max, min.
+    text: as written.  statistic: success, quantile, mean, max or min.  metric: of which; "success" for that.  p: which
+    quantile; nan for others.  relation: "<=" or ">=".  bound: in SI units.  level: confidence; nan for max, min.
     """
 
     text: str
@@ -203,21 +192,22 @@ def parse_cost(text: str) -> tuple[CostTerm, ...]:
     return tuple(terms)
 
 
-def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> Statistic:
+def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
+    """Statistic, metric and p, as a `Requirement` has them."""
     if text == "success":
-        return Statistic("success", "success", math.nan)
+        return "success", "success", math.nan
     call = _CALL.fullmatch(text)
     if call is None or call["metric"].count("(") != call["metric"].count(")"):
         fix = "write success, pNN(METRIC), mean(METRIC), max(METRIC) or min(METRIC)"
         raise InputError(part, f"{text!r} is no statistic", choices=forms, fix=fix)
     name = call["statistic"]
     if not name.startswith("p"):
-        return Statistic(name, call["metric"], math.nan)
+        return name, call["metric"], math.nan
     p = _parse_number(name[1:] + "%", percent=True)
     if p is None or not 0 < p < 1:
         fix = "write p95 for the value that 95 % of the worlds don't exceed; above p0, below p100"
         raise InputError(part, f"{name!r} is no quantile", choices=("p5", "p50", "p95", "p99.9"), fix=fix)
-    return Statistic("quantile", call["metric"], p)
+    return "quantile", call["metric"], p
 
 
 def _parse_level(text: str | None, part: str) -> float:

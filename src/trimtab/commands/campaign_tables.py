@@ -17,6 +17,11 @@ from trimtab.campaign.statistics.sensitivity import Sensitivity, sensitivity
 from trimtab.commands.output import console, new_table
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
+BANDS = ("median", "p95")
+"""Those of them that are shown with their bands."""
+SOBOL_COLUMNS = (("total", "total order"), ("first", "first order"))
+MORRIS_COLUMNS = (("mu_star", "mu*"), ("sigma", "sigma"))
+"""Fields of what each factor matters, with their headings."""
 TABLE_WIDTH = 105
 """Columns of a terminal from which on the table has bands."""
 MOST_FAILED_RUNS = 8
@@ -30,7 +35,7 @@ def metric_names(result: CampaignResult) -> list[str]:
 
 
 def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
-    """By metric the quantiles of SHOWN, each with its band, the largest value, and how often there was none."""
+    """By metric its SHOWN_QUANTILES, each with its band, the largest value, and how often there was none."""
     summary: dict[str, dict[str, float]] = {}
     for name in metric_names(result):
         x = result.columns[name]
@@ -59,21 +64,15 @@ def print_campaign(
         table.add_column(heading, justify="right")
     labels = {m.name: m.label for m in campaign.ready.metrics}
     for name, q in summarise_metrics(result).items():
-        bands = [
-            _format_number(q[k])
-            + (f" ({_format_number(q[f'{k}_low'])} to {_format_number(q[f'{k}_high'])})" if wide else "")
-            for k in ("median", "p95")
-        ]
-        table.add_row(labels[name], _format_number(q["p5"]), *bands, _format_number(q["largest"]), f"{q['never']:.0f}")
+        bands = [f"{q[k]:.4g}" + (f" ({q[f'{k}_low']:.4g} to {q[f'{k}_high']:.4g})" if wide else "") for k in BANDS]
+        table.add_row(labels[name], f"{q['p5']:.4g}", *bands, f"{q['largest']:.4g}", f"{q['never']:.0f}")
     screen.print(table)
-    conditions = (
-        " and ".join(f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success) or "the state stays finite"
-    )
+    conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["the state stays finite"]
     if result.plan.sampling in DESIGNS:
         click.echo(f"success: {result.success.successes} of {n} rows of the design, which are no independent worlds")
         print_sensitivity(campaign, result)
     else:
-        click.echo(f"success: {result.success}, {result.success.successes} of {n}: {conditions}")
+        click.echo(f"success: {result.success}, {result.success.successes} of {n}: {' and '.join(conditions)}")
     lost = int(result.columns["lost"].sum())
     if lost:
         click.echo(f"lost: {lost} runs, whose state ran away")
@@ -87,21 +86,13 @@ def print_campaign(
         click.echo(f"failed: {few}; one of them once more: {command} --rerun {failed[0]} --out run-{failed[0]}")
 
 
-def _format_number(value: float) -> str:
-    return f"{value:.4g}"
-
-
 def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
     """What each factor matters to each metric, largest first."""
     for metric, matters in sensitivities(campaign, result).items():
         if matters.note:
             click.echo(f"{metric}: {matters.note}")
             continue
-        pair = (
-            (("mu_star", "mu*"), ("sigma", "sigma"))
-            if isinstance(matters, Morris)
-            else (("total", "total order"), ("first", "first order"))
-        )
+        pair = SOBOL_COLUMNS if isinstance(matters, Sensitivity) else MORRIS_COLUMNS
         table = new_table(title=f"{metric}: what matters, of {matters.rows} runs", title_justify="left")
         table.add_column("factor", no_wrap=True)
         for _, heading in pair:
@@ -109,10 +100,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
         for name in matters.order:
             i = matters.factors.index(name)
             numbers = [[getattr(matters, field + end)[i] for end in ("", "_low", "_high")] for field, _ in pair]
-            table.add_row(
-                name,
-                *(f"{_format_number(v)} ({_format_number(low)} to {_format_number(high)})" for v, low, high in numbers),
-            )
+            table.add_row(name, *(f"{v:.4g} ({low:.4g} to {high:.4g})" for v, low, high in numbers))
         console().print(table)
 
 

@@ -78,7 +78,12 @@ def command(
     with show_spinner(f"flying {built.name}"):
         diagram = stability_map(built, horizontal, vertical, seed=seed, **grid)
         criteria, why = _find_criteria(diagram) if theory else ((), "")
-    files = _draw_map(diagram, criteria, plot)
+    files = [] if plot is None else [plot]
+    if plot is not None:
+        from trimtab.plots.stability_map import plot_stability_map
+
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        plot_stability_map(diagram, plot, title=diagram.scenario.name, theory=criteria)
     if as_json:
         print_json({"scenario": scenario, "seed": seed} | _map_json(diagram, criteria), files)
         return
@@ -175,13 +180,3 @@ def _boundary_hint(diagram: StabilityMap) -> str:
     target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
     what = f"--success 'error_rms:{target} <= 0.5', --without navigation-error, or other --x and --y"
     return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"
-
-
-def _draw_map(diagram: StabilityMap, criteria: Criteria, file: Path | None) -> list[Path]:
-    if file is None:
-        return []
-    from trimtab.plots.stability_map import plot_stability_map
-
-    file.parent.mkdir(parents=True, exist_ok=True)
-    plot_stability_map(diagram, file, title=diagram.scenario.name, theory=criteria)
-    return [file]

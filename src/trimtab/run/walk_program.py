@@ -24,6 +24,7 @@ from trimtab.compiler.writer import Writer, defined_values
 from trimtab.core.time import Clock
 from trimtab.loop.structure import cast_like
 from trimtab.loop.walk import Signals, instant, logged_signals, signals
+from trimtab.loop.world import WorldState
 from trimtab.native.build import build_library
 from trimtab.run.inputs import RunInputs, leaf_paths
 from trimtab.run.program import Column
@@ -48,22 +49,33 @@ def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 
 
+@functools.lru_cache(maxsize=32)
+def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
+    """State of the world and signals before the first instant, for their structure; traced once for all who ask."""
+
+    def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
+        states = inputs.initial_states()
+        return states[0], signals(*states)
+
+    return jax.eval_shape(begin, of.zero_inputs())
+
+
 def signal_structure(inputs: RunInputs) -> Signals:
     """The signals of a run, for their structure; nothing flies."""
-    return jax.eval_shape(lambda inputs: signals(*inputs.initial_states()), inputs)
+    return _first_instant(walk_structure(inputs, frozenset(), ()))[1]
 
 
 @functools.lru_cache(maxsize=32)
 def row_columns(of: WalkStructure) -> list[Column]:
     """What the numbers of a row are."""
-    structure = signal_structure(of.zero_inputs())
+    _, structure = _first_instant(of._replace(always=frozenset(), signals=()))
     return [Column(p, v.shape, str(v.dtype), declared) for p, v, declared in logged_signals(structure, of.signals)]
 
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
     """What the last values are: the truth, then the states of the sensors."""
-    s, _ = jax.eval_shape(RunInputs.initial_states, of.zero_inputs())
+    s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
     last = {"truth": s.x, "sensors": s.sensors}
     return [
         Column(".".join(filter(None, [name, path])), v.shape, str(v.dtype))

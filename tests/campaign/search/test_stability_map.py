@@ -30,11 +30,8 @@ def linear():
 
 @pytest.fixture(scope="module")
 def found(linear):
-    rounds = []
     axes = axis_of_link("delay", np.linspace(0.08, 0.24, 3)), axis_of_link("jitter", np.linspace(0.0, 0.16, 3))
-    made = stability_map(linear, *axes, runs=3, depth=3, tell=lambda text, n: rounds.append(n))
-    assert sum(rounds) == made.traced_boundary.evaluated_points
-    return made
+    return stability_map(linear, *axes, runs=3, depth=3)
 
 
 def test_without_jitter_the_boundary_is_the_delay_margin(found):

@@ -116,42 +116,42 @@ USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv
 
 def parse_distribution(text: str, part: str = "--spread") -> Distribution:
     """A distribution from its text; refused with the ways to write one."""
-    found = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
-    name = found[1] if found else text.partition("(")[0].strip()
-    if not found or name not in (*KINDS, "choice", "file"):
+    match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
+    name = match[1] if match else text.partition("(")[0].strip()
+    if not match or name not in (*KINDS, "choice", "file"):
         near = closest(name, [*KINDS, "choice", "file"], 1)
         usage = next((u for u in USAGE if near and u.startswith(near[0] + "(")), "normal(100%, 5%)")
         raise InputError(part, f"{text!r} is no distribution", choices=USAGE, fix=f"write e.g. {usage}")
-    inside = [piece.strip() for piece in found[2].split(",")]
+    inside = [piece.strip() for piece in match[2].split(",")]
     if name == "file":
-        return Distribution(text, "file", column=_read_column(part, found[2].strip()))
+        return Distribution(text, "file", column=_read_column(part, match[2].strip()))
     if name == "choice":
         return _parse_choice(part, text, inside)
     amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
     if len(amounts) != kind.usage.count(",") + 1:
         raise InputError(part, f"{text!r} has {len(amounts)} numbers", fix=f"write {kind.usage}")
-    made = Distribution(text, name, amounts)
-    if not any(a.share for a in amounts) or made.is_relative:
-        _check_numbers(part, made, [a.number for a in amounts])
-    return made
+    distribution = Distribution(text, name, amounts)
+    if not any(a.share for a in amounts) or distribution.is_relative:
+        _check_numbers(part, distribution, [a.number for a in amounts])
+    return distribution
 
 
-def check_nominal(part: str, made: Distribution, nominal: float) -> None:
+def check_nominal(part: str, distribution: Distribution, nominal: float) -> None:
     """Refuse a distribution whose numbers, with their shares of the nominal value, are none."""
-    if made.kind not in KINDS:
+    if distribution.kind not in KINDS:
         return
-    if any(a.share for a in made.amounts) and nominal == 0:
-        problem = f"{made.text}: the scenario's own value is 0, and a share of it is 0"
+    if any(a.share for a in distribution.amounts) and nominal == 0:
+        problem = f"{distribution.text}: the scenario's own value is 0, and a share of it is 0"
         raise InputError(part, problem, fix="give numbers without %")
-    if not made.is_relative:
-        _check_numbers(part, made, [a.of(nominal) for a in made.amounts])
+    if not distribution.is_relative:
+        _check_numbers(part, distribution, [a.of(nominal) for a in distribution.amounts])
 
 
-def _check_numbers(part: str, made: Distribution, numbers: list[float]) -> None:
-    wrong = KINDS[made.kind].check(*numbers)
+def _check_numbers(part: str, distribution: Distribution, numbers: list[float]) -> None:
+    wrong = KINDS[distribution.kind].check(*numbers)
     if wrong:
-        raise InputError(part, f"{made.text}: {wrong}", fix=f"write {KINDS[made.kind].usage}")
+        raise InputError(part, f"{distribution.text}: {wrong}", fix=f"write {KINDS[distribution.kind].usage}")
 
 
 def _parse_amount(part: str, text: str, piece: str) -> Amount:

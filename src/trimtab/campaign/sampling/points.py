@@ -73,10 +73,10 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
     """
     if sampling not in SAMPLINGS:
         raise InputError("--sampling", f"{sampling!r} is not a sampling", choices=SAMPLINGS, fix="--sampling random")
-    words = np.arange(first, last, dtype=np.uint32)
     if sampling in DESIGNS:
         check_factors(names)
         return (saltelli_rows if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
+    words = np.arange(first, last, dtype=np.uint32)
     if not names:
         return Points(np.empty((last - first, 0)), words)
     if sampling == "random":
@@ -85,7 +85,12 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
         u = _sobol(seed, len(names), first, last)
     else:
         u = qmc.LatinHypercube(len(names), rng=np.random.default_rng(seed)).random(runs)[first:last]
-    return Points(np.clip(u, 2.0**-54, 1 - 2.0**-53), words)
+    return Points(inside_cube(u), words)
+
+
+def inside_cube(x: Any) -> Any:
+    """Points x in [0, 1] as points u in (0, 1), where every quantile is finite."""
+    return np.clip(x, 2.0**-54, 1 - 2.0**-53)
 
 
 def _stream(seed: int, name: str, first: int, last: int) -> Any:
@@ -98,8 +103,7 @@ def _sobol(seed: int, d: int, first: int, last: int) -> Any:
     engine = qmc.Sobol(d, rng=np.random.default_rng(seed))
     if first:
         engine.fast_forward(first)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # about balance, which the whole campaign has or has not
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about balance, of the whole campaign
         return engine.random(last - first)
 
 
@@ -129,12 +133,11 @@ def rows_per_base(parameters: int, *, noise: bool = True) -> int:
 
 
 def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Rows first to last - 1 of the design.
+    """Rows first to last - 1 of Saltelli's design.
 
     Args:
         seed: of the campaign.
-        first: number of the first row, from 0.
-        last: number of the row after the last.
+        first, last: numbers of the first row, from 0, and of the row after the last.
         parameters: how many are dispersed, at least 1, without the noise.
         noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
     """
@@ -154,21 +157,14 @@ def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: b
 def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
     """Points first to last - 1 of the shifted sequence, in (0, 1)."""
     engine = qmc.Sobol(dimensions, scramble=False, bits=BITS)
+    engine.fast_forward(max(first, 1))  # asked for without the first, it doesn't mind any number of points
+    cube = engine.random(last - max(first, 1)) if last > 1 else np.empty((0, dimensions))
     if first == 0:
-        cube = np.concatenate([np.zeros((1, dimensions)), _later_points(engine, last - 1)])
-    else:
-        engine.fast_forward(first)
-        cube = engine.random(last - first)
+        cube = np.concatenate([np.zeros((1, dimensions)), cube])
     digits = (cube * 2.0**BITS).astype(np.uint32)
     word = np.uint32(seed % 2**32)
     shift, _ = threefry2x32(word, np.uint32(SALTELLI_STREAM), np.arange(dimensions), 0)
     return ((digits ^ np.asarray(shift, np.uint32)) + 0.5) * 2.0**-BITS
-
-
-def _later_points(engine: qmc.Sobol, count: int) -> Any:
-    """The points after the first, which is the origin; asked for in this way it doesn't mind any number of them."""
-    engine.fast_forward(1)
-    return engine.random(count) if count else np.empty((0, engine.d))
 
 
 def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
@@ -177,15 +173,7 @@ def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
 
 
 def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Rows first to last - 1 of the design; row k depends on the seed, k and the number of factors alone.
-
-    Args:
-        seed: of the campaign.
-        first: number of the first row, from 0.
-        last: number of the row after the last.
-        parameters: how many are dispersed, at least 1, without the noise.
-        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
-    """
+    """Rows first to last - 1 of Morris's design; arguments as of `saltelli_rows`."""
     if not 0 <= first < last or parameters < 1:
         problem = f"rows {first} to {last} of {parameters} parameters are none"
         raise InputError("morris", problem, fix="0 <= first < last and at least one parameter")

@@ -47,20 +47,19 @@ class Spread(NamedTuple):
 
 def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, ...]:
     """The factors, sorted by what was written, so that the order on the command line plays no part."""
-    made = []
+    factors = []
     for text, distribution in spread:
-        found = re.fullmatch(r"([^\[\]]+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?", text.strip())
-        if not found:
-            raise InputError(
-                f"--spread {text}", "is no path", fix="write e.g. world.vehicle.mass or autopilot.law.K[0,1]"
-            )
-        index = tuple(int(i) for i in found[2].split(",")) if found[2] else None
-        made.append(Factor(text.strip(), found[1], index, distribution))
-    made.sort(key=lambda f: f.text)
-    for one, other in itertools.pairwise(made):
+        match = re.fullmatch(r"([^\[\]]+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?", text.strip())
+        if not match:
+            fix = "write e.g. world.vehicle.mass or autopilot.law.K[0,1]"
+            raise InputError(f"--spread {text}", "is no path", fix=fix)
+        index = tuple(int(i) for i in match[2].split(",")) if match[2] else None
+        factors.append(Factor(text.strip(), match[1], index, distribution))
+    factors.sort(key=lambda f: f.text)
+    for one, other in itertools.pairwise(factors):
         if one.text == other.text or (one.path == other.path and (one.at is None or other.at is None)):
             raise InputError(f"--spread {other.text}", "is named twice", fix="keep one of them")
-    return tuple(made)
+    return tuple(factors)
 
 
 def resolve_spread(
@@ -72,9 +71,8 @@ def resolve_spread(
         part = f"--spread {factor.text}"
         if factor.path not in known:
             near = closest(factor.path, known, 6) or list(known)[:6]
-            raise InputError(
-                part, "there is no such parameter", choices=near, fix=f"--spread '{near[0]}=normal(100%, 5%)'"
-            )
+            fix = f"--spread '{near[0]}=normal(100%, 5%)'"
+            raise InputError(part, "there is no such parameter", choices=near, fix=fix)
         value, declared = known[factor.path]
         if isinstance(declared, Option):
             _check_option(part, factor, declared)
@@ -95,9 +93,8 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.at is not None:
         inside = len(factor.at) == value.ndim and all(i < n for i, n in zip(factor.at, value.shape, strict=True))
         if not inside:
-            raise InputError(
-                part, f"the parameter has shape {value.shape}", fix=f"--spread '{_example_text(factor, value)}'"
-            )
+            fix = f"--spread '{_example_text(factor, value)}'"
+            raise InputError(part, f"the parameter has shape {value.shape}", fix=fix)
         value = value[factor.at]
     elif value.ndim and not factor.distribution.is_relative:
         problem = f"the parameter has shape {value.shape}, and {factor.distribution.text} is one number"
@@ -127,16 +124,14 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
     for a, b, rho in correlate:
         for name in (a, b):
             if name not in names:
-                raise InputError(
-                    "--correlate", f"{name!r} is not dispersed", choices=names, fix=f"add --spread {name}=…"
-                )
+                fix = f"add --spread {name}=…"
+                raise InputError("--correlate", f"{name!r} is not dispersed", choices=names, fix=fix)
         if a == b or not -1 < rho < 1:
             raise InputError("--correlate", f"{a}, {b} = {rho:g}", fix="two paths, and a correlation between -1 and 1")
         R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
     if np.linalg.eigvalsh(R).min() < 1e-9:
-        problem = (
-            f"no {len(names)} numbers hang together like that: the matrix of correlations is not positive definite"
-        )
+        problem = f"no {len(names)} numbers hang together like that: "
+        problem += "the matrix of correlations is not positive definite"
         raise InputError("--correlate", problem, fix="weaken some of them")
     return np.linalg.cholesky(R)
 
@@ -149,34 +144,34 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
         u: points (n, d) of a design.
     """
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
-    made = {}
+    values: dict[str, Any] = {}
     for factor, level in zip(spread.factors, spread.correlate(u).T, strict=True):
         value, declared = known[factor.path]
         if isinstance(declared, Option):
-            made[factor.text] = factor.distribution.pick(level)
+            values[factor.text] = factor.distribution.pick(level)
             continue
         nominal = np.asarray(value, np.float64)
         whole = nominal.ndim > 0 and factor.at is None
         own = 1.0 if whole else float(nominal[factor.at or ()])
         drawn = factor.distribution.quantile(level, own)
-        made[factor.text] = drawn if declared.kind in ("real", "angle") else np.round(drawn)
-    return made
+        values[factor.text] = drawn if declared.kind in ("real", "angle") else np.round(drawn)
+    return values
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
     """Path -> values (n, …) as the batch takes them; options are left out."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
-    made: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for factor in spread.factors:
         value, declared = known[factor.path]
         if isinstance(declared, Option):
             continue
         nominal, drawn = np.asarray(value, np.float64), np.asarray(values[factor.text])
         if factor.at is not None:
-            array = made.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
+            array = arrays.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
             array[(slice(None), *factor.at)] = drawn
         elif nominal.ndim:
-            made[factor.path] = drawn.reshape(-1, *[1] * nominal.ndim) * nominal
+            arrays[factor.path] = drawn.reshape(-1, *[1] * nominal.ndim) * nominal
         else:
-            made[factor.path] = drawn
-    return made
+            arrays[factor.path] = drawn
+    return arrays

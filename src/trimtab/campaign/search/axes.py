@@ -69,9 +69,9 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
     delay: takes the place of the link's own latency, constant.  jitter: an even spread from 0 to the value, on top of
     the delay axis, or of the link's mean latency where there is no such axis.  loss: each packet by itself.
     """
-    for what, given, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
-        if given not in choices:
-            raise InputError(what, f"there is no {given!r}", choices=choices, fix=f"write {choices[0]!r}")
+    for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
+        if name not in choices:
+            raise InputError(what, f"there is no {name!r}", choices=choices, fix=f"write {choices[0]!r}")
     path = f"world.{link}." + ("loss" if kind == "loss" else "latency")
 
     def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
@@ -100,9 +100,9 @@ def even_latencies() -> Any:
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
     """Value and declaration of a quantity; InputError where there is none, or where it shapes the program."""
-    below, declared = _find_leaf(scenario, path.split("."))
+    value, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
-        return below, declared
+        return value, declared
     if declared is not None:
         problem = "is a choice that shapes the program, not a number that a map could change"
         raise InputError(f"axis {path!r}", problem, fix="fly one map for each choice: --set …")
@@ -147,10 +147,9 @@ def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):
-            table = np.asarray(longest.latency, float)
-            needed = (
-                required_slots(float(table[-1]), channel.send_period, channel.period) if np.isfinite(table).all() else 0
-            )
-            channel = replace(channel, capacity=max(channel.capacity, needed))
+            table, capacity = np.asarray(longest.latency, float), channel.capacity
+            if np.isfinite(table).all():
+                capacity = max(capacity, required_slots(float(table[-1]), channel.send_period, channel.period))
+            channel = replace(channel, capacity=capacity)
             scenario = replace(scenario, world=replace(scenario.world, **{link: channel}))
     return scenario

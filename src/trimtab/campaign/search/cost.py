@@ -49,9 +49,8 @@ class IntegralCost(NamedTuple):
 def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> IntegralCost:
     """The integrals of a cost; refuses what is none."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
-    seen = signal_structure(run_inputs(ready.scenario))
-    declared = {path: d for path, _, d in logged_signals(seen)}
-    integrands, since, kinds = [], [], []
+    declared = {path: d for path, _, d in logged_signals(signal_structure(run_inputs(ready.scenario)))}
+    integrands, since = [], []
     for term in terms:
         kind, name = parse_metric(term.metric)
         path = full_path(name)
@@ -63,14 +62,10 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
             raise InputError("--cost", problem, fix="--method search, or the rms of a signal that does not wrap")
         integrands.append((path, targets[path] if kind == "error_rms" else 0.0, kind != "mean"))
         since.append(ready.scenario.duration // 2 if kind == "error_rms" else 0)
-        kinds.append(kind != "mean")
     length = np.array([to_seconds(ready.scenario.duration - first) for first in since])
-    weights = np.array([t.weight for t in terms])
-    return IntegralCost(
-        _integrand(tuple(integrands)),
-        tuple(since),
-        functools.partial(_combine_integrals, length, weights, np.array(kinds)),
-    )
+    weights, squared = np.array([t.weight for t in terms]), np.array([squared for _, _, squared in integrands])
+    finish = functools.partial(_combine_integrals, length, weights, squared)
+    return IntegralCost(_integrand(tuple(integrands)), tuple(since), finish)
 
 
 @functools.cache

@@ -64,17 +64,14 @@ def evolve(
             return
         randn = np.random.RandomState(int(rng.integers(1, 2**31))).randn
         options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": math.nan, "randn": randn}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             es = cma.CMAEvolutionStrategy(np.append(x0, 0.5) if d == 1 else x0, step, options)
         while spent + size <= budget and not es.stop():
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 candidates = es.ask()
             x = np.clip(np.array(candidates)[:, :d], 0.0, 1.0)
             f = np.asarray(of(x), np.float64)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warnings.catch_warnings(action="ignore"):
                 es.tell(candidates, f.tolist())
             spent += len(x)
             yield Generation(x, f, np.clip(np.asarray(es.result.xfavorite)[:d], 0.0, 1.0), restart)

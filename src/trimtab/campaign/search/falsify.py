@@ -8,14 +8,8 @@ searched within three standard deviations. A candidate flies with the same few w
 box; CMA-ES starts from the worst of them, then from the worst that lie elsewhere. The last runs fly the worst point
 with words that no candidate had.
 
-Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
-for the search by robustness; docs page, Falsify.
-
-What a falsifier has tried in the box of a spread: points flown, their margins, and where to start next.
-
-How far a run is from failing: one number, below 0 for a failure, with a slope among successes and failures.
-
-Each condition has its room, in parts of the room that it allows, and a run has that of its worst condition:
+The margin says how far a run is from failing: one number, below 0 for a failure, with a slope among successes and
+failures. Each condition has its room, in parts of the room that it allows, and a run has that of its worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
@@ -26,8 +20,10 @@ Each condition has its room, in parts of the room that it allows, and a run has 
 so that a signal that never settles is not just infinitely late, but so far from its band; and one that settles has the
 room that is left of it. A margin is negative where a condition does not hold, and only there.
 
-Source: Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time signals", Theoretical
-Computer Science 410 (2009), definition 13: "always from T on in the band" and "once until T" as least and largest room.
+Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
+for the search by robustness; Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time
+signals", Theoretical Computer Science 410 (2009), definition 13, for "always from T on in the band" and "once until T"
+as least and largest room; docs page, Falsify.
 """
 
 import time
@@ -37,9 +33,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
+from scipy.stats import qmc
 
 from trimtab.campaign.grammar import Condition, parse_metric
 from trimtab.campaign.sampling.distributions import parse_distribution
+from trimtab.campaign.sampling.points import inside_cube
 from trimtab.campaign.search.evolution import evolve
 from trimtab.campaign.statistics.metrics import Metric, Rows
 from trimtab.campaign.workers.block import compute_log_metrics, fly_points
@@ -48,19 +46,30 @@ from trimtab.campaign.workers.prepare import (
     PreparedCampaign,
     check_bounds,
     parameters_at,
+    plan_campaign,
     prepare_campaign,
     refuse_options,
     scenario_at,
 )
 from trimtab.core.errors import InputError
-from trimtab.core.time import ms
 from trimtab.loop.scenario import Scenario
-from trimtab.run.program import check_seed
 from trimtab.run.simulate import simulate
 
 NAME = "margin"
 LEAST = 1e-12
 """Of the margin of a condition that does not hold by less than can be told."""
+OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
+"""What is small at a point, of the margins (n, words) of its runs."""
+TAIL = float(special.ndtr(-3.0))
+"""What is left out at each end of a distribution without bounds."""
+TOGETHER = 64
+"""Runs that fly at once, at least: fewer would not fill the lanes."""
+FIRST, LAST = 0.15, 0.1
+"""Shares of the runs: points over the whole box, and more random numbers at the worst point."""
+STEP = 0.2
+"""First standard deviation of the search, in parts of the box."""
+APART = 0.3
+"""How far apart, in the largest coordinate, two starts lie."""
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
@@ -84,11 +93,11 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
         conditions: all of which must hold.
         metrics: by name, those of the conditions.
     """
-    found = np.min([_condition_margin(rows, c, metrics[c.metric]) for c in conditions], axis=0)
+    worst = np.min([_condition_margin(rows, c, metrics[c.metric]) for c in conditions], axis=0)
     wrong = [~np.isfinite(v).reshape(*v.shape[:2], -1).all(axis=2) for v in rows.signals.values()]
     bad = np.any(wrong, axis=0)
     late = rows.t[np.argmax(bad, axis=1)] / max(rows.t[-1], 1e-9)
-    return np.where(bad.any(axis=1), -2.0 + late, found)
+    return np.where(bad.any(axis=1), -2.0 + late, worst)
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
@@ -113,31 +122,21 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
     return sign * (condition.bound - value) / (abs(condition.bound) or 1.0)
 
 
-TAIL = float(special.ndtr(-3.0))
-"""What is left out at each end of a distribution without bounds."""
-TOGETHER = 64
-"""Runs that fly at once, at least: fewer would not fill the lanes."""
-APART = 0.3
-"""How far apart, in the largest coordinate, two starts lie."""
-
-
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
     """Points u of the spread at points x in [0, 1]^d: tails of what has no bounds are left out."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
-    return np.clip(tail + (1 - 2 * tail) * x, 2.0**-54, 1 - 2.0**-53)
+    return inside_cube(tail + (1 - 2 * tail) * x)
 
 
 class BoxSearch:
     """What has been flown; called with points (n, d) it flies them and gives what is to be small, (n,)."""
 
-    def __init__(self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], how: Mapping[str, Any]) -> None:
-        self.ready, self.words, self.over, self.how = ready, words, over, how
-        self.restart = -1
-        self.points: list[Any] = []
-        self.margins: list[Any] = []
-        self.restarts: list[Any] = []
-        self.firsts: list[Any] = []
-        self.has_failed = False
+    def __init__(
+        self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
+    ) -> None:
+        self.ready, self.words, self.over, self.options = ready, words, over, options
+        self.restart, self.has_failed = -1, False
+        self.flights: list[tuple[Any, Any, Any, Any]] = []
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
@@ -148,32 +147,30 @@ class BoxSearch:
         """Margins (n, words) at points x (n, d), each with so many words from its first (n,) on."""
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
-        found = margins(fly_points(self.ready, u, words.ravel(), **self.how)).reshape(words.shape)
-        self.points.append(x)
-        self.margins.append(found)
-        self.firsts.append(first)
-        self.restarts.append(np.full(len(x), self.restart))
-        self.has_failed |= bool((found < 0).any())
-        return found
+        m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
+        self.flights.append((x, m, first, np.full(len(x), self.restart)))
+        self.has_failed |= bool((m < 0).any())
+        return m
 
     def refly_worst(self, n: int) -> None:
         """Fly the worst candidate n times more, each time with words that are new."""
-        x, m = np.concatenate(self.points), self.over(np.concatenate(self.margins))
+        x, m, *_ = self.candidates()
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
-        self.fly_candidates(np.repeat(x[[np.argmin(m)]], n, axis=0), first)
+        self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
+
+    def candidates(self) -> tuple[Any, ...]:
+        """All so far: points (n, d), margins (n, words), first word of each (n,), and its restart (n,)."""
+        return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
 
     def remaining_candidates(self, runs: int) -> int:
         """Candidates that may still fly."""
-        return runs // self.words - sum(map(len, self.points))
+        return runs // self.words - sum(len(x) for x, *_ in self.flights)
 
     def cover_box(self, n: int, until_first: bool) -> None:
         """Sobol points over the whole box, in parts."""
-        from scipy.stats import qmc
-
         d = len(self.ready.spread.factors)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # about balance: any number of points will do
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # balance: any number will do
             points = qmc.Sobol(d, rng=np.random.default_rng(self.ready.plan.seed)).random(n)
         for part in np.array_split(points, max(n * self.words // 512, 1)):
             self(part)
@@ -183,8 +180,8 @@ class BoxSearch:
     def start(self, restart: int) -> Any:
         """Where the next start is: the worst candidate of all that is not near an earlier start."""
         self.restart = restart
-        x, m = np.concatenate(self.points), self.over(np.concatenate(self.margins))
-        for i in np.argsort(m, kind="stable"):
+        x, m, *_ = self.candidates()
+        for i in np.argsort(self.over(m), kind="stable"):
             if all(np.abs(x[i] - s).max() > APART for s in self.starts):
                 self.starts.append(x[i])
                 return x[i]
@@ -193,20 +190,14 @@ class BoxSearch:
         return self.starts[-1]
 
 
-OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-FIRST, LAST = 0.15, 0.1
-"""Shares of the runs: points over the whole box, and more random numbers at the worst point."""
-STEP = 0.2
-
-
 class FalsificationResult(NamedTuple):
-    """What was found.
+    """The worst run, and how the search went.
 
     margin: of the worst run, as it flew again by itself; the run failed where it is negative.  values: path -> what the
     parameters have there, to the bit.  point: (d,), where in the box.  word: its run word.  columns: the metrics of
-    that run.  flown: runs in all.  first: after how many the first failure, or None.  tried: margins of all
-    candidates (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
-    restarts, and last the worst point with other words.
+    that run.  flown_runs: in all.  first: after how many the first failure, or None.  candidate_margins: (n, words) in
+    the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the restarts, last the worst point
+    with other words.
     """
 
     plan: CampaignPlan
@@ -264,7 +255,20 @@ def falsify(
     Raises: InputError for what can't be flown, before anything is.
     """
     began = time.perf_counter()
-    ready = _prepare_search(scenario, spread, success, runs, seed, settings, without, faults)
+    if not spread:
+        raise InputError("--spread", "nothing may differ", fix="--spread 'world.vehicle.mass=uniform(80%, 120%)'")
+    plan = plan_campaign(
+        "falsify",
+        scenario,
+        settings,
+        without,
+        faults,
+        seed,
+        runs=max(min(runs, 256), 1),
+        spread=tuple((p, parse_distribution(d, f"--spread {p}")) for p, d in sorted(spread.items())),
+        success=tuple(success),
+    )
+    ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
     _check_search(ready, runs, words, over)
     search = BoxSearch(ready, words, OVER[over], {"backend": backend, "threads": threads, "progress": progress})
     last = max(int(LAST * runs) // words, 1)
@@ -279,36 +283,6 @@ def falsify(
     return _summarise_search(ready, search, backend, began)
 
 
-def _prepare_search(
-    scenario: str | Scenario,
-    spread: Mapping[str, str],
-    success: Iterable[str],
-    runs: int,
-    seed: int,
-    settings: Mapping[str, str] | None,
-    without: Iterable[str],
-    faults: Iterable[str],
-) -> PreparedCampaign:
-    check_seed(seed)
-    if not spread:
-        raise InputError("--spread", "nothing may differ", fix="--spread 'world.vehicle.mass=uniform(80%, 120%)'")
-    named = isinstance(scenario, str)
-    if not named and (settings or tuple(without) or tuple(faults)):
-        raise InputError("falsify", "settings are for a scenario that is named", fix="change the scenario itself")
-    plan = CampaignPlan(
-        scenario=scenario if named else scenario.name,
-        settings=tuple(sorted((settings or {}).items())),
-        without=tuple(without),
-        faults=tuple(faults),
-        seed=seed,
-        runs=max(min(runs, 256), 1),
-        spread=tuple((p, parse_distribution(d, f"--spread {p}")) for p, d in sorted(spread.items())),
-        success=tuple(success),
-        log_period=ms(10),
-    )
-    return with_margin(prepare_campaign(plan, None if named else scenario))
-
-
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
         raise InputError("--over", f"{over!r} is no way to take the runs of a candidate", choices=OVER, fix="worst")
@@ -316,17 +290,16 @@ def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> 
         raise InputError("--words", f"{words} is not in 1 … {TOGETHER}", fix="--words 4")
     if runs < 4 * TOGETHER:
         raise InputError("--runs", f"{runs} runs are no search", fix="--runs 5000")
-    refuse_options(ready, "--spread")
-    check_bounds(
-        ready, np.stack([spread_levels(ready, np.full(len(ready.spread.factors), e)) for e in (0.0, 1.0)]), "--spread"
-    )
+    refuse_options(ready)
+    ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
+    check_bounds(ready, np.stack(ends))
 
 
 def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
     """The worst run, flown once more by itself."""
-    x, m = np.concatenate(search.points), np.concatenate(search.margins)
+    x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
-    word = int(np.concatenate(search.firsts)[i] + at)
+    word = int(first[i] + at)
     u, plan = spread_levels(ready, x[i]), ready.plan
     log = simulate(
         scenario_at(ready, u),
@@ -349,7 +322,7 @@ def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, 
         first=int(fails[0]) + 1 if len(fails) else None,
         candidate_margins=m,
         points=x,
-        stages=np.concatenate(search.restarts),
+        stages=stages,
         names=tuple(f.text for f in ready.spread.factors),
         wall_s=time.perf_counter() - began,
     )

@@ -1,10 +1,8 @@
 """What linear theory says of a stability map: delay margin, jitter margin and packet loss, where they apply.
 
-Source: docs page, Theory beside a map; the theorems are those of `design`.
+For it, how long a signal is under way around the loop: over the links, and held between packets and frames.
 
-How long a signal of a scenario is under way around the loop: links, and what is held between packets and frames.
-
-Source: docs page, Delay of a loop.
+Source: docs page, Stability maps; the theorems are those of `design`.
 """
 
 from collections.abc import Callable
@@ -27,6 +25,12 @@ from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
 """Quantiles over which rounded latencies are averaged."""
+FINE = 30
+"""About as many points of the theory's own grid along an axis."""
+FEW = 8
+"""As many, along an axis where every value has a linear loop of its own."""
+FAR = 10.0
+"""Where theory has no limit, so much (s) is to spare."""
 
 
 class LoopDelay(NamedTuple):
@@ -57,11 +61,11 @@ def loop_delay(scenario: Scenario) -> LoopDelay:
     down = _latencies("downlink", world.downlink, max(world.downlink.period, scenario.autopilot.period))
     up = _latencies("uplink", world.uplink, look)
     waits = sampled - gcd(sampled, sent) + (0 if in_time else frame - gcd(sent, frame))
-    held = to_seconds(waits + max(sent, frame))
+    hold = to_seconds(waits + max(sent, frame))
     return LoopDelay(
         least=float(down.min() + up.min()),
-        mean=float(down.mean() + up.mean() + held / 2),
-        most=float(down.max() + up.max() + held),
+        mean=float(down.mean() + up.mean() + hold / 2),
+        most=float(down.max() + up.max() + hold),
     )
 
 
@@ -87,18 +91,10 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
     return -(-units // look) * look / UNITS_PER_SECOND
 
 
-FINE = 30
-"""About as many points of the theory's own grid along an axis."""
-FEW = 8
-"""As many, along an axis where every value has a linear loop of its own."""
-FAR = 10.0
-"""Where theory has no limit, so much (s) is to spare."""
-
-
 class StabilityCriterion(NamedTuple):
     """One criterion over the plane: what is to spare, 0 on its line and positive on the stable side.
 
-    name: of the criterion.  x, y: values of the axes (nx,), (ny,).  spare: (nx, ny), s or probability.
+    name: of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), s or probability.
     """
 
     name: str
@@ -127,7 +123,7 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
 
 
 def stability_criteria(
-    found: StabilityMap, loop: Callable[[Scenario], FeedbackLoop] = linear_loop
+    diagram: StabilityMap, loop: Callable[[Scenario], FeedbackLoop] = linear_loop
 ) -> tuple[StabilityCriterion, ...]:
     """The criteria that apply to a map.
 
@@ -136,30 +132,30 @@ def stability_criteria(
     loss and the loop is a scalar one: there each step is lost with the link's probability, no packet is sent again.
 
     Args:
-        found: the map.
+        diagram: the map.
         loop: scenario -> its linear loop.
 
     Raises: InputError where no criterion applies, or there is no linear loop.
     """
-    kinds = {axis.kind for axis in (found.x, found.y)}
+    kinds = {axis.kind for axis in (diagram.x, diagram.y)}
     if not kinds - {""}:
-        problem = f"neither {found.x.name!r} nor {found.y.name!r} is the delay, jitter or loss of a link"
-        raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
-    x, y = _refine_axis(found.x), _refine_axis(found.y)
+        problem = f"neither {diagram.x.name!r} nor {diagram.y.name!r} is the delay, jitter or loss of a link"
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
+    x, y = _refine_axis(diagram.x), _refine_axis(diagram.y)
     known: dict[bytes, _Margins] = {}
-    made: dict[str, Any] = {}
+    margins: dict[str, Any] = {}
     for i, a in enumerate(x):
         for j, b in enumerate(y):
-            scenario = with_values(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
+            scenario = with_values(diagram.scenario, values_at(diagram.scenario, diagram.x, diagram.y, a, b))
             key = _loop_key(scenario)
             if key not in known:
                 known[key] = _Margins.of(loop(scenario))
             for name, spare in _remaining_margins(known[key], scenario, kinds).items():
-                made.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
-    if not made:
+                margins.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
+    if not margins:
         problem = "the loss criterion is that of a scalar loop, and this one has more states"
-        raise InputError("theory", problem, fix="leave theory out, or map a delay: of_link('delay', …)")
-    return tuple(StabilityCriterion(name, x, y, spare) for name, spare in made.items())
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
+    return tuple(StabilityCriterion(name, x, y, spare) for name, spare in margins.items())
 
 
 class _Margins(NamedTuple):

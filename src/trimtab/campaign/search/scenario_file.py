@@ -35,20 +35,20 @@ def scenario() -> Scenario:
 '''
 
 
-def scenario_text(plan: CampaignPlan, values: Mapping[str, Any], about: str, folder: Path) -> str:
-    """The text of the file.
+def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str) -> None:
+    """Write the file, whole or not at all.
 
     Args:
+        file: where to; a scenario of one's own is looked for from its folder.
         plan: names the scenario, its settings, and what is left out of it or broken in it.
         values: path -> number or array.
         about: what the file says of itself; lines.
-        folder: where it will lie; a scenario of one's own is looked for from there.
     """
-    file, _, function = plan.scenario.rpartition(":")
+    own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
-    if file.endswith(".py"):
-        name = f'{_path_expression(file, folder)} + ":{function}"'
-    recorded = {link: _path_expression(recording, folder) for link, recording in plan.settings if link in LINKS}
+    if own.endswith(".py"):
+        name = f'{_path_expression(own, file.parent)} + ":{function}"'
+    recorded = {link: _path_expression(text, file.parent) for link, text in plan.settings if link in LINKS}
     settings = _format_literal({p: text for p, text in plan.settings if p not in recorded})
     if recorded:
         settings += f" | {{{', '.join(f'{link!r}: {path}' for link, path in recorded.items())}}}"
@@ -62,15 +62,9 @@ def scenario_text(plan: CampaignPlan, values: Mapping[str, Any], about: str, fol
         values=_format_literal(typed),
         name=name,
     )
-    return head + body
-
-
-def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str) -> None:
-    """Write the file, whole or not at all."""
-    text = scenario_text(plan, values, about, file.parent)
     file.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(file) as stream:
-        stream.write(text.encode())
+        stream.write((head + body).encode())
 
 
 def check_file(part: str, file: Path) -> None:

@@ -1,13 +1,7 @@
 """Where in the plane of two parameters a scenario succeeds, its boundary traced by refining only what is near it.
 
-Source: docs page, Stability maps.
-
-Success as it is typed, for what judges runs by their logs: conditions on metrics, all of which must hold.
-
-The boundary of a region in the plane, traced by refining only the cells through which it passes.
-
-Source: R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite keys", Acta Informatica 4
-(1974), for the tree. The rule by which cells are split, with what neighbours have found on their edges: this module.
+Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
+keys", Acta Informatica 4 (1974), for the tree of cells. The rule by which cells are split is ours.
 """
 
 from collections.abc import Callable, Iterable
@@ -29,13 +23,21 @@ from trimtab.run.simulate import Batch, simulate_batch
 Cell = tuple[int, int, int]
 """Lower corner and size, in steps of the finest lattice."""
 DEEPEST = 12
+Success = Callable[[Batch], Any]
+"""The runs of a batch, with its log -> whether each succeeded (n,)."""
+ROWS = 300
+"""About as many rows of each run are looked at."""
+NUMBERS = 20_000_000
+"""At most so many numbers of logs are held at once; larger rounds fly in parts."""
+ALL = 100
+"""About as many numbers are in a row where all signals are logged."""
 
 
 class TracedBoundary(NamedTuple):
-    """What was found on a lattice of `shape` points, of which only some were looked at.
+    """What is known on a lattice of `shape` points, of which only some were looked at.
 
-    index: (n, 2) lattice points, in the order in which they were looked at.  value: (n,), in [0, 1].  round: (n,) in
-    which call each was made, from 0.  cells: (k, 3) lower corner and size of the cells that tile the lattice.
+    index: (n, 2) lattice points, in the order in which they were looked at.  value: (n,), in [0, 1].  call_index: (n,)
+    in which call each was made, from 0.  cells: (k, 3) lower corner and size of the cells that tile the lattice.
     threshold: a point is inside where its value is at least that.
     """
 
@@ -98,14 +100,14 @@ def trace_boundary(
     size = 2**depth
     shape = ((coarse[0] - 1) * size + 1, (coarse[1] - 1) * size + 1)
     inside, known = np.zeros(shape, bool), np.zeros(shape, bool)
-    found: list[tuple[Any, Any]] = []
+    calls: list[tuple[Any, Any]] = []
 
     def look(points: Any) -> None:
         if len(points):
-            got = np.asarray(values(points), float)
-            found.append((points, got))
+            value = np.asarray(values(points), float)
+            calls.append((points, value))
             known[points[:, 0], points[:, 1]] = True
-            inside[points[:, 0], points[:, 1]] = got >= threshold
+            inside[points[:, 0], points[:, 1]] = value >= threshold
 
     starts = [(i, j) for i in range(0, shape[0], size) for j in range(0, shape[1], size)]
     look(np.array(starts))
@@ -119,26 +121,25 @@ def trace_boundary(
             gone = set(split)
             cells = [c for c in cells if c not in gone] + [q for c in split for q in _split_cell(c)]
             look(np.array(sorted({p for c in split for p in _cell_nodes(c) if not known[p]})).reshape(-1, 2))
-    index, value = (np.concatenate([f[k] for f in found]) for k in (0, 1))
-    rounds = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
-    return TracedBoundary(shape, index, value, rounds, np.array(cells), threshold)
+    index, value = (np.concatenate(parts) for parts in zip(*calls, strict=True))
+    call_index = np.repeat(np.arange(len(calls)), [len(points) for points, _ in calls])
+    return TracedBoundary(shape, index, value, call_index, np.array(cells), threshold)
 
 
 def check_grid(coarse: tuple[int, int], depth: int) -> None:
     """Refuse a coarse grid of less than a cell, and a depth beyond all use."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
         problem = f"a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
-        raise InputError(
-            "boundary", problem, fix=f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
-        )
+        fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
+        raise InputError("boundary", problem, fix=fix)
 
 
 def _is_mixed(inside: Any, known: Any, cell: Cell) -> bool:
     """Whether known points on the edges of a cell, in which nothing else is known, lie on both sides."""
     i, j, size = cell
     at = (slice(i, i + size + 1), slice(j, j + size + 1))
-    seen = inside[at][known[at]]
-    return bool(seen.any() and not seen.all())
+    sides = inside[at][known[at]]
+    return bool(sides.any() and not sides.all())
 
 
 def _split_cell(cell: Cell) -> list[Cell]:
@@ -154,7 +155,7 @@ def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]
 
 
-def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[Batch], Any], tuple[str, ...]]:
+def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tuple[str, ...]]:
     """Which runs of a batch meet every condition, (n,), and the signals that must be logged for it.
 
     Args:
@@ -170,27 +171,16 @@ def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Callable[[B
     def judge(batch: Batch) -> Any:
         rows = batch_rows(scenario, batch)
         with np.errstate(over="ignore", invalid="ignore"):
-            held = [c.holds(m.of(rows)) for c, m in zip(conditions, metrics, strict=True)]
-        return np.all(held, axis=0)
+            return np.all([c.holds(m.of(rows)) for c, m in zip(conditions, metrics, strict=True)], axis=0)
 
     return judge, tuple(sorted({s for m in metrics for s in m.signals}))
-
-
-Success = Callable[[Batch], Any]
-"""The runs of a batch, with its log -> whether each succeeded (n,)."""
-ROWS = 300
-"""About as many rows of each run are looked at."""
-NUMBERS = 20_000_000
-"""At most so many numbers of logs are held at once; larger rounds fly in parts."""
-ALL = 100
-"""About as many numbers are in a row where all signals are logged."""
 
 
 class StabilityMap(NamedTuple):
     """Share of successes over the points that were flown.
 
     scenario: the one that was flown, with its links prepared and its rings long enough.  x, y: the axes.  at_x, at_y:
-    values of the whole lattice (nx,), (ny,).  traced: lattice points, shares and cells.  runs: of each point.
+    values of the whole lattice (nx,), (ny,).  traced_boundary: lattice points, shares and cells.  runs: of each point.
     """
 
     scenario: Scenario
@@ -210,7 +200,7 @@ class StabilityMap(NamedTuple):
 
     @property
     def share(self) -> Any:
-        """Of successes at each of `points` (n,)."""
+        """Of successes at each of `flown_points` (n,)."""
         return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
@@ -233,7 +223,6 @@ def stability_map(
     log_period: int | None = None,
     backend: str = "auto",
     threads: int | None = None,
-    tell: Callable[[str, int], None] = lambda text, done: None,
 ) -> StabilityMap:
     """Fly a coarse grid, then halve `depth` times the cells through which the boundary passes.
 
@@ -242,8 +231,7 @@ def stability_map(
 
     Args:
         scenario: what flies.
-        x: first axis; the coarse grid has its values.
-        y: second axis.
+        x, y: the axes; the coarse grid has their values.
         runs: of each point.
         depth: how often a cell is halved.
         threshold: the boundary is where the share of successes passes this.
@@ -252,9 +240,7 @@ def stability_map(
             last third where not given.
         signals: what is logged for `success`; the targets' where neither is given.
         log_period: of the rows; a multiple of the autopilot's period with about 300 rows where not given.
-        backend: as `simulate_batch`.
-        threads: as `simulate_batch`.
-        tell: called after each round with words, and the points flown in it.
+        backend, threads: as `simulate_batch`.
 
     Raises:
         InputError: before anything flies; every point of the coarse grid is checked as a scenario of its own.
@@ -266,19 +252,18 @@ def stability_map(
         axis.check()
     check_grid((len(x.values), len(y.values)), depth)
     judge = target_success(scenario) if success is None else success
-    wanted = signals or (() if success else tuple(full_path(t.path) for t in scenario.targets))
+    if success is None:
+        signals = signals or tuple(full_path(t.path) for t in scenario.targets)
     base, paths = _prepare_map(scenario, x, y)
     step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
     at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
-    flies: dict[str, Any] = {"signals": wanted, "log_period": step, "backend": backend, "threads": threads}
-    numbers = scenario.duration // step * (len(wanted) or ALL)
-    flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, flies, [])
+    options: dict[str, Any] = {"signals": signals, "log_period": step, "backend": backend, "threads": threads}
+    numbers = scenario.duration // step * (len(signals) or ALL)
+    flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, options, [])
 
     def fly_points_at(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
-        share = flights.share({path: np.stack([v[path] for v in values]) for path in paths})
-        tell(f"{len(index)} points", len(index))
-        return share
+        return flights.share({path: np.stack([v[path] for v in values]) for path in paths})
 
     traced = trace_boundary(fly_points_at, (len(x.values), len(y.values)), depth, threshold=threshold)
     return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
@@ -306,9 +291,7 @@ class _PointFlights(NamedTuple):
         """Whether each run succeeded (n,), the runs of a point side by side."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
-        if (
-            self.used and self.used[0] == "c lanes" and count < LEAST_LANE_RUNS
-        ):  # else another program had to be compiled
+        if self.used[:1] == ["c lanes"] and count < LEAST_LANE_RUNS:  # else another program had to be compiled
             more = np.arange(LEAST_LANE_RUNS) % count
             spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
         batch = simulate_batch(self.scenario, seeds=seeds.tolist(), spread=spread, log=True, **self.options)
@@ -326,14 +309,14 @@ def target_success(scenario: Scenario) -> Success:
     def judge(batch: Batch) -> Any:
         ticks = np.asarray(batch.ticks)
         late = ticks >= ticks[0] + (ticks[-1] - ticks[0]) * 2 / 3
-        kinds = {c.path: getattr(c.declaration, "kind", "real") for c in batch.columns}
+        angles = batch_rows(scenario, batch).angles
         ok = np.ones(len(batch.seeds), bool)
         for target in targets:
             path = full_path(target.path)
             rows = batch.log[path][:, late].astype(float)
             with np.errstate(invalid="ignore", over="ignore"):
                 away = rows - target.value
-                if kinds.get(path) == "angle":
+                if path in angles:
                     away = away - 2 * np.pi * np.round(away[:, -1:] / (2 * np.pi))
                 ok &= (np.abs(away) <= target.band).all(axis=1)
         return ok
@@ -361,8 +344,8 @@ def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str,
     second = y.change(base, float(b))
     if {*first} & {*second}:
         second = y.change(with_values(base, first), float(b))
-    made = {**first, **second}
-    return {path: np.asarray(value, find_quantity(base, path)[1].dtype()) for path, value in made.items()}
+    both = {**first, **second}
+    return {path: np.asarray(value, find_quantity(base, path)[1].dtype()) for path, value in both.items()}
 
 
 def _lattice(values: Any, depth: int) -> Any:

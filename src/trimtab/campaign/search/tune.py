@@ -1,21 +1,17 @@
 """Tuning: gains that make a cost small in the mean of many runs, and what they are worth in runs they have not seen.
 
-Source: docs page, Tune.
+A gain is a parameter with its range, ``autopilot.law.k1=0.5:3``, and a place x in it, in [0, 1]; in a range that is
+``loguniform(LOW, HIGH)`` it moves by ratio. A number may end in %, of the scenario's own value.
 
-Gains that tuning may move: a parameter and its range, ``autopilot.law.k1=0.5:3``, as a place x in [0, 1].
-
-A range that is ``loguniform(LOW, HIGH)`` is moved in by ratio; a number may end in %, of the scenario's own value.
-
-Two settings flown with the same random numbers: what the second is better by, and how sure that is.
+Gains are compared in runs with the same random numbers, which take what both have in common out of the difference:
 
     D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
 
-Common random numbers take what both have in common out of the difference. Where a cost is infinite there is no mean;
-then the runs in which the second is better are counted against those in which it is worse, and the share of them has
-its exact interval (sign test).
+Where a cost is infinite there is no mean; then the runs in which the second is better are counted against those in
+which it is worse, and the share of them has its exact interval (sign test).
 
 Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
-numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946).
+numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
 """
 
 import time
@@ -27,6 +23,7 @@ from scipy import special
 
 from trimtab.campaign.grammar import CostTerm, parse_cost
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
+from trimtab.campaign.sampling.points import inside_cube
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
 from trimtab.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
@@ -38,6 +35,7 @@ from trimtab.campaign.workers.prepare import (
     check_bounds,
     draw_runs,
     parameters_at,
+    plan_campaign,
     prepare_campaign,
     refuse_options,
 )
@@ -45,8 +43,12 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
 from trimtab.run.gradient import gradients
-from trimtab.run.program import check_seed
 from trimtab.scenarios.build import build
+
+METHODS = ("search", "gradient")
+RANGES = ("uniform", "loguniform")
+UNSEEN = 2**31
+"""Number of the first run that no tuning flies."""
 
 
 class Comparison(NamedTuple):
@@ -85,26 +87,24 @@ def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
     )
 
 
-RANGES = ("uniform", "loguniform")
-
-
 def parse_gain(path: str, text: str) -> Distribution:
     """A range from its text."""
     part, fix = f"--gain {path}", f"--gain {path}=0.5:3, or '{path}=loguniform(0.01, 10)'"
     low, colon, high = text.partition(":")
     if colon:
         return parse_distribution(f"uniform({low}, {high})", part)
-    made = parse_distribution(text, part) if "(" in text else None
-    if made is None or made.kind not in RANGES:
+    span = parse_distribution(text, part) if "(" in text else None
+    if span is None or span.kind not in RANGES:
         raise InputError(part, f"{text!r} is no range", choices=("LOW:HIGH", "loguniform(LOW, HIGH)"), fix=fix)
-    return made
+    return span
 
 
 class Gains(NamedTuple):
-    """The gains among the factors of a campaign. at: their columns.  start: (d,), where the scenario's own lie."""
+    """The gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), places."""
 
     ready: PreparedCampaign
     at: Any
+    own: tuple[float, ...]
     start: Any
 
     @property
@@ -115,74 +115,62 @@ class Gains(NamedTuple):
     def spread_points(self, x: Any, first: int) -> Any:
         """u (n, all): gains at x (n, d), and what is dispersed as in runs first … first + n - 1."""
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
-        u[:, self.at] = np.clip(x, 2.0**-54, 1 - 2.0**-53)
+        u[:, self.at] = inside_cube(x)
         return u
 
     def slope(self, x: Any) -> Any:
         """How fast each gain changes with its place x (n, d): d gain/d x, of the same shape."""
         columns = []
-        for factor, place, own in zip(self.factors, np.asarray(x).T, self.scenario_values(), strict=True):
+        for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
-            ratio = np.log(high / low) * low * (high / low) ** place if factor.distribution.kind == RANGES[1] else None
-            columns.append(np.full(len(place), high - low) if ratio is None else ratio)
+            if factor.distribution.kind == "loguniform":
+                columns.append(np.log(high / low) * low * (high / low) ** place)
+            else:
+                columns.append(np.full(len(place), high - low))
         return np.stack(columns, axis=1)
-
-    def scenario_values(self) -> list[float]:
-        """The scenario's own values."""
-        return [_scenario_value(self.ready, f) for f in self.factors]
 
     def gain_values(self, x: Any) -> dict[str, float]:
         """Gain, as it was written -> its value at x (d,)."""
-        clipped = np.clip(x, 2.0**-54, 1 - 2.0**-53)
-        each = zip(self.factors, clipped, self.scenario_values(), strict=True)
+        each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
     def values(self, x: Any) -> dict[str, Any]:
         """Path -> parameter with the gains at x (d,) in it, all else the scenario's own."""
         alone = self.ready._replace(spread=Spread(self.factors))
-        return parameters_at(alone, np.clip(x, 2.0**-54, 1 - 2.0**-53))
+        return parameters_at(alone, inside_cube(x))
 
 
 def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
     """The gains of a campaign; refuses a range that the scenario's own value is not in."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
-    start = []
+    known = {path: value for path, value, _ in leaves(ready.scenario)}
+    values, start = [], []
     for i in at:
         factor = ready.spread.factors[i]
-        part = f"--gain {factor.text}"
-        shape = np.shape(next(v for p, v, _ in leaves(ready.scenario) if p == factor.path))
-        if shape and factor.at is None:
-            zeros = ",".join("0" * len(shape))
+        part, value = f"--gain {factor.text}", np.asarray(known[factor.path])
+        if value.ndim and factor.at is None:
+            zeros = ",".join("0" * value.ndim)
             fix = f"--gain '{factor.path}[{zeros}]=LOW:HIGH'"
-            raise InputError(part, f"has shape {shape}: a gain is one number", fix=fix)
-        own = _scenario_value(ready, factor)
+            raise InputError(part, f"has shape {value.shape}: a gain is one number", fix=fix)
+        own = float(value[factor.at or ()])
         low, high = (a.of(own) for a in factor.distribution.amounts)
         if not low <= own <= high:
             problem = f"the scenario's own value, {own:g}, is not in {low:g} … {high:g}"
             raise InputError(part, problem, fix=f"a range around it, or another start: --set {factor.path}={low:g}")
-        log = factor.distribution.kind == RANGES[1]
+        log = factor.distribution.kind == "loguniform"
+        values.append(own)
         start.append(np.log(own / low) / np.log(high / low) if log else (own - low) / (high - low))
-    return Gains(ready, at, np.array(start))
-
-
-def _scenario_value(ready: PreparedCampaign, factor: Factor) -> float:
-    value = next(v for p, v, _ in leaves(ready.scenario) if p == factor.path)
-    return float(np.asarray(value)[factor.at or ()])
-
-
-METHODS = ("search", "gradient")
-UNSEEN = 2**31
-"""Number of the first run that no tuning flies."""
+    return Gains(ready, at, tuple(values), np.array(start))
 
 
 class TuningResult(NamedTuple):
     """What was found.
 
     values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
-    steps: how it went.  slopes: of the gradient's steps.  seen: against the scenario's own gains, in runs that tuning
-    flew; held_out: in runs that it did not, which is what counts.  flown: runs in all; a run with its derivative along
-    d gains counts d times.
+    steps: how it went.  slopes: of the gradient's steps.  seen_comparison: against the scenario's own gains, in runs
+    that tuning flew.  held_out_comparison: in runs that it did not, which is what counts.  flown_runs: in all; a run
+    with its derivative along d gains counts d times.
     """
 
     plan: CampaignPlan
@@ -242,16 +230,24 @@ def tune(
     Raises: InputError for what can't be flown or tuned, before anything flies.
     """
     began = time.perf_counter()
-    if method not in METHODS:
-        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
-    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
-        if number < least:
-            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
-    if not 0 < width <= 0.5:
-        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
+    _check_tuning(method, runs, held_out, iterations, width)
+    if not gains:
+        raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
     terms = parse_cost(cost)
-    plan = _tuning_plan(scenario, gains, spread or {}, seed, runs, settings or {}, tuple(without), tuple(faults))
-    chosen = _prepare_gains(plan._replace(metrics=tuple(t.metric for t in terms)), scenario, tuple(gains))
+    moved = [(p, parse_gain(p, text)) for p, text in gains.items()]
+    differ = [(p, parse_distribution(text, f"--spread {p}")) for p, text in (spread or {}).items()]
+    plan = plan_campaign(
+        "tune",
+        scenario,
+        settings,
+        without,
+        faults,
+        seed,
+        runs=runs,
+        spread=tuple(sorted(moved + differ)),
+        metrics=tuple(t.metric for t in terms),
+    )
+    chosen = _prepare_gains(plan, scenario, tuple(gains))
     fly = _GainFlights(chosen, terms, runs, {"backend": backend, "threads": threads, "progress": progress})
     slopes: list[Slope] = []
     if method == "search":
@@ -273,68 +269,46 @@ def tune(
     )
 
 
+def _check_tuning(method: str, runs: int, held_out: int, iterations: int, width: float) -> None:
+    if method not in METHODS:
+        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
+    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
+        if number < least:
+            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
+    if not 0 < width <= 0.5:
+        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
+
+
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
     """The gains of the campaign; what is wrong with their ranges is said of them, and first."""
     try:
-        made = scenario
-        if isinstance(made, str):
-            made = build(made, dict(plan.settings), plan.without, plan.faults)
-        spread = resolve_spread(made, parse_factors(plan.spread))
-        bare = PreparedCampaign(plan, made, spread, (), (), (), 0)
-        refuse_options(bare, "--spread")
+        if isinstance(scenario, str):
+            scenario = build(scenario, dict(plan.settings), plan.without, plan.faults)
+        spread = resolve_spread(scenario, parse_factors(plan.spread))
+        bare = PreparedCampaign(plan, scenario, spread, (), (), (), 0)
+        refuse_options(bare)
         chosen = campaign_gains(bare, gains)
         ends = np.stack([np.full(len(spread.factors), level) for level in (1e-3, 0.999)])
-        ends[:, chosen.at] = [[2.0**-54], [1 - 2.0**-53]]
-        check_bounds(bare, ends, "--spread")
-        return chosen._replace(ready=prepare_campaign(plan, made))
+        ends[:, chosen.at] = inside_cube([[0.0], [1.0]])
+        check_bounds(bare, ends)
+        return chosen._replace(ready=prepare_campaign(plan, scenario))
     except InputError as error:
         named, _, path = error.part.partition(" ")
         if named != "--spread" or path not in gains:
             raise
         fix = error.fix
-        if "--spread" in fix:
-            fix = (
-                f"--gain '{error.choices[0]}=LOW:HIGH'"
-                if error.choices
-                else f"--set '{path}=…': gains are real numbers"
-            )
+        if "--spread" in fix and error.choices:
+            fix = f"--gain '{error.choices[0]}=LOW:HIGH'"
+        elif "--spread" in fix:
+            fix = f"--set '{path}=…': gains are real numbers"
         raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=fix) from None
-
-
-def _tuning_plan(
-    scenario: str | Scenario,
-    gains: Mapping[str, str],
-    spread: Mapping[str, str],
-    seed: int,
-    runs: int,
-    settings: Mapping[str, str],
-    without: tuple[str, ...],
-    faults: tuple[str, ...],
-) -> CampaignPlan:
-    check_seed(seed)
-    if not gains:
-        raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
-    named = isinstance(scenario, str)
-    if not named and (settings or without or faults):
-        raise InputError("tune", "settings are for a scenario that is named", fix="change the scenario itself")
-    moved = [(p, parse_gain(p, text)) for p, text in gains.items()]
-    differ = [(p, parse_distribution(text, f"--spread {p}")) for p, text in spread.items()]
-    return CampaignPlan(
-        scenario=scenario if named else scenario.name,
-        settings=tuple(sorted(settings.items())),
-        without=without,
-        faults=faults,
-        seed=seed,
-        runs=runs,
-        spread=tuple(sorted(moved + differ)),
-    )
 
 
 class _GainFlights:
     """Runs with gains at given places."""
 
-    def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, how: Mapping[str, Any]) -> None:
-        self.gains, self.terms, self.runs, self.how = gains, terms, runs, dict(how)
+    def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
+        self.gains, self.terms, self.runs, self.options = gains, terms, runs, options
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
@@ -343,7 +317,7 @@ class _GainFlights:
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
         words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
         self.flown_runs += len(words)
-        return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.how)).reshape(len(x), n)
+        return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.options)).reshape(len(x), n)
 
     def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
         """The gains at x against the scenario's own, in runs from the first on."""
@@ -359,8 +333,8 @@ class _GainFlights:
         def flights(x: Any, first: int) -> tuple[Any, Any]:
             pairs = len(x) // 2
             u = np.repeat(draw_runs(ready, first, first + pairs)[0].u, 2, axis=0)
-            u[:, gains.at] = np.clip(x, 2.0**-54, 1 - 2.0**-53)
-            found = gradients(
+            u[:, gains.at] = inside_cube(x)
+            integrals = gradients(
                 ready.scenario,
                 of.cost,
                 along,
@@ -368,12 +342,12 @@ class _GainFlights:
                 runs=np.repeat(np.arange(first, first + pairs), 2),
                 spread=spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u)),
                 since=of.since,
-                threads=self.how["threads"],
+                threads=self.options["threads"],
             )
             self.flown_runs += len(x) * len(along)
-            if self.how["progress"] is not None:
-                self.how["progress"](len(x) * len(along))
-            costs, slopes = of.finish(found.costs, found.slopes)
+            if self.options["progress"] is not None:
+                self.options["progress"](len(x) * len(along))
+            costs, slopes = of.finish(integrals.costs, integrals.slopes)
             return costs, slopes * gains.slope(x)
 
         return flights

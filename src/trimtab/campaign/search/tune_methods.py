@@ -1,4 +1,9 @@
-"""Tuning by gradient through the loop, with the switches smoothed: the cost is averaged over gains near by, and runs.
+"""How gains are moved: without derivatives by CMA-ES, or by the gradient through the loop.
+
+**Search**: CMA-ES over the mean cost of many runs, the same ones for every candidate. A candidate in which some runs
+cost infinitely much is worse than any in which none does, and worse the more do.
+
+**Gradient**, with the switches smoothed: the cost is averaged over gains near by, and runs.
 
     f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
 
@@ -14,17 +19,11 @@ with variances of means: the weight of least estimated mean square error. Where 
 derivatives are used, where they differ by more the jumps count. Steps are Adam's, projected to the ranges; the gains
 are the mean of the last third (Polyak). Beyond its range a gain is folded back, so that f goes on continuously.
 
-Source: Suh, Simchowitz, Zhang, Tedrake, "Do differentiable simulators give better policy gradients?", ICML 2022;
-Green, Strawderman, "A James-Stein type estimator for combining unbiased and possibly biased estimators", Journal of
-the ASA 86 (1991), for the weight; Nesterov, Spokoiny, Foundations of Computational Mathematics 17 (2017), for f_s;
-Kingma, Ba, ICLR 2015 (Adam); Polyak, Juditsky, SIAM Journal on Control and Optimization 30 (1992).
-
-Tuning without derivatives: CMA-ES over the mean cost of many runs, the same ones for every candidate.
-
-A candidate in which some runs cost infinitely much is worse than any in which none does, and worse the more do.
-
 Source: Hansen, Ostermeier, Evolutionary Computation 9 (2001); common random numbers: Law, "Simulation modeling and
-analysis", 5th ed. 2015, section 11.2.
+analysis", 5th ed. 2015, section 11.2; Suh, Simchowitz, Zhang, Tedrake, "Do differentiable simulators give better policy
+gradients?", ICML 2022; Green, Strawderman, "A James-Stein type estimator for combining unbiased and possibly biased
+estimators", Journal of the ASA 86 (1991), for the weight; Nesterov, Spokoiny, Foundations of Computational Mathematics
+17 (2017), for f_s; Kingma, Ba, ICLR 2015 (Adam); Polyak, Juditsky, SIAM Journal on Control and Optimization 30 (1992).
 """
 
 from collections.abc import Callable
@@ -36,6 +35,11 @@ from trimtab.campaign.search.evolution import evolve
 from trimtab.core.errors import InputError
 
 STEP, POPULATION = 0.25, 8
+"""Of the search: first standard deviation, in parts of the ranges, and candidates of a generation, at least."""
+RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
+"""Of Adam."""
+PairFlights = Callable[[Any, int], tuple[Any, Any]]
+"""Places (n, d) and the number of the first run, of which two each fly together -> costs (n,), slopes (n, d)."""
 
 
 class TuningStep(NamedTuple):
@@ -55,11 +59,7 @@ def merit(costs: Any, reference: float) -> Any:
 
 
 def search_gains(
-    costs: Callable[[Any], Any],
-    start: Any,
-    runs: int,
-    iterations: int,
-    seed: int,
+    costs: Callable[[Any], Any], start: Any, runs: int, iterations: int, seed: int
 ) -> tuple[Any, list[TuningStep]]:
     """The best gains found, and how it went.
 
@@ -80,20 +80,20 @@ def search_gains(
     def begin(restart: int) -> Any:
         return start if restart == 0 else rng.random(len(start))
 
-    of_cost = {"now": first}
+    latest = first
 
-    def of(x: Any) -> Any:
-        of_cost["now"] = costs(x)
-        return merit(of_cost["now"], reference)
+    def merit_at(x: Any) -> Any:
+        nonlocal latest
+        latest = costs(x)
+        return merit(latest, reference)
 
-    generations = evolve(of, begin, step=STEP, population=POPULATION, budget=iterations * POPULATION, seed=seed)
-    last: Any = None
-    for generation in generations:
+    budget, last = iterations * POPULATION, None
+    for generation in evolve(merit_at, begin, step=STEP, population=POPULATION, budget=budget, seed=seed):
         flown += generation.f.size * runs
         i = int(np.argmin(generation.f))
         if generation.f[i] < least:
             best, least = generation.x[i], float(generation.f[i])
-        steps.append(TuningStep(flown, float(of_cost["now"][i].mean()), generation.x[i]))
+        steps.append(TuningStep(flown, float(latest[i].mean()), generation.x[i]))
         last = generation
     if last is not None:
         centre = costs(last.mean[None])
@@ -102,11 +102,6 @@ def search_gains(
             best = last.mean
             steps.append(TuningStep(flown, float(centre.mean()), best))
     return best, steps
-
-
-RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
-PairFlights = Callable[[Any, int], tuple[Any, Any]]
-"""Places (n, d) and the number of the first run, of which two each fly together -> costs (n,), slopes (n, d)."""
 
 
 class Slope(NamedTuple):
@@ -165,7 +160,7 @@ def descend_gradient(
     x, m, v, rate = np.array(start), np.zeros(len(start)), np.zeros(len(start)), RATE
     before, steps, slopes, done = x, [], [], 0
     for k in range(iterations):
-        cost, found = estimate_slope(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
+        cost, slope = estimate_slope(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
         if not np.isfinite(cost):
             if k == 0:
                 problem = "some runs near the scenario's own gains cost infinitely much, and have no slope"
@@ -173,10 +168,10 @@ def descend_gradient(
             x, rate = before, rate / 2
             continue
         steps.append(TuningStep((k + 1) * 2 * pairs, cost, x))
-        slopes.append(found)
+        slopes.append(slope)
         done += 1
-        m = BETA1 * m + (1 - BETA1) * found.slope
-        v = BETA2 * v + (1 - BETA2) * found.slope**2
+        m = BETA1 * m + (1 - BETA1) * slope.slope
+        v = BETA2 * v + (1 - BETA2) * slope.slope**2
         step = (m / (1 - BETA1**done)) / np.maximum(np.sqrt(v / (1 - BETA2**done)), 1e-300)
         before, x = x, np.clip(x - rate * (1 - 0.9 * k / iterations) * step, 0.0, 1.0)
     last = [s.x for s in steps[-max(len(steps) // 3, 1) :]]

@@ -18,21 +18,9 @@ order of 1/sqrt(n). A cubic transformation takes the skewness g of the runs out,
 
 It is monotonic and has an inverse, so that bounds follow: mu = mean - s h^-1(t/sqrt(n)).
 
-Intervals that hold at every number of runs at once, for stopping on what one sees, are in `anytime`.
-
-Source: [1] Clopper, Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
-Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discrete distributions", Wiley 2005, section
-3.8.3; [3] Thompson, "On confidence ranges for the median and other expectation distributions", Ann. Math. Statist. 7
-(1936); [4] David, Nagaraja, "Order Statistics", 3rd ed., Wiley 2003, section 7.1; the quantile itself is the inverse of
-the empirical distribution, definition 1 of [5] Hyndman, Fan, "Sample quantiles", American Statistician 50 (1996);
-[6] Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54 (1992), eq. 2.6 and the bounds after
-it; Student's quantiles in place of the normal ones are ours: for g = 0 it is Student's interval.
-
-Intervals of a probability and of a quantile that hold at every number of runs at once.
-
-An interval made for a fixed number of runs holds the truth less often when one looks again and again and stops on what
-one sees. These hold it at all numbers of runs together in `level` of all campaigns: stop when you like, for any reason,
-go on later, look after every block.
+**Anytime**: an interval made for a fixed number of runs holds the truth less often when one looks again and again and
+stops on what one sees. With `anytime` those of a probability and of a quantile hold it at all numbers of runs together
+in `level` of all campaigns: stop when you like, for any reason, go on later, look after every block.
 
 With k successes in n runs, the evidence that the probability is above p, as a martingale under p (so that Ville's
 inequality bounds how often it ever reaches 1/tail), with theta spread uniformly over what is above p:
@@ -43,8 +31,15 @@ inequality bounds how often it ever reaches 1/tail), with theta spread uniformly
 The lower bound is the p at which M = 1/tail; the upper one follows with successes and failures exchanged. Bounds of a
 quantile are order statistics: how many values lie below the quantile is such a count, with a known p.
 
-Source: [1] Ville, "Etude critique de la notion de collectif", 1939; [2] Robbins, "Statistical methods related to the
-law of the iterated logarithm", Ann. Math. Statist. 41 (1970), for mixtures; [3] Howard, Ramdas, "Sequential estimation
+Source: [1] Clopper, Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
+Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discrete distributions", Wiley 2005, section
+3.8.3; [3] Thompson, "On confidence ranges for the median and other expectation distributions", Ann. Math. Statist. 7
+(1936); [4] David, Nagaraja, "Order Statistics", 3rd ed., Wiley 2003, section 7.1; the quantile itself is the inverse of
+the empirical distribution, definition 1 of [5] Hyndman, Fan, "Sample quantiles", American Statistician 50 (1996);
+[6] Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 54 (1992), eq. 2.6 and the bounds after
+it; Student's quantiles in place of the normal ones are ours: for g = 0 it is Student's interval;
+[7] Ville, "Etude critique de la notion de collectif", 1939; [8] Robbins, "Statistical methods related to the
+law of the iterated logarithm", Ann. Math. Statist. 41 (1970), for mixtures; [9] Howard, Ramdas, "Sequential estimation
 of quantiles", Bernoulli 28 (2022), for the way from counts to quantiles.
 """
 
@@ -61,48 +56,14 @@ HALVINGS = 60
 """Steps of the bisection: bounds are exact to 2^-60."""
 MOST = 1 << 62
 """Where the search for a number of runs ends."""
-
-
-def log_evidence(k: Any, n: Any, p: Any) -> Any:
-    """The logarithm of M(k, n, p): how strongly k of n say that the probability is above p; arrays of any shape."""
-    k, n, p = (np.asarray(a, np.float64) for a in (k, n, p))
-    with np.errstate(divide="ignore"):
-        mass = special.betaln(k + 1, n - k + 1) + np.log(special.betaincc(k + 1, n - k + 1, p))
-    return mass - np.log1p(-p) - special.xlogy(k, p) - special.xlog1py(n - k, -p)
-
-
-def lower_bound(k: Any, n: Any, tail: float) -> Any:
-    """Below it the truth ever lies in at most `tail` of all campaigns; k of n succeeded, arrays of any shape."""
-    k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
-    low, high = np.zeros(k.shape), k / n
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ruled_out = log_evidence(k, n, middle) >= -np.log(tail)
-        low, high = np.where(ruled_out, middle, low), np.where(ruled_out, high, middle)
-    return low
-
-
-def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Which order statistics (1 the smallest) hold the p-quantile between them at every number of runs at once.
-
-    0 for the first, or trials + 1 for the second, says that so few runs have no bound on that side.
-    """
-    enough = -np.log((1 - level) / 2)
-    counts = range(trials + 1)
-    low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
-    high = bisect_left(counts, True, key=lambda k: bool(log_evidence(k, trials, p) >= enough))
-    return low, high
-
-
-def least_trials_anytime(p: float, tail: float) -> int:
-    """How many runs, all good, it takes at least until the lower bound of their probability reaches p."""
-    enough = -np.log(tail)
-    return bisect_left(range(MOST), True, lo=1, key=lambda n: bool(log_evidence(n, n, p) >= enough))
-
-
 LEAST_FOR_MEAN = 30
 """Fewer runs say too little of their skewness: then there is no interval of the mean."""
+
+
+def check_level(part: str, level: float) -> None:
+    """Refuse a confidence that is not between 0 and 1."""
+    if not 0 < level < 1:
+        raise InputError(f"{part}: level", f"{level} is no confidence", fix="give e.g. 0.95")
 
 
 class Proportion(NamedTuple):
@@ -137,8 +98,7 @@ def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: boo
     if n < 1 or not 0 <= k <= n or (k, n) != (successes, trials):
         problem = f"{successes} of {trials} is no count of successes"
         raise InputError("proportion", problem, fix="give whole numbers, 0 <= successes <= trials, trials at least 1")
-    if not 0 < level < 1:
-        raise InputError("proportion: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    check_level("proportion", level)
     tail = (1 - level) / 2
     if anytime:
         low, high = float(lower_bound(k, n, tail)), 1.0 - float(lower_bound(n - k, n, tail))
@@ -186,14 +146,13 @@ def quantile(
         values: the metric of each run, shape (n,); runs are independent.
         p: which quantile, between 0 and 1.
         level: of confidence, between 0 and 1; half of the rest on each side.
-        missing: what a run counts as that gave NaN (it ran away, or never settled): worse than every other, inf. For a
-            metric of which little is bad, -inf.
+        missing: what a run counts as that gave NaN (it ran away, or never settled): inf is worse than every other; for
+            a metric of which little is bad, -inf.
         anytime: whether the band must hold at every number of runs at once, for stopping on what it says.
     """
     if not 0 < p < 1:
         raise InputError("quantile", f"{p} is no share of the runs", fix="give e.g. 0.95")
-    if not 0 < level < 1:
-        raise InputError("quantile: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    check_level("quantile", level)
     x = as_column(values, "quantile")
     n = len(x)
     ordered = np.sort(np.where(np.isnan(x), missing, x))
@@ -214,10 +173,45 @@ def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
     return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
 
 
+def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
+    """The same at every number of runs at once."""
+    enough = -np.log((1 - level) / 2)
+    counts = range(trials + 1)
+    low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
+    high = bisect_left(counts, True, key=lambda k: bool(log_evidence(k, trials, p) >= enough))
+    return low, high
+
+
 def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
     """How many runs it takes at least until the band has both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
     tail, rare = (1 - level) / 2, max(p, 1 - p)
     return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
+
+
+def least_trials_anytime(p: float, tail: float) -> int:
+    """How many runs, all good, it takes at least until the lower bound of their probability reaches p."""
+    enough = -np.log(tail)
+    return bisect_left(range(MOST), True, lo=1, key=lambda n: bool(log_evidence(n, n, p) >= enough))
+
+
+def log_evidence(k: Any, n: Any, p: Any) -> Any:
+    """The logarithm of M(k, n, p): how strongly k of n say that the probability is above p; arrays of any shape."""
+    k, n, p = (np.asarray(a, np.float64) for a in (k, n, p))
+    with np.errstate(divide="ignore"):
+        mass = special.betaln(k + 1, n - k + 1) + np.log(special.betaincc(k + 1, n - k + 1, p))
+    return mass - np.log1p(-p) - special.xlogy(k, p) - special.xlog1py(n - k, -p)
+
+
+def lower_bound(k: Any, n: Any, tail: float) -> Any:
+    """Below it the truth ever lies in at most `tail` of all campaigns; k of n succeeded, arrays of any shape."""
+    k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
+    low, high = np.zeros(k.shape), k / n
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ruled_out = log_evidence(k, n, middle) >= -np.log(tail)
+        low, high = np.where(ruled_out, middle, low), np.where(ruled_out, high, middle)
+    return low
 
 
 def as_column(values: Any, part: str) -> Any:
@@ -257,8 +251,7 @@ def mean(values: Any, level: float = 0.95) -> Mean:
         values: the metric of each run, shape (n,); runs are independent.
         level: of confidence, between 0 and 1; half of the rest on each side.
     """
-    if not 0 < level < 1:
-        raise InputError("mean: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    check_level("mean", level)
     x = as_column(values, "mean")
     n, bad = len(x), int(np.count_nonzero(~np.isfinite(x)))
     if bad:

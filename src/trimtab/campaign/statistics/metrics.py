@@ -171,11 +171,8 @@ def find_metric(
     path, target_paths = full_path(name), [full_path(t.path) for t in targets]
     if kind in OF_TARGETS and path not in target_paths:
         short = [p.removeprefix("truth.") for p in target_paths]
-        fix = (
-            f"--metric {kind}:{short[0]}"
-            if short
-            else f"--metric rms:{name}, or give the scenario targets=(Target(…),)"
-        )
+        alone = f"--metric rms:{name}, or give the scenario targets=(Target(…),)"
+        fix = f"--metric {kind}:{short[0]}" if short else alone
         raise InputError(part, f"the scenario has no target for {name!r}", choices=short, fix=fix)
     if path not in signals:
         near = closest(path, signals, 6) or list(signals)[:6]
@@ -197,6 +194,11 @@ def short_name(path: str) -> str:
     return next((short for short, full in SHORT.items() if full == path), path)
 
 
+def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
+    """The metric that a function is; its attribute `signals`, where it has one, says what it reads."""
+    return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
+
+
 def _load_metric(text: str, file: Path, name: str) -> Metric:
     part = f"--metric {text}"
     spec = importlib.util.spec_from_file_location(file.stem, file)
@@ -208,4 +210,4 @@ def _load_metric(text: str, file: Path, name: str) -> Metric:
     if not callable(function):
         known = [n for n, f in vars(module).items() if callable(f) and not n.startswith("_")]
         raise InputError(part, f"{file} has no function {name!r}", choices=known, fix=f"def {name or 'miss'}(rows): …")
-    return Metric(text, tuple(getattr(function, "signals", ("truth",))), function)
+    return function_metric(text, function)

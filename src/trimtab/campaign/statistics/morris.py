@@ -23,7 +23,7 @@ import numpy as np
 from scipy import stats
 
 from trimtab.campaign.sampling.points import MORRIS_STEP, NOISE, check_factors, morris_trajectories, rows_per_trajectory
-from trimtab.campaign.statistics.intervals import as_column
+from trimtab.campaign.statistics.intervals import as_column, check_level
 from trimtab.campaign.statistics.sensitivity import explain_no_variance, rank_values
 from trimtab.core.errors import InputError
 
@@ -81,8 +81,7 @@ def morris(
         by_rank: of the metric's rank among these rows; then runs without a finite value count as the last.
     """
     check_factors(parameters)
-    if not 0 < level < 1:
-        raise InputError("morris: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    check_level("morris", level)
     size = rows_per_trajectory(len(parameters), noise=noise)
     x = as_column(values, "morris")
     count = len(x) // size

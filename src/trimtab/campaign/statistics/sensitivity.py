@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from trimtab.campaign.sampling.points import NOISE, check_factors, rows_per_base
-from trimtab.campaign.statistics.intervals import as_column
+from trimtab.campaign.statistics.intervals import as_column, check_level
 from trimtab.core.errors import InputError
 
 RESAMPLES = 1000
@@ -70,8 +70,7 @@ def sensitivity(
             extreme ones don't decide.
     """
     check_factors(parameters)
-    if not 0 < level < 1:
-        raise InputError("sensitivity: level", f"{level} is no confidence", fix="give e.g. 0.95")
+    check_level("sensitivity", level)
     size = rows_per_base(len(parameters), noise=noise)
     x = as_column(values, "sensitivity")
     if len(x) < LEAST * size:
@@ -87,12 +86,11 @@ def sensitivity(
     table = x.reshape(base, size)
     centre = table[:, [0, -1]].mean()
     a, b, ab = table[:, 0] - centre, table[:, -1] - centre, table[:, 1:-1].T - centre
-    found = stats.sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}, n=base)
+    indices = stats.sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}, n=base)
     low, high = _bootstrap(a, b, ab, level)
-    first, total = np.ravel(found.first_order), np.ravel(found.total_order)
-    return Sensitivity(
-        names, first, low[0], high[0], total, low[1], high[1], _variance(a, b), base, base * size, level, ""
-    )
+    first, total = np.ravel(indices.first_order), np.ravel(indices.total_order)
+    variance = float(np.var([a, b]))
+    return Sensitivity(names, first, low[0], high[0], total, low[1], high[1], variance, base, base * size, level, "")
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
@@ -109,10 +107,6 @@ def explain_no_variance(x: Any) -> str:
     if np.ptp(x) <= 1e-12 * np.abs(x).max():
         return "all runs gave the same value: there is nothing to explain"
     return ""
-
-
-def _variance(a: Any, b: Any) -> float:
-    return float(np.var([a, b]))
 
 
 def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:

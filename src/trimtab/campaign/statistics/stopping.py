@@ -6,8 +6,8 @@ stopped at a width holds some probabilities in 93.4 % only, a plain quantile's b
 
 - a probability gets the interval of Clopper and Pearson with tails 0.6 times as large, which by exact calculation holds
   at least as often as `level` says, for every probability, for this rule and no other;
-- a quantile gets the band that holds at every number of runs at once (`anytime.py`): how often any other held would
-  depend on the metric's distribution, which nobody knows.
+- a quantile gets the band that holds at every number of runs at once (`anytime` in `intervals`): how often any other
+  held would depend on the metric's distribution, which nobody knows.
 
 docs/campaign/metrics.md has the numbers.
 
@@ -30,8 +30,8 @@ TAILS = 0.6
 
 
 class StoppingState(NamedTuple):
-    """How far it is. done: whether to stop.  value, low, high: of the runs so far.  foreseen: runs in all, if no value
-    changes: the width goes down with the square root of them; inf where nothing can be foreseen.
+    """How far it is. is_met: whether to stop.  value, low, high: of the runs so far.  expected_runs: in all, if no
+    value changes: the width goes down with the square root of them; inf where nothing can be foreseen.
     """
 
     is_met: bool
@@ -43,13 +43,8 @@ class StoppingState(NamedTuple):
 
     def __str__(self) -> str:
         """As in "0.9971 (0.9943 to 0.9987), 5000 of about 21000 runs"."""
-        rest = (
-            "enough"
-            if self.is_met
-            else f"of about {self.expected_runs:.2g}"
-            if math.isfinite(self.expected_runs)
-            else "so far"
-        )
+        rest = f"of about {self.expected_runs:.2g}" if math.isfinite(self.expected_runs) else "so far"
+        rest = "enough" if self.is_met else rest
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}), {self.trials} runs, {rest}"
 
 

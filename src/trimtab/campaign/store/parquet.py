@@ -18,9 +18,9 @@ ABOUT = b"trimtab"
 """Key of the metadata under which a file says of which campaign its rows are, as JSON."""
 
 
-def write_parquet(found: CampaignResult, file: str | Path) -> Path:
+def write_parquet(result: CampaignResult, file: str | Path) -> Path:
     """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
-    return write_columns(found.columns, {"identity": found.identity, "plan": found.plan.as_dict()}, file)
+    return write_columns(result.columns, {"identity": result.identity, "plan": result.plan.as_dict()}, file)
 
 
 def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:

@@ -1,12 +1,8 @@
-"""Rows of a campaign on disk, as a Zarr group: an array for each column, written a block at a time, and what is done.
+"""Rows of a campaign, in memory, or on disk as a Zarr group: an array for each column, and one of which rows are done.
 
 A block's `done` is written after its columns have reached the disk, each chunk under another name and then renamed:
 whatever ends the process, a row is done or it isn't, and the same campaign started again flies those that are not.
 Chunks carry a checksum; where one is damaged or gone, its block is flown anew.
-
-Files of a store: how they are named, made, and seen onto the disk.
-
-Rows of a campaign without a store.
 """
 
 import contextlib
@@ -21,6 +17,11 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.errors import InputError
+
+DONE = "done"
+LOCK = ".lock"
+PARTIAL = ".partial"
+"""Ends the names under which Zarr writes before it renames."""
 
 
 class MemoryStore:
@@ -37,22 +38,14 @@ class MemoryStore:
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
         """Keep the rows of a block."""
         for name, column in columns.items():
-            held = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
-            held[first : first + len(column)] = column
+            rows = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
+            rows[first : first + len(column)] = column
         self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
         """Every column by name, of the rows that are done, and `run`, their numbers."""
-        return {
-            "run": np.flatnonzero(self._finished_rows),
-            **{n: c[self._finished_rows] for n, c in self._columns.items()},
-        }
-
-
-DONE = "done"
-LOCK = ".lock"
-PARTIAL = ".partial"
-"""Ends the names under which Zarr writes before it renames."""
+        done = self._finished_rows
+        return {"run": np.flatnonzero(done), **{name: rows[done] for name, rows in self._columns.items()}}
 
 
 def array_key(name: str) -> str:
@@ -77,15 +70,12 @@ def has_store(folder: Path) -> bool:
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
     """The group of a new store, over what a process left that was killed while it made it."""
-    from zarr.codecs import ZstdCodec
-
     group = zarr.open_group(folder, mode="a")
-    packed: dict[str, Any] = {"compressors": [ZstdCodec(level=0, checksum=True)], "overwrite": True}
+    options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
+    options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
     for name, example in {**columns, DONE: np.zeros(0, bool)}.items():
         kind = np.asarray(example).dtype
-        group.create_array(
-            array_key(name), shape=(runs,), chunks=(block,), dtype=kind, fill_value=kind.type(0), **packed
-        )
+        group.create_array(array_key(name), dtype=kind, fill_value=kind.type(0), **options)
     return group
 
 
@@ -166,32 +156,30 @@ class CampaignStore:
 
     def repair(self) -> None:
         """Forget the blocks of which a chunk is damaged or gone, and what killed processes left half written."""
-        for left in self.folder.rglob("*" + PARTIAL):
-            left.unlink()
+        for half in self.folder.rglob("*" + PARTIAL):
+            half.unlink()
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
-        done = self.finished_rows()
-        wanted = {k for k, (first, last) in enumerate(self._chunk_bounds()) if done[first:last].any()}
-        for k in set().union(*(self._damaged_chunks(name, wanted) for name in self._arrays)):
-            first, last = self._chunk_bounds()[k]
+        done, bounds = self.finished_rows(), self._chunk_bounds()
+        needed = {k for k, (first, last) in enumerate(bounds) if done[first:last].any()}
+        for k in set().union(*(self._damaged_chunks(name, needed) for name in self._arrays)):
+            first, last = bounds[k]
             self._arrays[DONE][first:last] = np.zeros(last - first, bool)
             for name in self._arrays:
                 if name != DONE:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
-    def _damaged_chunks(self, name: str, wanted: set[int]) -> set[int]:
-        """Which chunks of a column can't be read, or are gone though wanted."""
+    def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
+        """Which chunks of a column can't be read, or are gone though needed."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
-        try:
-            self._arrays[name][:]
-            return wanted - there
-        except RuntimeError:
-            return (wanted - there) | {k for k in there if not self._is_readable(name, k)}
+        if self._is_readable(name, slice(None)):
+            return needed - there
+        bounds = self._chunk_bounds()
+        return (needed - there) | {k for k in there if not self._is_readable(name, slice(*bounds[k]))}
 
-    def _is_readable(self, name: str, k: int) -> bool:
-        first, last = self._chunk_bounds()[k]
+    def _is_readable(self, name: str, rows: slice) -> bool:
         try:
-            self._arrays[name][first:last]
+            self._arrays[name][rows]
         except RuntimeError:
             return False
         return True
@@ -251,9 +239,8 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Attributes and columns of a store that is there; a campaign may be writing it meanwhile."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
-        raise InputError(
-            "--store", f"there is no store {str(folder)!r}", fix="trimtab campaign SCENARIO --store NAME.zarr"
-        )
+        fix = "trimtab campaign SCENARIO --store NAME.zarr"
+        raise InputError("--store", f"there is no store {str(folder)!r}", fix=fix)
     group = zarr.open_group(folder, mode="r")
     if "identity" not in group.attrs:
         raise InputError(f"store {str(folder)!r}", "holds no campaign", fix="name the store of one: --store NAME.zarr")
@@ -301,9 +288,9 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
     if not isinstance(was, Mapping):
         raise InputError(part, "holds no campaign", fix="name another store: --store NAME.zarr")
     apart = [name for name in now if was.get(name) != now[name]]
-    told = ", ".join(f"{name} (there {was.get(name)}, here {now[name]})" for name in apart)
+    differences = ", ".join(f"{name} (there {was.get(name)}, here {now[name]})" for name in apart)
     fix = "the command that made it is in its attribute `command`; or name another store: --store OTHER.zarr"
-    raise InputError(part, f"holds rows of another campaign: {told} differs", fix=fix)
+    raise InputError(part, f"holds rows of another campaign: {differences} differs", fix=fix)
 
 
 def _import_zarr() -> Any:

@@ -1,13 +1,12 @@
 """Runs flown together, those of a campaign or at points that a search asks for, and what the metrics say of them.
 
-Metrics of runs that were flown.
-
-Who flies the blocks of a campaign: this process (`here`) or others (`cluster`).
+Who flies the blocks of a campaign is a `Workers`: this process (`local`) or others (`cluster`).
 """
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Generator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +19,12 @@ from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.native.compiler import NoCompilerError, search_compiler
 from trimtab.run.inputs import run_inputs
-from trimtab.run.program import Column
 from trimtab.run.runner import choose_c, prepare_run
 from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
 
+TOGETHER = 128
+"""Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
@@ -39,106 +39,79 @@ class WorkersLost(Exception):
         self.part, self.fix = part, fix
 
 
-class LoggedRuns(NamedTuple):
-    """Of some runs: ticks of the rows, signals (n, rows, …), last values of the truth (n, …), what the columns are."""
-
-    ticks: Any
-    log: Mapping[str, Any]
-    final: Mapping[str, Any]
-    columns: list[Column]
-
-
-TOGETHER = 128
-"""Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
-
-
-def batch_rows(scenario: Scenario, batch: LoggedRuns | Batch, which: slice = slice(None)) -> Rows:
-    """What metrics see of some runs."""
+def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
+    """What metrics see of a batch."""
     angles = frozenset(c.path for c in batch.columns if c.declaration is not None and c.declaration.kind == "angle")
-    log = {path: signal[which] for path, signal in batch.log.items()}
-    return Rows(to_seconds(batch.ticks), log, tuple(scenario.targets), angles)
+    return Rows(to_seconds(batch.ticks), batch.log, tuple(scenario.targets), angles)
 
 
-def compute_metrics(ready: PreparedCampaign, batch: LoggedRuns | Batch) -> dict[str, Any]:
-    """Metrics, success and lost of some runs, each (n,)."""
-    n = len(next(iter(batch.final.values())))
-    found: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
+def compute_metrics(ready: PreparedCampaign, rows: Rows, final: Mapping[str, Any]) -> dict[str, Any]:
+    """Metrics, success and lost of some runs, each (n,). final: last values of the truth by path, (n, …)."""
+    n = len(next(iter(final.values())))
+    metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     for first in range(0, n, TOGETHER):
-        some = slice(first, min(first + TOGETHER, n))
-        rows = batch_rows(ready.scenario, batch, some)
+        part = slice(first, min(first + TOGETHER, n))
+        some = dataclasses.replace(rows, signals={path: signal[part] for path, signal in rows.signals.items()})
         with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
             for metric in ready.metrics:
-                found[metric.name][some] = _metric_column(metric, rows, some.stop - first)
-    ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in batch.final.values()])
+                metrics[metric.name][part] = _metric_column(metric, some, part.stop - first)
+    ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in final.values()])
     lost = ~np.isfinite(ends).all(axis=0)
     success = ~lost
     for condition in ready.success:
-        success &= condition.holds(found[condition.metric])
-    return {**found, "success": success, "lost": lost}
+        success &= condition.holds(metrics[condition.metric])
+    return {**metrics, "success": success, "lost": lost}
 
 
 def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
     """The same of the log of one run."""
-    columns = [Column(path, (), "float64", declared) for path, declared in log.declarations.items()]
-    one = {path: signal[None] for path, signal in log.signals.items()}
-    final = {path: np.asarray(value)[None] for path, value in log.final.items()}
-    return compute_metrics(ready, LoggedRuns(log.ticks, one, final, columns))
+    angles = frozenset(path for path, declared in log.declarations.items() if declared.kind == "angle")
+    signals = {path: signal[None] for path, signal in log.signals.items()}
+    rows = Rows(to_seconds(log.ticks), signals, tuple(ready.scenario.targets), angles)
+    return compute_metrics(ready, rows, {path: np.asarray(value)[None] for path, value in log.final.items()})
 
 
 def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
     column = np.asarray(metric.of(rows), np.float64)
     if column.shape != (n,):
-        raise InputError(
-            f"--metric {metric.name}", f"gave shape {column.shape}, wanted is {(n,)}", fix="one number a run"
-        )
+        problem = f"gave shape {column.shape}, wanted is {(n,)}"
+        raise InputError(f"--metric {metric.name}", problem, fix="one number a run")
     return column
 
 
-def fly_block(
-    ready: PreparedCampaign,
-    first: int,
-    last: int,
-    *,
-    backend: str = "auto",
-    threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Any]:
-    """Rows first … last - 1: by name what differs, then each metric, `success` and `lost`, each (n,)."""
-    of, values = draw_runs(ready, first, last)
-    flags = {"backend": backend, "threads": threads, "progress": progress}
-    return {**values, **_fly_values(ready, values, of.words, flags)}
+def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) -> dict[str, Any]:
+    """Rows first … last - 1: by name what differs, then each metric, `success` and `lost`, each (n,).
+
+    options: backend, threads and progress, as of `simulate_batch`.
+    """
+    drawn, values = draw_runs(ready, first, last)
+    return {**values, **_fly_values(ready, values, drawn.words, options)}
 
 
 def fly_points(
-    ready: PreparedCampaign,
-    u: Any,
-    words: Any,
-    *,
-    backend: str = "auto",
-    threads: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    ready: PreparedCampaign, u: Any, words: Any, *, progress: Callable[[int], None] | None = None, **options: Any
 ) -> dict[str, Any]:
     """Metrics, `success` and `lost` at points u (n, d) of the spread, with the random numbers that words (n,) name.
 
-    progress: is given how many more were flown, from time to time.
+    progress: is given how many more were flown, from time to time.  options: backend, threads, as of `simulate_batch`.
     """
-    found: list[dict[str, Any]] = []
+    parts: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
         part = slice(first, first + max(ready.block, 1))
         values = spread_values(ready.spread, ready.scenario, u[part])
-        found.append(_fly_values(ready, values, words[part], {"backend": backend, "threads": threads}))
+        parts.append(_fly_values(ready, values, words[part], options))
         if progress is not None:
             progress(len(words[part]))
-    return {name: np.concatenate([f[name] for f in found]) for name in found[0]}
+    return {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
 
 
 def _fly_values(
-    ready: PreparedCampaign, values: Mapping[str, Any], words: Any, flags: dict[str, Any]
+    ready: PreparedCampaign, values: Mapping[str, Any], words: Any, options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What metrics say of runs with these values, by what was written, each (n,)."""
     arrays = spread_arrays(ready.spread, ready.scenario, values)
-    kept: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
-    kept |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
+    columns: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
+    columns |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
     for picks, chosen in _group_by_program(values, list(program_options(ready)), len(words)):
         batch = simulate_batch(
             scenario_variant(ready, picks),
@@ -148,20 +121,20 @@ def _fly_values(
             signals=ready.logged_signals,
             log_period=ready.plan.log_period,
             log=True,
-            **flags,
+            **options,
         )
-        for name, column in compute_metrics(ready, batch).items():
-            kept[name][chosen] = column
-    return kept
+        for name, column in compute_metrics(ready, batch_rows(ready.scenario, batch), batch.final).items():
+            columns[name][chosen] = column
+    return columns
 
 
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
     """Whether C flies the runs: where it is asked for, or a compiler is here and the loop can be written in C."""
 
     def lower() -> WalkProgram:
-        found = search_compiler("c")
-        if found.compiler is None:
-            raise NoCompilerError("compiler", found.problem, fix=found.fix)
+        search = search_compiler("c")
+        if search.compiler is None:
+            raise NoCompilerError("compiler", search.problem, fix=search.fix)
         _, table, _ = prepare_run(ready.scenario, [], None, ready.plan.log_period)
         return lower_structure(walk_structure(run_inputs(ready.scenario), table.always, ready.logged_signals))
 
@@ -172,9 +145,9 @@ def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> 
     """Runs of one program: what was picked for each option, and their places in the block."""
     if not options:
         return [({}, np.arange(n))]
-    found = []
+    groups = []
     for picks in itertools.product(*(np.unique(values[o]) for o in options)):
         inside = np.all([values[o] == p for o, p in zip(options, picks, strict=True)], axis=0)
         if inside.any():
-            found.append(({o: int(p) for o, p in zip(options, picks, strict=True)}, np.flatnonzero(inside)))
-    return found
+            groups.append(({o: int(p) for o, p in zip(options, picks, strict=True)}, np.flatnonzero(inside)))
+    return groups

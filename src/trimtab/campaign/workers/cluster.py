@@ -3,13 +3,8 @@
 A worker is sent the name of a function of trimtab and plain data, the plan and two numbers; it builds the scenario
 itself, and says so where its rows would not be bit-equal to those of the campaign's own machine.
 
-Source: docs page, A campaign on several machines.
-
-Where the scheduler of a cluster is, with which certificates it is spoken to, and whether it can be.
-
-Source: Rescorla, "The transport layer security (TLS) protocol version 1.3", RFC 8446.
-
-What a worker on another machine does: rows of a plan, bit-equal to those of the machine that asks, or an error.
+Source: docs page, A campaign on several machines; Rescorla, "The transport layer security (TLS) protocol version 1.3",
+RFC 8446.
 """
 
 import contextlib
@@ -17,6 +12,7 @@ import functools
 import hashlib
 import importlib.util
 import ipaddress
+import itertools
 import json
 import logging
 import re
@@ -24,7 +20,7 @@ import socket
 import ssl
 import threading
 import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,6 +30,14 @@ from trimtab.campaign.workers.prepare import PreparedCampaign, identity, plan_fr
 from trimtab.core.errors import InputError
 from trimtab.run.program import thread_count
 
+CONNECT_TIMEOUT = 10.0
+"""Seconds in which a scheduler answers a call."""
+REPLY_TIMEOUT = 15.0
+"""Seconds after which a scheduler that says nothing is asked, and in which it has to answer."""
+WORKER_TIMEOUT = 60.0
+"""Seconds that a campaign waits for a first worker, or for another when all are gone."""
+RESUME_HINT = "start the same command again: it goes on from there"
+ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 _one_prepares = threading.Lock()
 
 
@@ -60,54 +64,41 @@ def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str
     return ready, machine_identity(ready, can)
 
 
-def fly_rows(plain: Mapping[str, Any], told: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
-    """Rows first … last - 1, by name (n,).
+def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
+    """Rows first … last - 1, by name (n,), as a worker flies them.
 
     Args:
         plain: of the plan.
-        told: what the asking machine says of itself, `machine_identity`.
+        asker: what the asking machine says of itself, `machine_identity`.
         first, last: which rows.
 
     Raises: InputError where this machine's rows would be others.
     """
+    address, threads = _this_worker()
     try:
         with _one_prepares:
-            ready, here = _prepare_cached(json.dumps(plain, sort_keys=True), told["backend"])
+            ready, here = _prepare_cached(json.dumps(plain, sort_keys=True), asker["backend"])
     except InputError as error:
-        part = f"worker {_worker_address()}: {error.part}"
+        part = f"worker {address}: {error.part}"
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
-    apart = [name for name in told if here.get(name) != told[name]]
+    apart = [name for name in asker if here.get(name) != asker[name]]
     if apart:
-        shown = "; ".join(f"{name}: {here.get(name)} there, {told[name]} here" for name in apart)
+        shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
         same = "have the same trimtab, packages and files there, and start the worker anew"
         fix = "install a C compiler there" if apart == ["backend"] else same
-        raise InputError(f"worker {_worker_address()}", f"would not give the same rows: {shown}", fix=fix)
-    return fly_block(ready, first, last, backend=told["backend"], threads=_worker_threads())
+        raise InputError(f"worker {address}", f"would not give the same rows: {shown}", fix=fix)
+    return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
 
-def _worker_address() -> str:
-    """The worker's address, as the scheduler knows it."""
+def _this_worker() -> tuple[str, int]:
+    """Its address, as the scheduler knows it, and its share of the machine's threads: it may fly several blocks."""
     from distributed import get_worker
 
     try:
-        return str(get_worker().address)
+        worker = get_worker()
     except ValueError:
-        return "here"
-
-
-def _worker_threads() -> int:
-    """This worker's share of the machine: it may fly several blocks at once."""
-    from distributed import get_worker
-
-    try:
-        return max(1, thread_count(None) // get_worker().state.nthreads)
-    except ValueError:
-        return thread_count(None)
-
-
-CONNECT_TIMEOUT = 10.0
-"""Seconds in which a scheduler answers a call."""
-ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
+        return "here", thread_count(None)
+    return str(worker.address), max(1, thread_count(None) // worker.state.nthreads)
 
 
 class SchedulerAddress(NamedTuple):
@@ -121,26 +112,24 @@ class SchedulerAddress(NamedTuple):
 
 def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
     """Refuse what is no address, and plain TCP between machines."""
-    found = ADDRESS_PATTERN.fullmatch(uri.strip())
-    if not found or found[1] not in ("tls", "tcp") or not 0 < int(found[3]) < 2**16:
+    match = ADDRESS_PATTERN.fullmatch(uri.strip())
+    if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
         raise InputError("--cluster", f"{uri!r} is not tls://HOST:PORT", fix="--cluster tls://10.0.0.1:8786")
-    host, port = found[2].strip("[]"), int(found[3])
-    flags = "--tls-ca ca.pem --tls-cert me.pem --tls-key me.key"
-    if found[1] == "tcp":
+    host, port = match[2].strip("[]"), int(match[3])
+    tls, flags = f"tls://{match[2]}:{port}", "--tls-ca ca.pem --tls-cert me.pem --tls-key me.key"
+    if match[1] == "tcp":
         if not _is_loopback(host):
             problem = f"{uri}: without TLS anyone who reaches the port runs programs on every machine of the cluster"
-            raise InputError("--cluster", problem, fix=f"--cluster tls://{found[2]}:{port} {flags}")
+            raise InputError("--cluster", problem, fix=f"--cluster {tls} {flags}")
         if any(files.values()):
-            raise InputError("--cluster", f"{uri} uses no certificates", fix=f"--cluster tls://{found[2]}:{port}")
+            raise InputError("--cluster", f"{uri} uses no certificates", fix=f"--cluster {tls}")
         return SchedulerAddress(uri, host, port, None)
     for flag, name in files.items():
         if not name:
-            raise InputError(flag, "tls:// needs an authority, a certificate and its key", fix=f"{flags}")
+            raise InputError(flag, "tls:// needs an authority, a certificate and its key", fix=flags)
         if not Path(name).is_file():
             raise InputError(flag, f"there is no file {name!r}", fix=f"{flag} with a PEM file")
-    place = SchedulerAddress(
-        f"tls://{found[2]}:{port}", host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"])
-    )
+    place = SchedulerAddress(tls, host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"]))
     _tls_context(place)
     return place
 
@@ -188,13 +177,6 @@ def check_scheduler(place: SchedulerAddress) -> None:
         raise InputError(part, problem, fix=fix) from None
 
 
-REPLY_TIMEOUT = 15.0
-"""Seconds after which a scheduler that says nothing is asked, and in which it has to answer."""
-WORKER_TIMEOUT = 60.0
-"""Seconds that a campaign waits for a first worker, or for another when all are gone."""
-RESUME_HINT = "start the same command again: it goes on from there"
-
-
 def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
     """Workers of a cluster, to be given to `Campaign.run`.
 
@@ -235,9 +217,8 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
         try:
             client = Client(place.uri, security=security, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, TimeoutError) as error:
-            raise InputError(
-                f"--cluster {place.uri}", f"no scheduler answers: {error}", fix="dask scheduler …"
-            ) from None
+            problem = f"no scheduler answers: {error}"
+            raise InputError(f"--cluster {place.uri}", problem, fix="dask scheduler …") from None
         try:
             yield client
         finally:
@@ -276,11 +257,11 @@ class _ClusterWatch:
         if now - self._asked < (REPLY_TIMEOUT if self.threads else 1.0):
             return
         try:
-            found = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
+            cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
         except Exception as error:  # whatever a line that breaks gives
             problem = f"the scheduler does not answer ({type(error).__name__})"
             raise WorkersLost(self._part, problem, f"look after it, then {RESUME_HINT}") from None
-        self._asked, self.threads = time.monotonic(), sum(found.values())
+        self._asked, self.threads = time.monotonic(), sum(cores.values())
         if self.threads:
             self._seen = self._asked
         elif self._asked - self._seen > WORKER_TIMEOUT:
@@ -292,14 +273,14 @@ def _fly_blocks(
     client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
 ) -> BlockResults:
     """The blocks as they land; two for each thread are under way at once."""
-    told, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
+    asker, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
     flying: dict[Any, tuple[int, int]] = {}
     watch, landed = _ClusterWatch(client, place), threading.Event()
     try:
         while True:
             watch.check_workers()
-            for first, last in _take_blocks(waiting, max(2, 2 * watch.threads) - len(flying)):
-                future = client.submit(fly_rows, plain, told, first, last, pure=False)
+            for first, last in itertools.islice(waiting, max(2, 2 * watch.threads, len(flying)) - len(flying)):
+                future = client.submit(fly_rows, plain, asker, first, last, pure=False)
                 future.add_done_callback(lambda _: landed.set())
                 flying[future] = first, last
             if not flying:
@@ -317,14 +298,6 @@ def _fly_blocks(
         flying.clear()  # the scheduler forgets what nobody waits for
 
 
-def _take_blocks(waiting: Iterator[tuple[int, int]], count: int) -> Generator[tuple[int, int], None, None]:
-    for _ in range(count):
-        block = next(waiting, None)
-        if block is None:
-            return
-        yield block
-
-
 def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
     """Columns of a block; None where they got lost on the way, and are flown again."""
     from distributed import KilledWorker
@@ -338,14 +311,12 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
         return None
     except KilledWorker as error:
         problem = f"{runs} ended one worker after the other, the last {error.last_worker}"
-        raise WorkersLost(
-            "--cluster", problem, f"look into that worker's log, for memory say, then {RESUME_HINT}"
-        ) from None
+        fix = f"look into that worker's log, for memory say, then {RESUME_HINT}"
+        raise WorkersLost("--cluster", problem, fix) from None
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
         watch.check_workers()
         problem = f"{runs} did not come back: {type(error).__name__}: {error}"
-        raise WorkersLost(
-            "--cluster", problem, f"look into the scheduler's and the worker's logs, then {RESUME_HINT}"
-        ) from None
+        fix = f"look into the scheduler's and the worker's logs, then {RESUME_HINT}"
+        raise WorkersLost("--cluster", problem, fix) from None

@@ -1,6 +1,6 @@
-"""A plan, ready to fly: checked against its scenario, and what each run of it is.
+"""The plan of a campaign, checked against its scenario, and what each run of it is.
 
-What decides every row of a campaign: plain data, so that a later session or another machine makes the same rows.
+A plan is plain data and decides every row, so that a later session or another machine makes the same rows.
 """
 
 import hashlib
@@ -24,9 +24,16 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
-from trimtab.run.program import describe_scenario
+from trimtab.run.program import check_seed, describe_scenario
 from trimtab.run.walk_program import signal_structure
 from trimtab.scenarios.build import build
+
+MEMORY = 48 * 2**20
+"""Bytes of logged rows that a block holds at once, about."""
+FEWEST, MOST = 64, 2048
+"""Runs of a block."""
+VARIANTS = 64
+"""Programs that choices of options may ask for."""
 
 
 class CampaignPlan(NamedTuple):
@@ -54,16 +61,38 @@ class CampaignPlan(NamedTuple):
         return json.loads(json.dumps(self._asdict() | {"spread": [[p, d._asdict()] for p, d in self.spread]}))
 
 
+def plan_campaign(
+    part: str,
+    scenario: str | Scenario,
+    settings: Mapping[str, str] | None,
+    without: Iterable[str],
+    faults: Iterable[str],
+    seed: int,
+    **rest: Any,
+) -> CampaignPlan:
+    """The plan of a scenario, which is named or given itself; then settings, without and faults have no place.
+
+    part: what a refusal names.  rest: fields of the plan.
+    """
+    check_seed(seed)
+    changes = tuple(sorted((settings or {}).items())), tuple(without), tuple(faults)
+    if isinstance(scenario, str):
+        return CampaignPlan(scenario, *changes, seed=seed, **rest)
+    if any(changes):
+        raise InputError(part, "settings are for a scenario that is named", fix="change the scenario itself")
+    return CampaignPlan(scenario.name, seed=seed, **rest)
+
+
 def plan_from_dict(plain: Mapping[str, Any]) -> CampaignPlan:
-    """The plan of what `CampaignPlan.plain` gave."""
-    made: dict[str, Any] = {k: _as_tuples(v) for k, v in plain.items() if k != "spread"}
-    spread = tuple((path, _distribution_from_list(d)) for path, d in plain["spread"])
-    return CampaignPlan(**made, spread=spread)
+    """The plan of what `CampaignPlan.as_dict` gave."""
+    fields = {name: _as_tuples(value) for name, value in plain.items()}
+    fields["spread"] = tuple((path, _distribution_from_dict(d)) for path, d in plain["spread"])
+    return CampaignPlan(**fields)
 
 
-def _distribution_from_list(plain: Mapping[str, Any]) -> Distribution:
-    amounts = tuple(Amount(*a) for a in plain["amounts"])
-    return Distribution(plain["text"], plain["kind"], amounts, tuple(plain["choices"]), tuple(plain["column"]))
+def _distribution_from_dict(plain: Mapping[str, Any]) -> Distribution:
+    distribution = Distribution(**{name: _as_tuples(value) for name, value in plain.items()})
+    return distribution._replace(amounts=tuple(Amount(*a) for a in plain["amounts"]))
 
 
 def _as_tuples(value: Any) -> Any:
@@ -77,8 +106,8 @@ def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, 
         del of_plan["runs"]
     about = describe_scenario(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
-    made = {"campaign": _digest(of_plan), "scenario": _digest(of_scenario), "files": _digest(_file_digests(plan))}
-    return {**made, "backend": backend, **provenance()}
+    digests = {"campaign": of_plan, "scenario": of_scenario, "files": _file_digests(plan)}
+    return {**{name: _digest(plain) for name, plain in digests.items()}, "backend": backend, **provenance()}
 
 
 def _file_digests(plan: CampaignPlan) -> dict[str, str]:
@@ -90,13 +119,6 @@ def _file_digests(plan: CampaignPlan) -> dict[str, str]:
 
 def _digest(plain: Any) -> str:
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
-
-
-MEMORY = 48 * 2**20
-"""Bytes of logged rows that a block holds at once, about."""
-FEWEST, MOST = 64, 2048
-VARIANTS = 64
-"""Programs that choices of options may ask for."""
 
 
 class PreparedCampaign(NamedTuple):
@@ -127,23 +149,20 @@ def prepare_campaign(
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
     scenario.check()
     shapes, units = signal_shapes(scenario)
-    targets = tuple(scenario.targets)
-    texts = plan.metrics or (() if tuple(own) else default_metrics(targets))
-    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + tuple(own)
+    targets, own = tuple(scenario.targets), tuple(own)
+    texts = plan.metrics or (() if own else default_metrics(targets))
+    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + own
     conditions = tuple(parse_condition(text) for text in plan.success)
+    conditions = conditions or tuple(Condition(f"settling:{short_name(t.path)}", "<", np.inf) for t in targets)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
-    if not conditions:
-        settled = [f"settling:{short_name(t.path)}" for t in targets]
-        needed = [name for name in settled if name not in [m.name for m in metrics]]
-        conditions = tuple(Condition(name, "<", np.inf) for name in settled)
     metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
     spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
-    wanted = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
-    ready = PreparedCampaign(plan, scenario, spread, metrics, conditions, wanted, 0)
+    signals = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
+    ready = PreparedCampaign(plan, scenario, spread, metrics, conditions, signals, 0)
     _check_values(ready)
-    width = sum(int(np.prod(s)) for p, s in shapes.items() if any(p == w or p.startswith(w + ".") for w in wanted))
+    width = sum(int(np.prod(s)) for p, s in shapes.items() if any(p == w or p.startswith(w + ".") for w in signals))
     rows = max(scenario.duration // plan.log_period, 1)
     block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
     return ready._replace(block=block)
@@ -151,16 +170,15 @@ def prepare_campaign(
 
 def signal_shapes(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
     """Shape and unit of each signal by path; nothing flies."""
-    seen = signal_structure(run_inputs(scenario))
-    found = list(logged_signals(seen))
-    return {path: tuple(np.shape(value)) for path, value, _ in found}, {path: d.unit for path, _, d in found}
+    signals = list(logged_signals(signal_structure(run_inputs(scenario))))
+    return {path: tuple(np.shape(value)) for path, value, _ in signals}, {path: d.unit for path, _, d in signals}
 
 
 def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
     """Points of the runs first … last - 1, and what each has where it differs."""
     names = tuple(f.text for f in ready.spread.factors)
-    of = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
-    return of, spread_values(ready.spread, ready.scenario, of.u)
+    drawn = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
+    return drawn, spread_values(ready.spread, ready.scenario, drawn.u)
 
 
 def _check_values(ready: PreparedCampaign) -> None:
@@ -171,15 +189,14 @@ def _check_values(ready: PreparedCampaign) -> None:
         for text, column in values.items():
             for at in (int(np.argmin(column)), int(np.argmax(column))):
                 extremes.setdefault(text, []).append((float(column[at]), first + at))
-    ends = {run for found in extremes.values() for run in (min(found)[1], max(found)[1])}
+    ends = {run for values in extremes.values() for run in (min(values)[1], max(values)[1])}
     for run in sorted(ends):
         try:
             scenario_of(ready, run).check()
         except InputError as error:
             problem = f"run {run} of the campaign can't be flown: {error.problem}"
-            fix = "narrow the spread, e.g. --spread 'PATH=truncated(MEAN, STD, LOW, HIGH)'" + (
-                f"; or {error.fix}" if error.fix else ""
-            )
+            fix = "narrow the spread, e.g. --spread 'PATH=truncated(MEAN, STD, LOW, HIGH)'"
+            fix += f"; or {error.fix}" if error.fix else ""
             raise InputError(f"--spread {error.part}", problem, choices=error.choices, fix=fix) from None
     options = program_options(ready).values()
     count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
@@ -190,14 +207,9 @@ def _check_values(ready: PreparedCampaign) -> None:
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
     """Path -> value of each parameter at the point u (d,) of the spread, to the bit as it flies there; no options."""
-    declared = {path: d for path, _, d in leaves(ready.scenario)}
+    dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
-    return {path: _cast_value(array[0], declared[path]) for path, array in arrays.items()}
-
-
-def _cast_value(value: Any, declared: Quantity | Option) -> Any:
-    dtype = declared.dtype() if isinstance(declared, Quantity) else np.float64
-    return np.asarray(value).astype(dtype)[()]
+    return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
 
 
 def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
@@ -226,21 +238,18 @@ def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scena
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
 
-def refuse_options(ready: PreparedCampaign, part: str) -> None:
+def refuse_options(ready: PreparedCampaign) -> None:
     """Refuse a spread of what shapes the program: a search moves numbers."""
     for text, factor in program_options(ready).items():
         problem = f"{factor.path} shapes the program, and a search moves numbers"
         fix = f"one search each, e.g. --set '{factor.path}={factor.distribution.choices[0]}'"
-        raise InputError(f"{part} {text}", problem, fix=fix)
+        raise InputError(f"--spread {text}", problem, fix=fix)
 
 
-def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
+def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
     """Refuse bounds beyond what a part can be flown with: each parameter at its ends, and all at once.
 
-    Args:
-        ready: the campaign.
-        ends: (2, d), the least and the largest point.
-        part: what the refusal names.
+    ends: (2, d), the least and the largest point.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
     corners = [(ends[side], "all at one end") for side in (0, 1)]
@@ -254,4 +263,4 @@ def check_bounds(ready: PreparedCampaign, ends: Any, part: str) -> None:
             scenario_at(ready, point).check()
         except InputError as error:
             problem = f"can't be flown at its end: {error.part}: {error.problem}"
-            raise InputError(f"{part} {name}", problem, choices=error.choices, fix="narrower bounds") from None
+            raise InputError(f"--spread {name}", problem, choices=error.choices, fix="narrower bounds") from None
