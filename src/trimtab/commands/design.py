@@ -14,7 +14,7 @@ from trimtab.commands.output import check_folder, console, new_table, print_file
 from trimtab.core.errors import InputError, closest
 from trimtab.design.certificate import SCOPE, Certificate, certificate_json, read_certificate
 from trimtab.design.certificate_check import CertificateProof, ProofCondition, prove_certificate
-from trimtab.design.lqr import format_pole
+from trimtab.design.poles import format_pole
 from trimtab.logs.mcap import replace_file
 
 SAME = 1e-6

@@ -23,7 +23,8 @@ import numpy as np
 from trimtab import __version__
 from trimtab.core.errors import InputError
 from trimtab.design import composite
-from trimtab.design.lqr import KalmanBucy, sorted_poles
+from trimtab.design.lqr import KalmanBucy
+from trimtab.design.poles import sorted_poles
 
 FORMAT = "trimtab certificate 1"
 ABOVE = 1.01

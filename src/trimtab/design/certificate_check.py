@@ -17,8 +17,8 @@ from scipy.linalg import eigh
 from trimtab.core.errors import InputError
 from trimtab.design import composite, exact
 from trimtab.design.certificate import Certificate, ObserverPart, certificate_digest
-from trimtab.design.lqr import format_pole, sorted_poles
 from trimtab.design.observability import constant_rank
+from trimtab.design.poles import format_pole, sorted_poles
 
 CLOSE = 1e-9
 """How far identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1) may be off, in parts of their largest term,

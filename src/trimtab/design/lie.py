@@ -51,14 +51,10 @@ class RelativeDegree(NamedTuple):
 
 def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
     """L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
-    made = h
-    for _ in range(order):
-        made = _derivative_along(made, field)
-    return made
-
-
-def _derivative_along(h: Field, field: Field) -> Field:
-    return lambda x: jax.jvp(h, (x,), (field(x),))[1]
+    if order == 0:
+        return h
+    lower = lie_derivative(h, field, order - 1)
+    return lambda x: jax.jvp(lower, (x,), (field(x),))[1]
 
 
 def affine_fields(model: StateSpaceModel, u: Any = None) -> tuple[Field, tuple[Field, ...]]:
@@ -79,16 +75,11 @@ def curved_inputs(
     """Inputs in which the model is not affine around a point -> states whose derivatives curve with them."""
     points = sample_neighbourhood(model, x, u, radius, samples)
     slope = jax.jacfwd(model.f, argnums=1)
-    first, second = (
-        np.abs(np.asarray(d))
-        for d in jax.jit(jax.vmap(lambda a, b: (slope(a, b), jax.jacfwd(slope, 1)(a, b))))(*points)
-    )
+    both = jax.jit(jax.vmap(lambda a, b: (slope(a, b), jax.jacfwd(slope, 1)(a, b))))
+    first, second = (np.abs(np.asarray(d)) for d in both(*points))
     bent = second.max(axis=(0, 2)) > ROUNDING * first.max(axis=0)
-    return {
-        n: tuple(s for s, c in zip(model.states, bent[:, j], strict=True) if c)
-        for j, n in enumerate(model.inputs)
-        if bent[:, j].any()
-    }
+    curved = {n: tuple(np.array(model.states)[bent[:, j]].tolist()) for j, n in enumerate(model.inputs)}
+    return {n: states for n, states in curved.items() if states}
 
 
 def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) -> StateSpaceModel:
@@ -114,9 +105,8 @@ def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) 
     x0 = np.concatenate([model.x0, np.asarray(model.u0)[picked], np.zeros(k * (order - 1))])
     u0 = np.array(model.u0, float)
     u0[picked] = 0.0
-    return StateSpaceModel(
-        f, lambda z, w: model.h(*apart(z, w)), (*model.states, *chain), inputs, model.outputs, x0, u0
-    )
+    states = (*model.states, *chain)
+    return StateSpaceModel(f, lambda z, w: model.h(*apart(z, w)), states, inputs, model.outputs, x0, u0)
 
 
 def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Function:
@@ -131,18 +121,17 @@ def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Funct
 def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:
     """The point and samples around it: states (samples + 1, n) and inputs (samples + 1, m)."""
     x0, u0 = model.point(x, u)
-    size = np.concatenate([x0, u0])
-    size = 0.1 * np.maximum(1.0, np.abs(size))
+    point = np.concatenate([x0, u0])
+    size = 0.1 * np.maximum(1.0, np.abs(point))
     if isinstance(radius, Mapping):
-        given: Mapping[str, float] = radius
-        size[find_indices("radius", given, (*model.states, *model.inputs))] = list(given.values())
+        size[find_indices("radius", radius, (*model.states, *model.inputs))] = list(radius.values())
     elif radius is not None:
         size = size * 10 * float(radius)
     if not (np.isfinite(size) & (size > 0)).all():
         raise InputError("radius", f"{size}", fix="give finite radii above 0")
     draws = np.random.default_rng(0).uniform(-1, 1, (samples + 1, len(size))) * size
     draws[0] = 0.0
-    points = np.concatenate([x0, u0]) + draws
+    points = point + draws
     return jnp.asarray(points[:, : len(x0)]), jnp.asarray(points[:, len(x0) :])
 
 
@@ -202,12 +191,12 @@ def _require_finite(rows: Any) -> Any:
 
 def equilibrate(matrix: Any) -> Any:
     """The matrix with rows and columns scaled to size 1, alternately; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
-    made = np.array(matrix, float)
+    scaled = np.array(matrix, float)
     for _ in range(20):
         for axis in (1, 0):
-            size = np.linalg.norm(made, axis=axis, keepdims=True)
-            made = made / np.where(size > 0, size, 1.0)
-    return made
+            size = np.linalg.norm(scaled, axis=axis, keepdims=True)
+            scaled = scaled / np.where(size > 0, size, 1.0)
+    return scaled
 
 
 def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows: Any) -> RelativeDegree:
@@ -228,16 +217,8 @@ def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows:
         why += _explain_singularity(model, rows, bool(why))
     total = sum(r for r in degrees.values() if r is not None)
     determinant = float(np.linalg.det(matrix)) if p == m else float("nan")
-    return RelativeDegree(
-        degrees,
-        matrix,
-        condition,
-        determinant,
-        dict(zip(names, margin.tolist(), strict=True)),
-        total,
-        not why,
-        tuple(why),
-    )
+    margins = dict(zip(names, margin.tolist(), strict=True))
+    return RelativeDegree(degrees, matrix, condition, determinant, margins, total, not why, tuple(why))
 
 
 def _explain_singularity(model: StateSpaceModel, rows: Any, explained: bool) -> list[str]:

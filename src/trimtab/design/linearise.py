@@ -2,9 +2,7 @@
 
 Offline code: LAPACK.
 
-Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.7;
-[2] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective modal analysis", IEEE Trans. PAS 101 (1982), for the
-participation factors.
+Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Simulation", Wiley 2015, section 3.7.
 """
 
 from collections.abc import Iterable
@@ -13,11 +11,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS
-from trimtab.design.model import StateSpaceModel, find_indices
+from trimtab.design.model import Function, StateSpaceModel, find_indices
+from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
 """Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""
@@ -61,26 +59,25 @@ class LinearModel(NamedTuple):
 
     def poles(self) -> Any:
         """Eigenvalues of A (n,), by falling real part."""
-        return _sort_by_real_part(np.linalg.eigvals(balance_matrix(self.A)))
+        return sorted_poles(balance_matrix(self.A))
 
     def modes(self, *, least: float = 0.02) -> tuple[Eigenmode, ...]:
         """Poles with their states, by falling real part; states with a participation below `least` are left out."""
         scaled = balance_matrix(self.A)
         size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
-        poles = _sort_by_real_part(np.linalg.eigvals(scaled))
-        made: list[Eigenmode] = []
-        for found in poles:
-            pole = complex(_drop_rounding(found.real, size), _drop_rounding(found.imag, size))
+        modes: list[Eigenmode] = []
+        for exact in sorted_poles(scaled):
+            pole = complex(_drop_rounding(exact.real, size), _drop_rounding(exact.imag, size))
             if pole.imag < 0:
                 continue
-            share = participation(scaled, found, TOGETHER * size)
+            share = participation(scaled, exact, TOGETHER * size)
             pairs = sorted(zip(self.states, share.tolist(), strict=True), key=lambda pair: -pair[1])
             states = tuple((n, s) for n, s in pairs if s >= least)
             frequency = abs(pole)
             damping = -pole.real / frequency if frequency else float("nan")
             slow = 1 / abs(pole.real) if pole.real else float("inf")
-            made.append(Eigenmode(pole, frequency, damping, slow, states))
-        return tuple(made)
+            modes.append(Eigenmode(pole, frequency, damping, slow, states))
+        return tuple(modes)
 
     def table(self) -> str:
         """The modes as text, one a line."""
@@ -98,27 +95,19 @@ class LinearModel(NamedTuple):
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
         """The rows and columns of the named states, inputs and outputs, in that order; the others are held at zero."""
-        picked = (
-            find_indices("linear.states", self.states if states is None else states, self.states),
-            find_indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs),
-            find_indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs),
-        )
-        i, j, k = picked
-        labels = (
-            tuple(known[q] for q in p)
-            for known, p in zip((self.states, self.inputs, self.outputs), picked, strict=True)
-        )
+        i = find_indices("linear.states", self.states if states is None else states, self.states)
+        j = find_indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs)
+        k = find_indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs)
+        pairs = ((self.states, i), (self.inputs, j), (self.outputs, k))
+        labels = (tuple(names[q] for q in places) for names, places in pairs)
         A, B, C, D = self.A[np.ix_(i, i)], self.B[np.ix_(i, j)], self.C[np.ix_(k, i)], self.D[np.ix_(k, j)]
         return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
 
     def rescale(self, states: Any, inputs: Any = None, outputs: Any = None) -> "LinearModel":
         """The same in units of the given sizes of states (n,), inputs (m,) and outputs (p,); ones where not given."""
         sizes = []
-        for what, value, known in (
-            ("states", states, self.states),
-            ("inputs", inputs, self.inputs),
-            ("outputs", outputs, self.outputs),
-        ):
+        names = (self.states, self.inputs, self.outputs)
+        for what, value, known in zip(("states", "inputs", "outputs"), (states, inputs, outputs), names, strict=True):
             s = np.ones(len(known)) if value is None else np.asarray(value, float)
             if s.shape != (len(known),) or not (np.isfinite(s) & (s > 0)).all():
                 raise InputError(f"linear.scaled.{what}", f"{s}", fix=f"give {len(known)} finite sizes above 0")
@@ -126,7 +115,6 @@ class LinearModel(NamedTuple):
         a, b, c = sizes
         A, B = self.A * a / a[:, None], self.B * b / a[:, None]
         C, D = self.C * a / c[:, None], self.D * b / c[:, None]
-        names = (self.states, self.inputs, self.outputs)
         return LinearModel(A, B, C, D, self.x0 / a, self.u0 / b, self.y0 / c, self.drift / a, *names)
 
 
@@ -144,12 +132,12 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
     """
     x0, u0 = model.point(x, u)
     a, b = jnp.asarray(x0), jnp.asarray(u0)
-    A, B = (
-        np.asarray(d) for d in jax.jit(jax.jacfwd(model.f, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)(a, b)
-    )
-    C, D = (
-        np.asarray(d) for d in jax.jit(jax.jacfwd(model.h, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)(a, b)
-    )
+
+    def derivatives(function: Function) -> tuple[Any, ...]:
+        slopes = jax.jit(jax.jacfwd(function, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)
+        return tuple(np.asarray(d) for d in slopes(a, b))
+
+    (A, B), (C, D) = derivatives(model.f), derivatives(model.h)
     drift, y0 = np.asarray(model.f(a, b)), np.asarray(model.h(a, b))
     for what, value, rows in (
         ("x'", np.column_stack([drift, A, B]), model.states),
@@ -164,26 +152,3 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
 
 def _drop_rounding(value: float, size: float) -> float:
     return 0.0 if abs(value) <= ROUNDING * size else float(value)
-
-
-def balance_matrix(A: Any) -> Any:
-    """A similar to A by a diagonal of powers of two, rows and columns of like size."""
-    made: Any = matrix_balance(A, permute=False)
-    return made[0]
-
-
-def _sort_by_real_part(poles: Any) -> Any:
-    return poles[np.lexsort((-poles.imag, -poles.real))]
-
-
-def participation(A: Any, pole: complex, distance: float) -> Any:
-    """Diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
-
-    For a single pole these are the products of its left and right eigenvector; poles that coincide, where eigenvectors
-    fail, are taken together.
-    """
-    found: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
-    T, Q, k = found
-    R = solve_sylvester(T[:k, :k], -T[k:, k:], T[:k, k:]) if 0 < k < len(A) else np.zeros((k, len(A) - k))
-    share = np.abs(np.einsum("ni,ij,nj->n", Q[:, :k], np.hstack([np.eye(k), R]), Q.conj()))
-    return share / share.sum()

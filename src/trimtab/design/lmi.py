@@ -32,7 +32,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.sparse import csc_matrix
 
 from trimtab.core.errors import InputError
-from trimtab.design.lqr import check_matrices, format_pole, sorted_poles, state_sizes, uncontrollable_poles
+from trimtab.design.lqr import check_matrices, state_sizes
+from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 MatrixBlock = Callable[[Any], Any]
 """Variables (k,) -> symmetric matrix that must be positive semidefinite, affine."""

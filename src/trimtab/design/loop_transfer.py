@@ -16,9 +16,9 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
-from trimtab.design.linearise import balance_matrix, linearise
-from trimtab.design.lqr import format_pole, sorted_poles, uncontrollable_poles
+from trimtab.design.linearise import linearise
 from trimtab.design.model import entry_names, model_of_vehicle, record_vector, unpack_record
+from trimtab.design.poles import balance_matrix, format_pole, sorted_poles, uncontrollable_poles
 
 PER_DECADE = 120
 """Frequencies of `grid` in each decade."""

@@ -13,9 +13,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
 
 from trimtab.core.errors import InputError
+from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
-UNCONTROLLABLE = 1e-9
-"""[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
 AXIS = 1e-9
 """A real part this small a part of the scaled A counts as zero."""
 
@@ -89,8 +88,8 @@ def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanB
     Source: [1] chapter 7, duality.
     """
     d = np.ones(len(np.atleast_2d(Q))) if scale is None else np.asarray(scale, float)
-    found = lqr(np.asarray(A, float).T, np.atleast_2d(np.asarray(C, float)).T, Q, R, scale=1 / d)
-    return KalmanBucy(-found.K.T, found.P, found.poles, found.residual)
+    dual = lqr(np.asarray(A, float).T, np.atleast_2d(np.asarray(C, float)).T, Q, R, scale=1 / d)
+    return KalmanBucy(-dual.K.T, dual.P, dual.poles, dual.residual)
 
 
 def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
@@ -103,49 +102,24 @@ def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
     return longer, wider
 
 
-def sorted_poles(A: Any) -> Any:
-    """Eigenvalues of A (n, n), by falling real part."""
-    poles = np.linalg.eigvals(A)
-    return poles[np.lexsort((-poles.imag, -poles.real))]
-
-
-def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
-    """Eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
-    n = len(A)
-    found = []
-    for s in np.linalg.eigvals(A):
-        # rows of unit length: a state that moves slowly is no state that nothing moves
-        rows = np.hstack([s * np.eye(n) - A, B])
-        length = np.linalg.norm(rows, axis=1)
-        singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0)[:, None], compute_uv=False)
-        if singular[-1] <= UNCONTROLLABLE * max(singular[0], np.finfo(float).tiny):
-            found.append(complex(s))
-    return tuple(found)
-
-
-def format_pole(pole: complex) -> str:
-    """A pole as text (1/s)."""
-    return f"{pole.real:+.6g}{f' ± {abs(pole.imag):.6g}i' if pole.imag else ''} 1/s"
-
-
 def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
     """The four as finite float matrices that fit each other, Q and R symmetric, R positive definite."""
-    made = [np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R)]
-    n, m = len(made[0]), made[1].shape[1]
-    for name, M, shape in zip("ABQR", made, ((n, n), (n, m), (n, n), (m, m)), strict=True):
+    A, B, Q, R = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R))
+    n, m = len(A), B.shape[1]
+    for name, M, shape in (("A", A, (n, n)), ("B", B, (n, m)), ("Q", Q, (n, n)), ("R", R, (m, m))):
         if M.shape != shape:
             raise InputError(f"{part}.{name}", f"shape {M.shape}", fix=f"give {shape}")
         bad = np.argwhere(~np.isfinite(M))
         if len(bad):
             i, j = bad[0].tolist()
             raise InputError(f"{part}.{name}", f"entry [{i}, {j}] is {M[i, j]}", fix="give finite numbers")
-    for name, M, least in (("Q", made[2], -1e-12), ("R", made[3], 0.0)):
+    for name, M, least in (("Q", Q, -1e-12), ("R", R, 0.0)):
         if not np.allclose(M, M.T, rtol=1e-12, atol=0):
             raise InputError(f"{part}.{name}", f"not symmetric, by {np.abs(M - M.T).max():.3g}", fix="give (M + M')/2")
         lowest = float(np.linalg.eigvalsh(M)[0])
         if lowest < least * np.abs(M).max() or (name == "R" and lowest <= 0):
             raise InputError(f"{part}.{name}", f"smallest eigenvalue {lowest:.6g}", fix="give a positive weight")
-    return made[0], made[1], made[2], made[3]
+    return A, B, Q, R
 
 
 def state_sizes(part: str, scale: Any, Q: Any) -> Any:

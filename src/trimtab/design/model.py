@@ -47,8 +47,8 @@ class StateSpaceModel(NamedTuple):
     def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
         """State and input as finite float vectors; each a vector, a record, a mapping of changes to x0, or None."""
         pairs = ((x, self.x0, self.states, "state"), (u, self.u0, self.inputs, "input"))
-        given = [_as_vector(value, start, labels, what) for value, start, labels, what in pairs]
-        return given[0], given[1]
+        vectors = [_as_vector(value, start, labels, what) for value, start, labels, what in pairs]
+        return vectors[0], vectors[1]
 
 
 def entry_names(value: Any) -> tuple[str, ...]:
@@ -68,13 +68,13 @@ def record_vector(value: Any) -> Any:
 
 def unpack_record(like: Any, values: Any) -> Any:
     """The record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
-    start, made = 0, like
+    start, record = 0, like
     for path, old, _ in _real_leaves(like):
         size = int(np.size(old))
         new = values[start : start + size].reshape(np.shape(old))
         start += size
-        made = with_leaf(made, path, lambda _old, _d, new=new: new)
-    return made
+        record = with_leaf(record, path, lambda _old, _d, new=new: new)
+    return record
 
 
 def model_of_functions(
@@ -101,17 +101,14 @@ def model_of_functions(
     x = np.zeros(len(states)) if x0 is None else np.asarray(x0, float)
     u = np.zeros(len(inputs)) if u0 is None else np.asarray(u0, float)
     if h is None:
-        measured: Function = lambda x, u: x  # noqa: E731
-        outputs = tuple(states) if outputs is None else outputs
-    else:
-        measured = h
+        h, outputs = _whole_state, (states if outputs is None else outputs)
     _check_length("states", states, "x0", np.shape(x))
     _check_length("inputs", inputs, "u0", np.shape(u))
     _check_length("states", states, "f(x, u)", jax.eval_shape(f, jnp.asarray(x), jnp.asarray(u)).shape)
-    shape = jax.eval_shape(measured, jnp.asarray(x), jnp.asarray(u)).shape
+    shape = jax.eval_shape(h, jnp.asarray(x), jnp.asarray(u)).shape
     labels = tuple(outputs) if outputs is not None else tuple(f"y{i}" for i in range(int(np.prod(shape))))
     _check_length("outputs", labels, "h(x, u)", shape)
-    return StateSpaceModel(f, measured, tuple(states), tuple(inputs), labels, x, u)
+    return StateSpaceModel(f, h, tuple(states), tuple(inputs), labels, x, u)
 
 
 def model_of_vehicle(
@@ -134,21 +131,19 @@ def model_of_vehicle(
     for value, what in ((x, "state"), (u, "input")):
         if not is_record(value):
             problem = f"the {what} is a {type(value).__name__}, not a record"
-            raise InputError(
-                "of_vehicle", problem, fix="give the vehicle's records, or use `model_of_functions` for vectors"
-            )
+            fix = "give the vehicle's records, or use `model_of_functions` for vectors"
+            raise InputError("of_vehicle", problem, fix=fix)
     states, inputs = entry_names(x), entry_names(u)
 
     def f(xs: Any, us: Any) -> Any:
         return record_vector(vehicle.dynamics(t, unpack_record(x, xs), unpack_record(u, us)))
 
     if isinstance(outputs, Mapping):
-        functions: Mapping[str, Callable[[Any, Any], Any]] = outputs
-        labels = tuple(functions)
+        labels, functions = tuple(outputs), tuple(outputs.values())
 
         def h(xs: Any, us: Any) -> Any:
             a, b = unpack_record(x, xs), unpack_record(u, us)
-            return jnp.stack([jnp.asarray(functions[name](a, b), jnp.float64) for name in labels])
+            return jnp.stack([jnp.asarray(function(a, b), jnp.float64) for function in functions])
     else:
         labels = states if outputs is None else tuple(outputs)
         rows = jnp.array(find_indices("of_vehicle.outputs", labels, states))
@@ -156,22 +151,22 @@ def model_of_vehicle(
         def h(xs: Any, us: Any) -> Any:
             return xs[rows]
 
-    made = model_of_functions(f, states, inputs, h=h, outputs=labels, x0=record_vector(x), u0=record_vector(u))
-    return made._replace(state_record=x, input_record=u)
+    model = model_of_functions(f, states, inputs, h=h, outputs=labels, x0=record_vector(x), u0=record_vector(u))
+    return model._replace(state_record=x, input_record=u)
 
 
-def find_indices(part: str, wanted: Iterable[str], known: Sequence[str]) -> list[int]:
-    """The places of wanted names among the known ones; InputError names what is unknown or named twice."""
-    found: list[int] = []
-    for name in wanted:
+def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[int]:
+    """The places of names among the known ones; InputError says which is unknown or named twice."""
+    places: list[int] = []
+    for name in names:
         if name not in known:
             near = closest(name, known)
             fix = f"write {near[0]!r}" if near else "use one of the choices"
             raise InputError(part, f"there is no {name!r}", choices=known, fix=fix)
-        if known.index(name) in found:
+        if known.index(name) in places:
             raise InputError(part, f"{name!r} is named twice", fix="name it once")
-        found.append(known.index(name))
-    return found
+        places.append(known.index(name))
+    return places
 
 
 def format_combination(v: Any, names: Iterable[str]) -> str:
@@ -187,6 +182,10 @@ def format_combination(v: Any, names: Iterable[str]) -> str:
     return text
 
 
+def _whole_state(x: Any, u: Any) -> Any:
+    return x
+
+
 def _real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
@@ -200,17 +199,15 @@ def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[in
 
 
 def _as_vector(value: Any, start: Any, labels: tuple[str, ...], what: str) -> Any:
-    if value is None:
-        made = np.array(start, float)
-    elif isinstance(value, Mapping):
-        changes: Mapping[str, float] = value
-        made = np.array(start, float)
-        made[find_indices(f"model.{what}", changes, labels)] = list(changes.values())
+    if value is None or isinstance(value, Mapping):
+        changes: Mapping[str, float] = value or {}
+        vector = np.array(start, float)
+        vector[find_indices(f"model.{what}", changes, labels)] = list(changes.values())
     else:
-        made = np.array(record_vector(value) if is_record(value) else value, float)
-    if made.shape != np.shape(start):
-        raise InputError(f"model.{what}", f"shape {made.shape}", fix=f"give ({len(labels)},): {', '.join(labels)}")
-    bad = [f"{n} = {v}" for n, v in zip(labels, made, strict=True) if not np.isfinite(v)]
+        vector = np.array(record_vector(value) if is_record(value) else value, float)
+    if vector.shape != np.shape(start):
+        raise InputError(f"model.{what}", f"shape {vector.shape}", fix=f"give ({len(labels)},): {', '.join(labels)}")
+    bad = [f"{n} = {v}" for n, v in zip(labels, vector, strict=True) if not np.isfinite(v)]
     if bad:
         raise InputError(f"model.{what}", f"not finite: {', '.join(bad)}", fix="give finite values")
-    return made
+    return vector

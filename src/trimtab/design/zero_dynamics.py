@@ -14,9 +14,10 @@ import numpy as np
 from scipy.linalg import eig, svd
 
 from trimtab.core.errors import InputError
-from trimtab.design.linearise import LinearModel, balance_matrix, linearise, participation
+from trimtab.design.linearise import LinearModel, linearise
 from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.normal_form import normal_form
+from trimtab.design.poles import balance_matrix, format_pole, participation
 
 RANK_TOLERANCE = 1e-10
 """Singular values below this part of the scaled matrices' size count as zero."""
@@ -114,8 +115,8 @@ def zero_dynamics(
     """
     linear = linearise(model, x, u)
     _check_rest(model, linear, list(loose))
-    found = transmission_zeros(linear)
-    limit = 1e-7 * max(found.size, np.finfo(float).tiny) if tolerance is None else tolerance
+    zeros = transmission_zeros(linear)
+    limit = 1e-7 * max(zeros.size, np.finfo(float).tiny) if tolerance is None else tolerance
     jacobian, poles, internals, why = None, None, (), ()
     try:
         form = normal_form(model, linear.x0, linear.u0, internal=internal, radius=radius)
@@ -126,29 +127,29 @@ def zero_dynamics(
     else:
         internals, jacobian = form.internals, form.jacobian
         poles = _sort_by_real_part(np.linalg.eigvals(jacobian))
-        if len(poles) != len(found.zeros) or np.abs(poles - found.zeros).max(initial=0.0) > AGREE * found.size:
-            why = (f"zeros {found.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
-    names = found.dominant if jacobian is None or why else _dominant_coordinates(jacobian, internals, found)
-    verdict, offending, words = _build_verdict(found, limit, names)
+        if len(poles) != len(zeros.zeros) or np.abs(poles - zeros.zeros).max(initial=0.0) > AGREE * zeros.size:
+            why = (f"zeros {zeros.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
+    names = zeros.dominant if jacobian is None or why else _dominant_coordinates(jacobian, internals, zeros)
+    verdict, offending, words = _build_verdict(zeros.zeros, limit, names)
     if jacobian is None and verdict == "minimum phase":
         verdict = "undecided"
-    return ZeroDynamics(verdict, offending, found, jacobian, poles, internals, limit, (*words, *why))
+    return ZeroDynamics(verdict, offending, zeros, jacobian, poles, internals, limit, (*words, *why))
 
 
-def _build_verdict(found: Zeros, limit: float, living: tuple[str, ...]) -> tuple[str, Any, tuple[str, ...]]:
-    right, on = found.zeros.real > limit, np.abs(found.zeros.real) <= limit
+def _build_verdict(zeros: Any, limit: float, living: tuple[str, ...]) -> tuple[str, Any, tuple[str, ...]]:
+    right, on = zeros.real > limit, np.abs(zeros.real) <= limit
     if right.any():
         verdict, which = "non-minimum phase", right
     elif on.any():
         verdict, which = "marginal", on
     else:
-        return "minimum phase", found.zeros[:0], ()
+        return "minimum phase", zeros[:0], ()
     words = tuple(
-        f"zero {z.real:+.6g}{f' ± {z.imag:.6g}i' if z.imag else ''} 1/s, in {names}"
-        for z, names, bad in zip(found.zeros, living, which, strict=True)
+        f"zero {format_pole(z)}, in {names}"
+        for z, names, bad in zip(zeros, living, which, strict=True)
         if bad and z.imag >= 0
     )
-    return verdict, found.zeros[which], words
+    return verdict, zeros[which], words
 
 
 def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -> None:
@@ -181,8 +182,8 @@ def _scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, A
         a = a * np.where(both, np.sqrt(rows[:n] / columns[:n]), 1.0)
         b, c = b / np.sqrt(columns[n:]), c * np.sqrt(rows[n:])
     a, b, c = (np.exp2(np.round(np.log2(v))) for v in (a, b, c))  # powers of two: nothing is rounded
-    made = linear.rescale(a, b, c)
-    return made.A, made.B, made.C, made.D, (a, b)
+    scaled = linear.rescale(a, b, c)
+    return scaled.A, scaled.B, scaled.C, scaled.D, (a, b)
 
 
 def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
@@ -214,10 +215,10 @@ def _zero_direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
     return v / v[np.abs(v).argmax()]
 
 
-def _dominant_coordinates(jacobian: Any, internals: tuple[str, ...], found: Zeros) -> tuple[str, ...]:
+def _dominant_coordinates(jacobian: Any, internals: tuple[str, ...], zeros: Zeros) -> tuple[str, ...]:
     """The internal coordinates that each zero lives in, by participation, which no unit changes."""
-    made = balance_matrix(jacobian)
-    return tuple(_dominant_states(participation(made, s, 1e-6 * found.size), internals) for s in found.zeros)
+    balanced = balance_matrix(jacobian)
+    return tuple(_dominant_states(participation(balanced, s, 1e-6 * zeros.size), internals) for s in zeros.zeros)
 
 
 def _dominant_states(direction: Any, names: tuple[str, ...]) -> str:
@@ -228,6 +229,6 @@ def _dominant_states(direction: Any, names: tuple[str, ...]) -> str:
 
 def _sort_by_real_part(values: Any) -> Any:
     """By falling real part; parts that only rounding tells apart are taken as one."""
-    made: Any = np.asarray(values, complex)
-    parts: Any = made / (np.abs(made).max(initial=0.0) or 1.0)
-    return made[np.lexsort((-np.round(np.imag(parts), 9), -np.round(np.real(parts), 9)))]
+    values = np.asarray(values, complex)
+    parts: Any = values / (np.abs(values).max(initial=0.0) or 1.0)
+    return values[np.lexsort((-np.round(np.imag(parts), 9), -np.round(np.real(parts), 9)))]

@@ -1,0 +1,58 @@
+"""Eigenvalues of a matrix: in order, as text, with the states that make them, and those that no input moves.
+
+Offline code: LAPACK. No JAX: a certificate is proved without it.
+
+Source: [1] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective modal analysis", IEEE Trans. PAS 101 (1982).
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur, solve_sylvester
+
+UNCONTROLLABLE = 1e-9
+"""[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
+
+
+def sorted_poles(A: Any) -> Any:
+    """Eigenvalues of A (n, n), by falling real part."""
+    poles = np.linalg.eigvals(A)
+    return poles[np.lexsort((-poles.imag, -poles.real))]
+
+
+def format_pole(pole: complex) -> str:
+    """A pole, or the pair that it is of, as text (1/s)."""
+    return f"{pole.real:+.6g}{f' ± {abs(pole.imag):.6g}i' if pole.imag else ''} 1/s"
+
+
+def balance_matrix(A: Any) -> Any:
+    """A similar to A by a diagonal of powers of two, rows and columns of like size."""
+    balance: Any = matrix_balance(A, permute=False)
+    return balance[0]
+
+
+def participation(A: Any, pole: complex, distance: float) -> Any:
+    """Diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
+
+    For a single pole these are the participation factors of [1], products of its left and right eigenvector; poles that
+    coincide, where eigenvectors fail, are taken together.
+    """
+    ordered: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
+    T, Q, k = ordered
+    R = solve_sylvester(T[:k, :k], -T[k:, k:], T[:k, k:]) if 0 < k < len(A) else np.zeros((k, len(A) - k))
+    share = np.abs(np.einsum("ni,ij,nj->n", Q[:, :k], np.hstack([np.eye(k), R]), Q.conj()))
+    return share / share.sum()
+
+
+def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
+    """Eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
+    n = len(A)
+    poles = []
+    for s in np.linalg.eigvals(A):
+        # rows of unit length: a state that moves slowly is no state that nothing moves
+        rows = np.hstack([s * np.eye(n) - A, B])
+        length = np.linalg.norm(rows, axis=1)
+        singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0)[:, None], compute_uv=False)
+        if singular[-1] <= UNCONTROLLABLE * max(singular[0], np.finfo(float).tiny):
+            poles.append(complex(s))
+    return tuple(poles)
