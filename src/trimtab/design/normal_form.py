@@ -3,20 +3,18 @@
     xi = (y1, y1', …, y1^(r1-1), y2, …)        y_i^(r_i) = v_i        zeta' = Psi(xi, zeta, v)
 
 Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem, so that
-systems which are not affine in their inputs need nothing more. Offline code: LAPACK.
+systems which are not affine in their inputs need nothing more.
 
-Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 4.3, 5.1.
-
-Linearisation in the coordinates of the normal form, at a trim, from first derivatives only.
-
-With z = (xi, zeta) = phi(x) and v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
+`linear_normal_form` is its linearisation at a trim, from first derivatives only. With z = (xi, zeta) = phi(x) and
+v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
 
     dz' = Phi (f_x - f_u W_u^-1 W_x) Phi^-1 dz + Phi f_u W_u^-1 dv        Phi = dphi/dx
 
 because the term with the second derivative of phi is multiplied by f. It is what `linearise(normal_form(…).model())`
 gives, without the iterations in it, and quick. Offline code: LAPACK.
 
-Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 5.1; derived here.
+Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 4.3, 5.1; the linearisation: derived
+here.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -37,92 +35,8 @@ AT_REST = 1e-8
 """A derivative this small a part of what the states' own sizes make of A counts as zero."""
 EARLY = 1e-10
 """An input that enters a derivative by this part of its row's size enters it."""
-
-
-def linear_normal_form(
-    model: StateSpaceModel, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
-) -> LinearModel:
-    """dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
-
-    Args:
-        model: as many outputs as inputs.
-        degrees: output -> relative degree, as `relative_degree` finds it; checked at the point.
-        internal: names of the states that complete the coordinates.
-        x: a trim: vector, record, or changes to the model's own point.
-        u: its input, likewise.
-    """
-    x0, u0 = model.point(x, u)
-    labels = tuple(internal)
-    orders, rows = _output_orders(model, degrees, labels)
-    chain = [(i, k) for i, r in enumerate(orders) for k in range(r)]
-
-    def both(a: Any, b: Any) -> tuple[Any, Any, Any]:
-        xi = [output_derivatives(model, i, k)(a, b) for i, k in chain]
-        w = [output_derivatives(model, i, r)(a, b) for i, r in enumerate(orders)]
-        return jnp.stack(xi), jnp.stack(w), model.f(a, b)
-
-    at = (jnp.asarray(x0), jnp.asarray(u0))
-    made = jax.jit(lambda a, b: (both(a, b), jax.jacfwd(both, (0, 1))(a, b)), compiler_options=FAST_COMPILE_OPTIONS)(
-        *at
-    )
-    (xi0, w0, drift), ((xi_x, xi_u), (w_x, w_u), (f_x, f_u)) = jax.tree.map(np.asarray, made)
-    _check_normal_form(model, x0, drift, f_x, xi_x, xi_u, w_u)
-    Phi = np.vstack([xi_x, np.eye(len(x0))[rows]])
-    singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
-    if not singular[-1] > 1e-10 * singular[0]:
-        problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
-        raise InputError("linear_normal_form.internal", problem, fix="name other states")
-    back, through = np.linalg.inv(Phi), f_u @ np.linalg.inv(w_u)
-    A, B = Phi @ (f_x - through @ w_x) @ back, Phi @ through
-    states = (*(model.outputs[i] + "'" * k for i, k in chain), *labels)
-    virtual = tuple(n + "'" * r for n, r in zip(model.outputs, orders, strict=True))
-    A, B = _exact_chain_rows(A, B, chain, orders)
-    first = np.array([chain.index((i, 0)) for i in range(len(orders))])
-    C, D = np.eye(len(A))[first], np.zeros((len(first), B.shape[1]))
-    z0 = np.concatenate([xi0, x0[rows]])
-    return LinearModel(A, B, C, D, z0, w0, z0[first], np.zeros(len(A)), states, virtual, model.outputs)
-
-
-def _output_orders(
-    model: StateSpaceModel, degrees: Mapping[str, int], labels: tuple[str, ...]
-) -> tuple[list[int], list[int]]:
-    """Degree of each output, and the places of the internal states."""
-    find_indices("linear_normal_form.degrees", degrees, model.outputs)
-    orders = [degrees.get(n, 0) for n in model.outputs]
-    if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
-        problem = f"{len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
-        raise InputError("linear_normal_form.degrees", problem, fix="give every output its degree, 1 or more")
-    rows = find_indices("linear_normal_form.internal", labels, model.states)
-    if sum(orders) + len(rows) != len(model.states):
-        problem = f"{len(labels)} coordinates beside {sum(orders)} of the outputs, of {len(model.states)}"
-        raise InputError("linear_normal_form.internal", problem, fix=f"name {len(model.states) - sum(orders)}")
-    return orders, rows
-
-
-def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
-    """The rows of the outputs' chains as they are by definition, without rounding."""
-    for row, (i, k) in enumerate(chain):
-        A[row], B[row] = 0.0, 0.0
-        if k + 1 < orders[i]:
-            A[row, row + 1] = 1.0
-        else:
-            B[row, i] = 1.0
-    return A, B
-
-
-def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi_x: Any, xi_u: Any, w_u: Any) -> None:
-    around = np.linalg.norm(f_x * np.maximum(1.0, np.abs(x0)), axis=1)
-    moving = [n for n, v, s in zip(model.states, drift, around, strict=True) if not abs(v) <= AT_REST * max(s, 1e-9)]
-    if moving:
-        text = ", ".join(f"{n}' = {drift[model.states.index(n)]:.6g}" for n in moving)
-        raise InputError("linear_normal_form", f"no trim: {text}", fix="trim first")
-    early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
-    singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
-    if early.any() or not singular[-1] > 1e-10 * singular[0]:
-        problem = "the inputs enter earlier" if early.any() else f"dv/du is singular, {singular[-1]:.3g}"
-        raise InputError("linear_normal_form.degrees", problem, fix="take the degrees of `relative_degree`")
-
-
+SINGULAR = 1e-10
+"""A matrix is singular where its smallest singular value is this part of the largest, rows and columns of size 1."""
 STEPS = 50
 """Newton steps at most."""
 SETTLED = 1e-9
@@ -172,9 +86,9 @@ class NormalForm(NamedTuple):
         def h(z: Any, v: Any) -> Any:
             return v.at[differentiated].set(z[first])
 
-        labels, start = (*self.external, *self.internals), np.concatenate([self.xi0, self.zeta0])
+        states, z0 = (*self.external, *self.internals), np.concatenate([self.xi0, self.zeta0])
         outputs = tuple(self.degree.degrees)
-        return model_of_functions(f, labels, self.virtual, h=h, outputs=outputs, x0=start, u0=self.v0)
+        return model_of_functions(f, states, self.virtual, h=h, outputs=outputs, x0=z0, u0=self.v0)
 
 
 def normal_form(
@@ -206,7 +120,8 @@ def normal_form(
         fix = "choose other outputs or another point, or extend the model"
         raise InputError("normal_form", "no relative degree here: " + "; ".join(reasons), fix=fix)
     orders = {n: r for n, r in degree.degrees.items() if r is not None}
-    external, virtual = _coordinate_names(orders), tuple(n + "'" * r for n, r in orders.items())
+    external = tuple(n + "'" * k for n, r in orders.items() for k in range(r))
+    virtual = tuple(n + "'" * r for n, r in orders.items())
 
     def xi(a: Any) -> Any:
         b = jnp.asarray(u0)
@@ -258,48 +173,48 @@ def _linearise_internal(
     def rate(a: Any, b: Any) -> Any:
         return jax.jvp(zeta, (a,), (model.f(a, b),))[1]
 
-    made = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
-    inner, by_state, by_input = (np.asarray(d) for d in made)
+    slopes_of_zeta = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
+    inner, by_state, by_input = (np.asarray(d) for d in slopes_of_zeta)
     whole = np.vstack([slope, inner])
-    singular = np.linalg.svd(equilibrate(whole), compute_uv=False)
-    if not singular[-1] > 1e-10 * singular[0]:
-        problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
-        raise InputError("normal_form.internal", problem, fix="name other states, or leave the choice open")
+    fix = "name other states, or leave the choice open"
+    condition = _condition_of_coordinates("normal_form.internal", whole, labels, fix)
     S = np.linalg.solve(whole, np.eye(len(whole))[:, len(slope) :])
     jacobian = by_state @ S - by_input @ np.linalg.solve(slopes[1], slopes[0] @ S)
     enter = tuple(n for n, row in zip(labels, by_input, strict=True) if row.any())
-    return jacobian, float(singular[0] / singular[-1]), enter
+    return jacobian, condition, enter
 
 
-def _coordinate_names(orders: dict[str, int]) -> tuple[str, ...]:
-    return tuple(n + "'" * k for n, r in orders.items() for k in range(r))
+def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix: str) -> float:
+    """Condition of d(xi, zeta)/dx, scaled; InputError where it is singular: they are no coordinates."""
+    singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
+    if not singular[-1] > SINGULAR * singular[0]:
+        problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
+        raise InputError(part, problem, fix=fix)
+    return float(singular[0] / singular[-1])
 
 
-def _choose_internal(model: StateSpaceModel, slope: Any, given: Any) -> tuple[tuple[str, ...], Any]:
+def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[tuple[str, ...], Any]:
     """Names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
-    total, wanted = len(slope), len(model.states) - len(slope)
-    if given is None:
+    total, size = len(slope), len(model.states) - len(slope)
+    if choice is None:
         free = np.linalg.svd(equilibrate(slope))[2][total:]  # directions in which no output moves
-        pivoted: Any = qr(free, pivoting=True) if wanted else (None, None, [])
-        given = tuple(model.states[i] for i in sorted(pivoted[2][:wanted]))
-    if isinstance(given, Mapping):
-        functions: Mapping[str, Callable[[Any], Any]] = given
-        labels = tuple(functions)
+        pivoted: Any = qr(free, pivoting=True) if size else (None, None, [])
+        choice = tuple(model.states[i] for i in sorted(pivoted[2][:size]))
+    labels = tuple(choice)
+    if isinstance(choice, Mapping):
+        functions = tuple(choice.values())
 
         def zeta(a: Any) -> Any:
-            return jnp.stack([jnp.asarray(functions[n](a), jnp.float64) for n in labels])
+            return jnp.stack([jnp.asarray(function(a), jnp.float64) for function in functions])
     else:
-        labels = tuple(given)
         rows = np.array(find_indices("normal_form.internal", labels, model.states), int)
 
         def zeta(a: Any) -> Any:
             return a[rows]
 
-    if len(labels) != wanted:
-        problem = (
-            f"{len(labels)} coordinates, and {len(model.states)} states less relative degree {total} leave {wanted}"
-        )
-        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"name {wanted}")
+    if len(labels) != size:
+        problem = f"{len(labels)} coordinates, and {len(model.states)} states less relative degree {total} leave {size}"
+        raise InputError("normal_form.internal", problem, choices=model.states, fix=f"name {size}")
     return labels, zeta
 
 
@@ -326,3 +241,82 @@ def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
         return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y)
 
     return jax.lax.custom_root(equation, start, newton, tangent)
+
+
+def linear_normal_form(
+    model: StateSpaceModel, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
+) -> LinearModel:
+    """dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
+
+    Args:
+        model: as many outputs as inputs.
+        degrees: output -> relative degree, as `relative_degree` finds it; checked at the point.
+        internal: names of the states that complete the coordinates.
+        x: a trim: vector, record, or changes to the model's own point.
+        u: its input, likewise.
+    """
+    x0, u0 = model.point(x, u)
+    labels = tuple(internal)
+    orders, rows = _output_orders(model, degrees, labels)
+    chain = [(i, k) for i, r in enumerate(orders) for k in range(r)]
+
+    def both(a: Any, b: Any) -> tuple[Any, Any, Any]:
+        xi = [output_derivatives(model, i, k)(a, b) for i, k in chain]
+        w = [output_derivatives(model, i, r)(a, b) for i, r in enumerate(orders)]
+        return jnp.stack(xi), jnp.stack(w), model.f(a, b)
+
+    all_at = jax.jit(lambda a, b: (both(a, b), jax.jacfwd(both, (0, 1))(a, b)), compiler_options=FAST_COMPILE_OPTIONS)
+    values, slopes = jax.tree.map(np.asarray, all_at(jnp.asarray(x0), jnp.asarray(u0)))
+    (xi0, w0, drift), ((xi_x, xi_u), (w_x, w_u), (f_x, f_u)) = values, slopes
+    _check_normal_form(model, x0, drift, f_x, xi_x, xi_u, w_u)
+    Phi = np.vstack([xi_x, np.eye(len(x0))[rows]])
+    _condition_of_coordinates("linear_normal_form.internal", Phi, labels, "name other states")
+    back, through = np.linalg.inv(Phi), f_u @ np.linalg.inv(w_u)
+    A, B = Phi @ (f_x - through @ w_x) @ back, Phi @ through
+    states = (*(model.outputs[i] + "'" * k for i, k in chain), *labels)
+    virtual = tuple(n + "'" * r for n, r in zip(model.outputs, orders, strict=True))
+    A, B = _exact_chain_rows(A, B, chain, orders)
+    first = np.array([chain.index((i, 0)) for i in range(len(orders))])
+    C, D = np.eye(len(A))[first], np.zeros((len(first), B.shape[1]))
+    z0 = np.concatenate([xi0, x0[rows]])
+    return LinearModel(A, B, C, D, z0, w0, z0[first], np.zeros(len(A)), states, virtual, model.outputs)
+
+
+def _output_orders(
+    model: StateSpaceModel, degrees: Mapping[str, int], labels: tuple[str, ...]
+) -> tuple[list[int], list[int]]:
+    """Degree of each output, and the places of the internal states."""
+    find_indices("linear_normal_form.degrees", degrees, model.outputs)
+    orders = [degrees.get(n, 0) for n in model.outputs]
+    if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
+        problem = f"{len(model.outputs)} outputs, {len(model.inputs)} inputs, degrees {dict(degrees)}"
+        raise InputError("linear_normal_form.degrees", problem, fix="give every output its degree, 1 or more")
+    rows = find_indices("linear_normal_form.internal", labels, model.states)
+    if sum(orders) + len(rows) != len(model.states):
+        problem = f"{len(labels)} coordinates beside {sum(orders)} of the outputs, of {len(model.states)}"
+        raise InputError("linear_normal_form.internal", problem, fix=f"name {len(model.states) - sum(orders)}")
+    return orders, rows
+
+
+def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
+    """The rows of the outputs' chains as they are by definition, without rounding."""
+    for row, (i, k) in enumerate(chain):
+        A[row], B[row] = 0.0, 0.0
+        if k + 1 < orders[i]:
+            A[row, row + 1] = 1.0
+        else:
+            B[row, i] = 1.0
+    return A, B
+
+
+def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi_x: Any, xi_u: Any, w_u: Any) -> None:
+    around = np.linalg.norm(f_x * np.maximum(1.0, np.abs(x0)), axis=1)
+    moving = [n for n, v, s in zip(model.states, drift, around, strict=True) if not abs(v) <= AT_REST * max(s, 1e-9)]
+    if moving:
+        text = ", ".join(f"{n}' = {drift[model.states.index(n)]:.6g}" for n in moving)
+        raise InputError("linear_normal_form", f"no trim: {text}", fix="trim first")
+    early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
+    singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
+    if early.any() or not singular[-1] > SINGULAR * singular[0]:
+        problem = "the inputs enter earlier" if early.any() else f"dv/du is singular, {singular[-1]:.3g}"
+        raise InputError("linear_normal_form.degrees", problem, fix="take the degrees of `relative_degree`")

@@ -1,27 +1,27 @@
-"""The bounded solution of zeta' = Psi(t, zeta) where the linearisation has poles on both sides: noncausal.
+"""What internal dynamics do while an output follows its command: noncausal and exact, or causal and linear.
 
-Forward integration follows an unstable mode to infinity. The solution that stays bounded takes what is stable from the
-past and what is unstable from the future, and so moves before what drives it. Picard's iteration: with A = dPsi/dzeta
-at one point, solve
+`bounded_solution`: zeta' = Psi(t, zeta) where the linearisation has poles on both sides. Forward integration follows an
+unstable mode to infinity. The solution that stays bounded takes what is stable from the past and what is unstable from
+the future, and so moves before what drives it. Picard's iteration: with A = dPsi/dzeta at one point, solve
 
     zeta' = A zeta + w(t)        w = Psi(t, zeta of before) - A zeta of before
 
 exactly for w piecewise linear, the stable part forward from the left boundary, the unstable part backward from the
-right one; again until nothing changes. Offline code: LAPACK.
+right one; again until nothing changes.
 
-Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
-Control 41(7), 1996, section III.
-
-What a linear system does while a command from an exosystem lasts: X with X S = A X + G.
+`solve_steady_response`: a linear system while a command from an exosystem lasts, X with X S = A X + G.
 
     omega' = S omega        zeta' = A zeta + G omega        zeta = X omega is the solution that follows omega alone
 
 It needs omega now and nothing else: causal, and indifferent to the signs of the poles of A. Offline code: LAPACK.
 
-Source: [1] B. A. Francis, "The linear multivariable regulator problem", SIAM Journal on Control and Optimization 15(3),
-1977; A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the equation's place in regulation.
+Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
+Control 41(7), 1996, section III; [2] B. A. Francis, "The linear multivariable regulator problem", SIAM Journal on
+Control and Optimization 15(3), 1977; A. Isidori, "Nonlinear Control Systems", Springer 1995, section 8.4, for the
+equation's place in regulation.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -30,56 +30,14 @@ from scipy.linalg import expm, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
 
-APART = 1e-9
-"""Poles of A and S nearer than this part of the largest magnitude are the same."""
-
-
-def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
-    """X (k, m) with X S = A X + G.
-
-    Args:
-        A: of the system (k, k).
-        S: of the exosystem (m, m), no pole of A's among its own.
-        G: how the exosystem drives the system (k, m).
-
-    Source: [1].
-    """
-    A, S, G = (np.asarray(M, float) for M in (A, S, G))
-    k, m = len(A), len(S)
-    for name, M, wanted in (("A", A, (k, k)), ("S", S, (m, m)), ("G", G, (k, m))):
-        if M.shape != wanted or not np.isfinite(M).all():
-            problem = f"shape {M.shape}, wanted is {wanted}, all finite"
-            raise InputError(f"following.{name}", problem, fix="give A (k, k), S (m, m), G (k, m)")
-    inside, outside = np.linalg.eigvals(A), np.linalg.eigvals(S)
-    gaps = np.abs(inside[:, None] - outside)
-    i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
-    if gaps[i, j] <= APART * max(np.abs(inside).max(), np.abs(outside).max()):
-        problem = f"the system's pole {inside[i]:.6g} is one of the exosystem's: the command excites it for ever"
-        raise InputError("following.S", problem, fix="change the command's poles")
-    return solve_sylvester(A, -S, -G)
-
-
-def exosystem_matrix(w: float, order: int) -> Any:
-    """S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
-    S = np.eye(order, k=1)
-    S[-1] = [-float(c) * w ** (order - i) for i, c in enumerate(_binomial_coefficients(order))]
-    return S
-
-
-def _binomial_coefficients(order: int) -> list[int]:
-    """Coefficients of (s + 1)^order from s^0 to s^(order-1)."""
-    row = [1]
-    for i in range(order):
-        row.append(row[-1] * (order - i) // (i + 1))
-    return row[:-1]
-
-
 ON_AXIS = 1e-9
 """Poles whose real part is below this part of the largest magnitude lie on the imaginary axis."""
 FADED = 1e-40
 """Powers of a transition matrix with entries below this no longer matter."""
 GROWN = 1e3
 """An iteration that changes this many times more than the first one did is given up."""
+APART = 1e-9
+"""Poles of A and S nearer than this part of the largest magnitude are the same."""
 
 
 class BoundedSolution(NamedTuple):
@@ -156,18 +114,18 @@ def bounded_solution(
     raise InputError("bounded_solution", problem, fix=fix)
 
 
-def bounded_residual(found: BoundedSolution, dt: float) -> Any:
+def bounded_residual(solution: BoundedSolution, dt: float) -> Any:
     """What central differences of zeta and Psi differ by, (n - 2, k): an independent look at a solution."""
-    return (found.zeta[2:] - found.zeta[:-2]) / (2 * dt) - found.rates[1:-1]
+    return (solution.zeta[2:] - solution.zeta[:-2]) / (2 * dt) - solution.rates[1:-1]
 
 
 def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, right: Any) -> None:
     k = len(scales)
     shapes = {"A": (A, (k, k)), "left": (left, (k,)), "right": (right, (k,)), "start": (guess, (*guess.shape[:1], k))}
-    for name, (value, wanted) in shapes.items():
+    for name, (value, shape) in shapes.items():
         part = f"bounded_solution.{name}"
-        if np.shape(value) != wanted:
-            problem = f"shape {np.shape(value)}, wanted is {wanted}"
+        if np.shape(value) != shape:
+            problem = f"shape {np.shape(value)}, wanted is {shape}"
             raise InputError(part, problem, fix=f"give one for each of the {k} scales")
         if not np.isfinite(value).all():
             raise InputError(part, "not finite", fix="give finite values")
@@ -209,11 +167,42 @@ def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
         return w
     whole = np.zeros((3 * k, 3 * k))
     whole[:k, :k], whole[:k, k : 2 * k], whole[k : 2 * k, 2 * k :] = A * dt, np.eye(k) * dt, np.eye(k)
-    made = expm(whole)
-    E, p0, p1 = made[:k, :k], made[:k, k : 2 * k], made[:k, 2 * k :]
+    E, p0, p1 = np.split(expm(whole)[:k], 3, axis=1)
     z = np.concatenate([np.asarray(z0)[:, None], (p0 - p1) @ w[:, :-1] + p1 @ w[:, 1:]], axis=1)
     reach = 1
     while reach < z.shape[1] and np.abs(E).max() > FADED:  # sums over twice as many instants each time
         z[:, reach:] += E @ z[:, :-reach]
         E, reach = E @ E, 2 * reach
     return z
+
+
+def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
+    """X (k, m) with X S = A X + G.
+
+    Args:
+        A: of the system (k, k).
+        S: of the exosystem (m, m), no pole of A's among its own.
+        G: how the exosystem drives the system (k, m).
+
+    Source: [2].
+    """
+    A, S, G = (np.asarray(M, float) for M in (A, S, G))
+    k, m = len(A), len(S)
+    for name, M, shape in (("A", A, (k, k)), ("S", S, (m, m)), ("G", G, (k, m))):
+        if M.shape != shape or not np.isfinite(M).all():
+            problem = f"shape {M.shape}, wanted is {shape}, all finite"
+            raise InputError(f"following.{name}", problem, fix="give A (k, k), S (m, m), G (k, m)")
+    inside, outside = np.linalg.eigvals(A), np.linalg.eigvals(S)
+    gaps = np.abs(inside[:, None] - outside)
+    i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
+    if gaps[i, j] <= APART * max(np.abs(inside).max(), np.abs(outside).max()):
+        problem = f"the system's pole {inside[i]:.6g} is one of the exosystem's: the command excites it for ever"
+        raise InputError("following.S", problem, fix="change the command's poles")
+    return solve_sylvester(A, -S, -G)
+
+
+def exosystem_matrix(w: float, order: int) -> Any:
+    """S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
+    S = np.eye(order, k=1)
+    S[-1] = [-float(math.comb(order, i)) * w ** (order - i) for i in range(order)]
+    return S
