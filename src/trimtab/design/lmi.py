@@ -9,19 +9,15 @@ which X = P^-1, Y = K X make linear:
     [A X + X A' + B Y + Y'B' + B R_e^-1 B' + 2 decay X, X; X, -Q_e^-1] < 0         X > 0
 
 Of all solutions the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is taken, else the gain would be arbitrary. All is
-solved in scaled states and in inputs for which R_e = I. Offline code: LAPACK, Clarabel.
+solved in scaled states and in inputs for which R_e = I, by Clarabel, which comes with the extra `design`. It takes the
+inequalities as functions; being affine, they are known from their values at zero and at the unit vectors. Offline code:
+LAPACK, Clarabel.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
-in system and control theory", SIAM 1994, sections 7.2, 7.4.
-
-Linear objective under linear matrix inequalities, solved by Clarabel.
-
-The inequalities are given as functions; being affine, they are known from their values at zero and at the unit vectors.
-Clarabel comes with the extra `design` and is imported when something is solved. Offline code.
-
-Source: [1] P. J. Goulart, Y. Chen, "Clarabel: an interior-point solver for conic programs with quadratic objectives",
-arXiv 2405.12762, 2024; cone of positive semidefinite triangles as in its manual.
+in system and control theory", SIAM 1994, sections 7.2, 7.4; [3] P. J. Goulart, Y. Chen, "Clarabel: an interior-point
+solver for conic programs with quadratic objectives", arXiv 2405.12762, 2024; cone of positive semidefinite triangles as
+in its manual.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,92 +31,10 @@ from trimtab.core.errors import InputError
 from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
-MatrixBlock = Callable[[Any], Any]
-"""Variables (k,) -> symmetric matrix that must be positive semidefinite, affine."""
-
-
-class SemidefiniteSolution(NamedTuple):
-    """What the solver found.
-
-    x: variables (k,).  status: the solver's word, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
-    smallest eigenvalue of each block at x.  iterations: how many.
-    """
-
-    x: Any
-    status: str
-    objective: float
-    margins: tuple[float, ...]
-    iterations: int
-
-    @property
-    def is_solved(self) -> bool:
-        """Whether the solver says it is solved, to its full or to its reduced tolerance."""
-        return self.status in ("Solved", "AlmostSolved")
-
-
-def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: int) -> SemidefiniteSolution:
-    """The variables (k,) that make an affine objective least while every block is positive semidefinite.
-
-    Args:
-        objective: (k,) -> number, affine.
-        blocks: the matrix inequalities.
-        k: number of variables.
-
-    Source: [1].
-    """
-    clarabel = _import_solver()
-    zero, units = np.zeros(k), np.eye(k)
-    constant = float(objective(zero))
-    q = np.array([float(objective(e)) - constant for e in units])
-    rows, right, cones = [], [], []
-    for block in blocks:
-        base = _pack_triangle(block(zero))
-        rows.append(np.column_stack([base - _pack_triangle(block(e)) for e in units]))
-        right.append(base)
-        cones.append(clarabel.PSDTriangleConeT(len(block(zero))))
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    A = csc_matrix(np.vstack(rows))
-    found = clarabel.DefaultSolver(csc_matrix((k, k)), q, A, np.concatenate(right), cones, settings).solve()
-    x = np.array(found.x)
-    finite = bool(np.isfinite(x).all())
-    margins = tuple(float(np.linalg.eigvalsh(block(x))[0]) if finite else float("nan") for block in blocks)
-    return SemidefiniteSolution(x, str(found.status), float(q @ x + constant), margins, int(found.iterations))
-
-
-def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
-    """The least t for which every block plus t I can be positive semidefinite; above 0: the blocks contradict.
-
-    It is bounded below by -1.
-    """
-    lifted: list[MatrixBlock] = [lambda z, f=f: f(z[:-1]) + z[-1] * np.eye(len(f(z[:-1]))) for f in blocks]
-    return minimise(lambda z: z[-1], [*lifted, lambda z: np.array([[z[-1] + 1.0]])], k + 1).objective
-
-
-def symmetric_matrix(values: Any, n: int) -> Any:
-    """The symmetric matrix (n, n) whose upper triangle, row by row, is values (n (n + 1)/2,)."""
-    made = np.zeros((n, n))
-    made[np.triu_indices(n)] = values
-    return made + np.triu(made, 1).T
-
-
-def _pack_triangle(M: Any) -> Any:
-    """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
-    rows, columns = np.tril_indices(len(M))
-    return np.asarray(M)[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0))
-
-
-def _import_solver() -> Any:
-    try:
-        import clarabel
-    except ImportError as error:
-        fix = "pip install -c constraints.txt -e '.[design]', or take the method lqr, which needs no solver"
-        raise InputError("design", "the solver Clarabel is not installed", fix=fix) from error
-    return clarabel
-
-
 STRICT = 1e-7
 """How far inside the inequality the solution must lie, in the scaled variables X, Y."""
+MatrixBlock = Callable[[Any], Any]
+"""Variables (k,) -> symmetric matrix that must be positive semidefinite, affine."""
 
 
 class LmiGain(NamedTuple):
@@ -128,7 +42,7 @@ class LmiGain(NamedTuple):
 
     K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: how far the
     inequality holds in the scaled X, Y: smallest eigenvalue of minus its left side.  least: smallest eigenvalue of the
-    scaled X.  objective: what was made least.  status: the solver's word.  X, Y: in scaled states and inputs.
+    scaled X.  objective: what was made least.  status: the solver's word.
     """
 
     K: Any
@@ -138,8 +52,24 @@ class LmiGain(NamedTuple):
     least: float
     objective: float
     status: str
-    X: Any
-    Y: Any
+
+
+class SemidefiniteSolution(NamedTuple):
+    """What the solver found.
+
+    x: variables (k,).  status: the solver's word, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
+    smallest eigenvalue of each block at x.
+    """
+
+    x: Any
+    status: str
+    objective: float
+    margins: tuple[float, ...]
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the solver says it is solved, to its full or to its reduced tolerance."""
+        return self.status in ("Solved", "AlmostSolved")
 
 
 def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: float = 0.0) -> LmiGain:
@@ -167,67 +97,122 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     root = cholesky(Re, lower=True)
     As, Bs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T
     n, m = Bs.shape
-    inequality, positive, cost = inequality_blocks(As, Bs, Qs, decay)
+    inequality, positive, cost = _inequality_blocks(As, Bs, Qs, decay)
     k = n * (n + 1) // 2 + m * n + m * (m + 1) // 2
     strict: list[MatrixBlock] = [lambda z, f=f: f(z) - STRICT * np.eye(len(f(z))) for f in (inequality, positive)]
-    found = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
-    X, Y, _ = unpack_variables(found.x, n, m)
-    if not found.is_solved or not min(found.margins[:2]) > -STRICT:
-        raise InputError("lmi_gain", _explain_infeasibility(found, strict, As, Bs, decay), fix=_suggest_fix(decay))
+    solution = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
+    X, Y, _ = _unpack_variables(solution.x, n, m)
+    if not solution.is_solved or not min(solution.margins[:2]) > -STRICT:
+        fix = "add an input, or choose the scale of the states"
+        if decay:
+            fix = "ask for a smaller decay, or add an input"
+        raise InputError("lmi_gain", _explain_infeasibility(solution, strict, As, Bs, decay), fix=fix)
     inner = np.linalg.inv(X)
     inner = (inner + inner.T) / 2
     K = solve_triangular(root.T, Y @ inner) / d
-    margin, least = (float(np.linalg.eigvalsh(f(found.x))[0]) for f in (inequality, positive))
+    margin, least = (float(np.linalg.eigvalsh(f(solution.x))[0]) for f in (inequality, positive))
     poles = sorted_poles(As + (B / d[:, None]) @ (K * d))
-    return LmiGain(K, inner / np.outer(d, d), poles, margin, least, found.objective, found.status, X, Y)
+    return LmiGain(K, inner / np.outer(d, d), poles, margin, least, solution.objective, solution.status)
 
 
-def inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
-    """The three matrices that must be positive: minus the inequality, X, and the one that bounds R Y X^-1 Y'.
-
-    Args:
-        A: scaled (n, n).
-        B: scaled (n, m), for inputs of weight 1.
-        Q: scaled weight (n, n).
-        decay: as in `lmi_gain`.
-    """
+def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
+    """The three matrices that must be positive: minus the inequality, X, and what bounds R Y X^-1 Y'; scaled."""
     n, m = B.shape
     inner = np.linalg.inv(Q)
 
     def inequality(z: Any) -> Any:
-        X, Y, _ = unpack_variables(z, n, m)
-        moved = A @ X + B @ Y + decay * X
-        return -np.block([[moved + moved.T + B @ B.T, X], [X, -(inner + inner.T) / 2]])
+        X, Y, _ = _unpack_variables(z, n, m)
+        rate = A @ X + B @ Y + decay * X
+        return -np.block([[rate + rate.T + B @ B.T, X], [X, -(inner + inner.T) / 2]])
 
     def cost(z: Any) -> Any:
-        X, Y, Z = unpack_variables(z, n, m)
+        X, Y, Z = _unpack_variables(z, n, m)
         return np.block([[Z, Y], [Y.T, X]])
 
-    return inequality, lambda z: unpack_variables(z, n, m)[0], cost
+    return inequality, lambda z: _unpack_variables(z, n, m)[0], cost
 
 
-def unpack_variables(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
+def _unpack_variables(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
     """X (n, n), Y (m, n) and Z (m, m) of the variables."""
     a, b = n * (n + 1) // 2, m * n
     return symmetric_matrix(z[:a], n), z[a : a + b].reshape(m, n), symmetric_matrix(z[a + b :], m)
 
 
 def _objective(z: Any, Q: Any, m: int) -> float:
-    X, _, Z = unpack_variables(z, len(Q), m)
+    X, _, Z = _unpack_variables(z, len(Q), m)
     return float(np.sum(Q * X) + np.trace(Z))
 
 
-def _explain_infeasibility(found: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float) -> str:
+def _explain_infeasibility(
+    solution: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float
+) -> str:
     """What stands against a solution: poles that nothing moves, else by how much the inequalities contradict."""
-    reasons = [f"the solver ends with {found.status}"]
+    reasons = [f"the solver ends with {solution.status}"]
     stuck = [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
     if stuck:
         reasons.append("the inputs don't move " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
-    missing = least_violation(blocks, len(found.x))
+    missing = least_violation(blocks, len(solution.x))
     if missing > 0:
         reasons.append(f"(14) with X > 0, both strict by {STRICT:g}, is violated by {missing:.3g} at least, scaled")
     return "no gain satisfies the inequality: " + "; ".join(reasons)
 
 
-def _suggest_fix(decay: float) -> str:
-    return "ask for a smaller decay, or add an input" if decay else "add an input, or choose the scale of the states"
+def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: int) -> SemidefiniteSolution:
+    """The variables (k,) that make an affine objective least while every block is positive semidefinite.
+
+    Args:
+        objective: (k,) -> number, affine.
+        blocks: the matrix inequalities.
+        k: number of variables.
+
+    Source: [3].
+    """
+    clarabel = _import_solver()
+    zero, units = np.zeros(k), np.eye(k)
+    constant = float(objective(zero))
+    q = np.array([float(objective(e)) - constant for e in units])
+    rows, right, cones = [], [], []
+    for block in blocks:
+        base = _pack_triangle(block(zero))
+        rows.append(np.column_stack([base - _pack_triangle(block(e)) for e in units]))
+        right.append(base)
+        cones.append(clarabel.PSDTriangleConeT(len(block(zero))))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    A = csc_matrix(np.vstack(rows))
+    solution = clarabel.DefaultSolver(csc_matrix((k, k)), q, A, np.concatenate(right), cones, settings).solve()
+    x = np.array(solution.x)
+    finite = bool(np.isfinite(x).all())
+    margins = tuple(float(np.linalg.eigvalsh(block(x))[0]) if finite else float("nan") for block in blocks)
+    return SemidefiniteSolution(x, str(solution.status), float(q @ x + constant), margins)
+
+
+def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
+    """The least t for which every block plus t I can be positive semidefinite; above 0: the blocks contradict.
+
+    It is bounded below by -1.
+    """
+    lifted: list[MatrixBlock] = [lambda z, f=f: f(z[:-1]) + z[-1] * np.eye(len(f(z[:-1]))) for f in blocks]
+    return minimise(lambda z: z[-1], [*lifted, lambda z: np.array([[z[-1] + 1.0]])], k + 1).objective
+
+
+def symmetric_matrix(values: Any, n: int) -> Any:
+    """The symmetric matrix (n, n) whose upper triangle, row by row, is values (n (n + 1)/2,)."""
+    upper = np.zeros((n, n))
+    upper[np.triu_indices(n)] = values
+    return upper + np.triu(upper, 1).T
+
+
+def _pack_triangle(M: Any) -> Any:
+    """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
+    rows, columns = np.tril_indices(len(M))
+    return np.asarray(M)[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+def _import_solver() -> Any:
+    try:
+        import clarabel
+    except ImportError as error:
+        fix = "pip install -c constraints.txt -e '.[design]', or take the method lqr, which needs no solver"
+        raise InputError("design", "the solver Clarabel is not installed", fix=fix) from error
+    return clarabel

@@ -63,12 +63,12 @@ class FeedbackLoop(NamedTuple):
         A = balance_matrix(T.A)
         hidden = np.array([*uncontrollable_poles(T.A, T.B), *uncontrollable_poles(T.A.T, T.C.T), np.inf])
         size = max(np.abs(A).max(initial=0.0), np.finfo(float).tiny)
-        found = []
+        unstable = []
         for pole in sorted_poles(A):
             grows = abs(pole) >= 1 - UNSTABLE if self.period else pole.real >= -UNSTABLE * size
             if grows and np.abs(hidden - pole).min() > math.sqrt(UNSTABLE) * size:
-                found.append(complex(pole))
-        return tuple(found)
+                unstable.append(complex(pole))
+        return tuple(unstable)
 
     def require_stable(self, part: str) -> "FeedbackLoop":
         """Itself; InputError where it is not stable without any delay."""
@@ -85,9 +85,8 @@ class FeedbackLoop(NamedTuple):
         if self.period or not (math.isfinite(period) and period > 0):
             fix = "sample a continuous loop, with a period above 0 s"
             raise InputError("loop.sampled", f"period {period} s of a loop of period {self.period} s", fix=fix)
-        made: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
-        A, B, C, D = made[:4]
-        return FeedbackLoop(A, B, C, D, float(period))
+        sampled: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
+        return FeedbackLoop(*sampled[:4], float(period))
 
     def grid(self) -> Any:
         """Frequencies (rad/s) at which nothing of L and T is missed: evenly in decades, and dense beside poles."""
@@ -99,11 +98,12 @@ class FeedbackLoop(NamedTuple):
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=1e-300)]
         low, high = (sizes.min() * 1e-4, sizes.max() * 1e4) if len(sizes) else (1e-4, 1e4)
         last = math.pi / self.period if self.period else high
-        found = [np.geomspace(low, max(last, 10 * low), int(PER_DECADE * math.log10(max(last, 10 * low) / low)) + 2)]
+        top = max(last, 10 * low)
+        parts = [np.geomspace(low, top, int(PER_DECADE * math.log10(top / low)) + 2)]
         for pole in poles[poles.imag > 0]:
             width = max(abs(pole.real), 1e-6 * pole.imag)
-            found += [pole.imag + width * NEAR, pole.imag - width * NEAR]
-        w = np.unique(np.concatenate(found))
+            parts += [pole.imag + width * NEAR, pole.imag - width * NEAR]
+        w = np.unique(np.concatenate(parts))
         return w[(w > 0) & (w <= last)]
 
 
@@ -111,15 +111,15 @@ def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
     """The loop L(s) = numerator/denominator, coefficients by falling powers of s."""
     from scipy.signal import tf2ss
 
-    num, den = (np.atleast_1d(np.asarray(p, float)) for p in (numerator, denominator))
-    if not (np.isfinite(num).all() and np.isfinite(den).all() and den.any()) or len(np.trim_zeros(num, "f")) > len(
-        np.trim_zeros(den, "f")
-    ):
-        problem = f"{num.tolist()} / {den.tolist()} is no proper transfer function"
+    whole = [np.atleast_1d(np.asarray(p, float)) for p in (numerator, denominator)]
+    num, den = (np.trim_zeros(p, "f") for p in whole)
+    if not (np.isfinite(num).all() and np.isfinite(den).all() and den.any()) or len(num) > len(den):
+        problem = f"{whole[0].tolist()} / {whole[1].tolist()} is no proper transfer function"
         raise InputError("loop", problem, fix="give finite coefficients by falling powers, the denominator's longer")
-    if len(np.trim_zeros(den, "f")) == 1:
+    num = num if len(num) else np.zeros(1)
+    if len(den) == 1:
         return FeedbackLoop(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[num[-1] / den[-1]]]))
-    return FeedbackLoop(*tf2ss(np.trim_zeros(num, "f") if num.any() else [0.0], np.trim_zeros(den, "f")))
+    return FeedbackLoop(*tf2ss(num, den))
 
 
 def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
@@ -161,11 +161,12 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
     linear = linearise(model_of_vehicle(vehicle, x, u))
     K = np.asarray(gain).reshape(len(entry_names(u)), len(start))
     loop = loop_of_gain(linear.A, linear.B, K)
-    closed, moved, seen = loop.complementary_sensitivity().A, linear.drift, []
+    closed, rate, changes = loop.complementary_sensitivity().A, linear.drift, []
     for _ in range(len(start)):
-        seen.append(np.abs(K @ moved).max())
-        moved = closed @ moved
-    if max(seen) > 1e-9 * max(np.abs(K).max(), 1.0):
-        problem = f"the demand of {type(law).__name__} does not rest at this state: it changes by {max(seen):.3g} per s"
+        changes.append(np.abs(K @ rate).max())
+        rate = closed @ rate
+    if max(changes) > 1e-9 * max(np.abs(K).max(), 1.0):
+        name = type(law).__name__
+        problem = f"the demand of {name} does not rest at this state: it changes by {max(changes):.3g} per s"
         raise InputError("loop", problem, fix="give a trim, e.g. law.equilibrium(), or the result of design.trim")
     return loop

@@ -1,30 +1,25 @@
-"""The largest constant delay that a loop stands: phase margin over crossover frequency, over all crossovers.
+"""What a loop stands of the line it is closed over: constant delay, delay that varies, lost packets.
 
-Offline code: LAPACK and scipy.
+`delay_margin`: the largest constant delay, phase margin over crossover frequency, over all crossovers.
 
-Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
-5.3.3; [2] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, section 2.4.3 for one signal,
-4.9.3 (eigenvalue loci) for several.
+`jitter_margin`: every delay that varies in [0, tau], however it does, leaves the loop stable. Sufficient, not
+necessary: what the theorem does not promise may still be stable.
 
-The jitter margin: every delay that varies in [0, tau], however it does, leaves the loop stable.
-
-Offline code: LAPACK and scipy. Sufficient, not necessary: what the theorem does not promise may still be stable.
-
-Source: [1] C.-Y. Kao, B. Lincoln, "Simple stability criteria for systems with time-varying delays", Automatica 40
-(2004), theorems 1 and 2; [2] A. Cervin, B. Lincoln, J. Eker, K.-E. Årzén, G. Buttazzo, "The jitter margin and its
-application in the design of real-time control systems", RTCSA 2004; [3] Z. Kulis, "Feedback control of a hovercraft
-over a wireless link", University of Maryland, 2006, section 5.3.3.
-
-How lost packets spread a signal: the mean square of x under control over a link that drops packets.
+`mean_square`: how lost packets spread a signal under control.
 
     x(k+1) = w(k) where the packet came,  a x(k) + w(k) where it was lost;   w white, of variance 1
 
 Control that arrives takes x away within one step; with loss the step runs open. A packet is sent again up to
 `retransmissions` times within its step, each try lost with probability q: with one retransmission the step is lost with
-q^2, and E x^2 stays bounded where |a| q < 1.
+q^2, and E x^2 stays bounded where |a| q < 1. The number of retransmissions is free here; [1] has one.
+
+Offline code: LAPACK and scipy.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
-5.3.3, eqs. 5.2 and 5.3. The number of retransmissions is free here; [1] has one.
+5.3.3, eqs. 5.2 and 5.3; [2] S. Skogestad, I. Postlethwaite, "Multivariable feedback control", Wiley 2005, section 2.4.3
+for one signal, 4.9.3 (eigenvalue loci) for several; [3] C.-Y. Kao, B. Lincoln, "Simple stability criteria for systems
+with time-varying delays", Automatica 40 (2004), theorems 1 and 2; [4] A. Cervin, B. Lincoln, J. Eker, K.-E. Årzén,
+G. Buttazzo, "The jitter margin and its application in the design of real-time control systems", RTCSA 2004.
 """
 
 import math
@@ -36,54 +31,10 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import FeedbackLoop
 
-
-def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """What E x^2 is multiplied by from one step to the next: a^2 q^(1 + retransmissions); bounded where below 1.
-
-    Args:
-        a: the plant's pole, per step; any shape.
-        q: probability that one try is lost, in [0, 1]; of a shape that fits a's.
-        retransmissions: tries after the first.
-    """
-    a, q = np.asarray(a, float), np.asarray(q, float)
-    if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
-        raise InputError("packet_loss", f"a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
-    if retransmissions < 0 or retransmissions != int(retransmissions):
-        raise InputError("packet_loss", f"{retransmissions!r} retransmissions", fix="give a whole number, 0 or more")
-    return a**2 * q ** (1 + retransmissions)
-
-
-def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
-    """E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
-
-    Args:
-        a: the plant's pole, per step.
-        q: probability that one try is lost.
-        steps: how many.
-        start: E x(0)^2.
-        retransmissions: tries after the first.
-    """
-    g = float(mean_square_growth(a, q, retransmissions=retransmissions))
-    found = np.empty(steps + 1)
-    found[0] = start
-    for k in range(steps):
-        found[k + 1] = g * found[k] + 1
-    return found
-
-
-def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """The limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite where there is none [1, eq. 5.3]."""
-    g = mean_square_growth(a, q, retransmissions=retransmissions)
-    return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
-
-
-def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
-    """The probability q of a lost try from which on E x^2 grows without bound: 1/|a| with one retransmission.
-
-    1 for plants that are stable by themselves: no loss spreads them.
-    """
-    size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
-    return size ** (-2.0 / (1 + retransmissions))
+PEAKS, CLOSE = 12, 0.7
+"""How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
+NEARER = np.geomspace(1e-6, 0.3, 60)
+"""Frequencies beside a crossover, in parts of it: there T peaks when the constant delay is near its margin."""
 
 
 class Crossover(NamedTuple):
@@ -117,13 +68,13 @@ def delay_margin(loop: FeedbackLoop) -> DelayMargin:
     loop.require_stable("delay_margin")
     if np.abs(np.linalg.eigvals(loop.D)).max(initial=0.0) >= 1:
         return DelayMargin(0.0, ())  # of size 1 and more at every high frequency: no delay is short enough
-    found = []
+    crossovers = []
     for w, k in _crossings(loop):
         (value,) = _eigenvalue_loci(loop, [w])[:, k]
         phase = (np.angle(value) + math.pi) % (2 * math.pi)
-        found.append(Crossover(float(w), float(phase), float(phase / w)))
-    found.sort(key=lambda c: c.delay)
-    return DelayMargin(found[0].delay if found else math.inf, tuple(found))
+        crossovers.append(Crossover(float(w), float(phase), float(phase / w)))
+    crossovers.sort(key=lambda c: c.delay)
+    return DelayMargin(crossovers[0].delay if crossovers else math.inf, tuple(crossovers))
 
 
 def _eigenvalue_loci(loop: FeedbackLoop, w: Any) -> Any:
@@ -144,13 +95,13 @@ def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
     w = loop.grid()
     with np.errstate(divide="ignore"):
         sizes = np.log(np.abs(_eigenvalue_loci(loop, w)))
-    found = []
+    crossings = []
     for k in range(sizes.shape[1]):
         at, own = _insert_turning_points(w, sizes[:, k], lambda v, k=k: size(v, k))
         passes = np.flatnonzero(np.sign(own[:-1]) * np.sign(own[1:]) < 0)
-        found += [(float(solve(size, at[i], at[i + 1], args=(k,), xtol=1e-14, rtol=1e-13)), k) for i in passes]
-        found += [(float(v), k) for v in at[own == 0]]
-    return found
+        crossings += [(float(solve(size, at[i], at[i + 1], args=(k,), xtol=1e-14, rtol=1e-13)), k) for i in passes]
+        crossings += [(float(v), k) for v in at[own == 0]]
+    return crossings
 
 
 def _insert_turning_points(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
@@ -173,14 +124,10 @@ def _insert_turning_points(w: Any, values: Any, function: Callable[[float], floa
     return np.asarray(at)[order], np.asarray(own)[order]
 
 
-PEAKS, CLOSE = 12, 0.7
-"""How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
-
-
 def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
     """tau (s): stable for every delay in [delay, delay + tau] that varies with time.
 
-        |T(j w)| < 1/(tau w) for all w                                                              [1, theorem 1]
+        |T(j w)| < 1/(tau w) for all w                                                              [3, theorem 1]
 
     with T = (I + L e)^-1 L e, e = exp(-j w delay), and its largest singular value where there are several signals, all
     of which take the same delay.
@@ -209,14 +156,10 @@ def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
     return 1 / max(_refine_peak(gain, w), far, np.finfo(float).tiny)
 
 
-NEARER = np.geomspace(1e-6, 0.3, 60)
-"""Frequencies beside a crossover, in parts of it: there T peaks when the constant delay is near its margin."""
-
-
 def jitter_margin_samples(loop: FeedbackLoop) -> float:
     """N: stable for every whole number of periods in [0, N], varying from sample to sample.
 
-        |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [1, theorem 2]
+        |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [3, theorem 2]
 
     Args:
         loop: sampled, see `FeedbackLoop.sampled`.
@@ -250,11 +193,60 @@ def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
     best = float(values.max())
     inner = inner[values[inner] > CLOSE * best]
     for i in inner[np.argsort(-values[inner])][:PEAKS]:
-        found: Any = minimize_scalar(
+        peak: Any = minimize_scalar(
             lambda v: -float(gain(np.array([v]))[0]),
             bounds=(w[i - 1], w[i + 1]),
             method="bounded",
             options={"xatol": 1e-12 * w[i]},
         )
-        best = max(best, -float(found.fun))
+        best = max(best, -float(peak.fun))
     return best
+
+
+def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
+    """What E x^2 is multiplied by from one step to the next: a^2 q^(1 + retransmissions); bounded where below 1.
+
+    Args:
+        a: the plant's pole, per step; any shape.
+        q: probability that one try is lost, in [0, 1]; of a shape that fits a's.
+        retransmissions: tries after the first.
+    """
+    a, q = np.asarray(a, float), np.asarray(q, float)
+    if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
+        raise InputError("packet_loss", f"a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
+    if retransmissions < 0 or retransmissions != int(retransmissions):
+        raise InputError("packet_loss", f"{retransmissions!r} retransmissions", fix="give a whole number, 0 or more")
+    return a**2 * q ** (1 + retransmissions)
+
+
+def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
+    """E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
+
+    Args:
+        a: the plant's pole, per step.
+        q: probability that one try is lost.
+        steps: how many.
+        start: E x(0)^2.
+        retransmissions: tries after the first.
+    """
+    g = float(mean_square_growth(a, q, retransmissions=retransmissions))
+    squares = np.empty(steps + 1)
+    squares[0] = start
+    for k in range(steps):
+        squares[k + 1] = g * squares[k] + 1
+    return squares
+
+
+def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
+    """The limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite where there is none [1, eq. 5.3]."""
+    g = mean_square_growth(a, q, retransmissions=retransmissions)
+    return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
+
+
+def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
+    """The probability q of a lost try from which on E x^2 grows without bound: 1/|a| with one retransmission.
+
+    1 for plants that are stable by themselves: no loss spreads them.
+    """
+    size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
+    return size ** (-2.0 / (1 + retransmissions))

@@ -19,14 +19,13 @@ class Observability(NamedTuple):
     """What was found.
 
     gramian: scaled (n, n).  singular: its singular values, falling; 1: the measurements tell as much about that
-    direction as was known before.  directions: (n, n), row i belongs to singular[i], in units of the prior's sigmas.
-    rank: how many are above the tolerance.  hidden: (n - rank, n), the directions that are not seen.
-    remaining: sigma of each state that is left when prior and measurements are put together, in its own unit (n,).
+    direction as was known before.  rank: how many are above the tolerance.  hidden_directions: (n - rank, n), in units
+    of the prior's sigmas, those that are not seen.  remaining_sigmas: of each state, what is left when prior and
+    measurements are put together, in its own unit (n,).
     """
 
     gramian: Any
     singular: Any
-    directions: Any
     rank: int
     hidden_directions: Any
     remaining_sigmas: Any
@@ -36,7 +35,7 @@ class ConstantRank(NamedTuple):
     """What was found of a pair that does not change.
 
     rank: of the scaled observability matrix.  singular: its singular values, falling.  ratio: last of them over first.
-    hidden: (n - rank, n), directions that no measurement shows, in units of the scale.  time: the unit of time (s) in
+    hidden_directions: (n - rank, n), in units of the scale, those that no measurement shows.  time: the unit (s) in
     which derivatives are counted.
     """
 
@@ -102,9 +101,9 @@ def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
     n = F.shape[1]
     Phi, G = np.eye(n), np.zeros((n, n))
     for k in range(len(H)):
-        seen = H[k] @ Phi
-        if seen.any():
-            G += seen.T @ np.linalg.solve(R[k], seen)
+        rows_then = H[k] @ Phi
+        if rows_then.any():
+            G += rows_then.T @ np.linalg.solve(R[k], rows_then)
         if k < len(F):
             Phi = F[k] @ Phi
     return (G + G.T) / 2
@@ -117,9 +116,7 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     direction. Process noise is left out, so over long flights this says what could be seen, not what will be.
 
     Args:
-        transitions: as in `observability_gramian`.
-        rows: as in `observability_gramian`.
-        noises: as in `observability_gramian`.
+        transitions, rows, noises: as in `observability_gramian`.
         sigmas: standard deviation of each state before the first measurement (n,).
         tolerance: singular values below this part of the largest count as zero.
     """
@@ -131,4 +128,4 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1].T
     rank = int((values > tolerance * max(values[0], np.finfo(float).tiny)).sum())
     left = np.sqrt(np.einsum("in,i,in->n", vectors, 1 / (1 + values), vectors)) * scale
-    return Observability(G, values, vectors, rank, vectors[rank:], left)
+    return Observability(G, values, rank, vectors[rank:], left)

@@ -25,13 +25,13 @@ AT_BOUND = 1e-9
 
 
 class Trim(NamedTuple):
-    """What was found.
+    """The point, and where it is none the reasons.
 
-    found: whether every equation holds.  x, u: the point (n,), (m,).  residual: equation -> what is left, in its own
+    is_found: whether every equation holds.  x, u: the point (n,), (m,).  residual: equation -> what is left, in its own
     unit, e.g. "speed'" -> 0.3.  relative: the same in parts of what the unknowns do to it, each moved by its scale.
-    active: unknown -> "low" or "high", the bounds that hold it.  powerless: unknowns that move no equation.
-    undetermined: combinations of unknowns that move none (several solutions).  unmoved: combinations of equations that
-    no unknown moves.  rank: of the scaled Jacobian.  singular: its singular values.  why: the reasons, in words.
+    active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: those that move no equation.
+    undetermined_unknowns: combinations of them that move none (several solutions).  rank: of the scaled Jacobian.
+    singular: its singular values.  why: the reasons, in words.
     """
 
     is_found: bool
@@ -42,7 +42,6 @@ class Trim(NamedTuple):
     active: dict[str, str]
     powerless_unknowns: tuple[str, ...]
     undetermined_unknowns: tuple[str, ...]
-    unmoved_equations: tuple[str, ...]
     rank: int
     singular: Any
     why: tuple[str, ...]
@@ -103,7 +102,7 @@ def trim(
         starts: how many starts at most; the first is x and u, others only if it fails.
         tolerance: an equation holds where it is off by less than this part of what the unknowns' scales do to it.
 
-    Returns: a Trim, found or not; `require()` turns a miss into an InputError.
+    Returns: a Trim, found or not; `require_trim` turns a miss into an InputError.
     Source: [1] section 3.6.
     """
     problem, z0 = _build_problem(model, list(free), x, u, derivatives, list(loose), outputs, bounds, scales)
@@ -172,9 +171,8 @@ def _unknown_ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple
     low, high = pairs[:, 0], pairs[:, 1]
     for name, a, b in zip(free, low, high, strict=True):
         if not a < b:
-            raise InputError(
-                f"trim.bounds.{name}", f"({a}, {b})", fix="give the lower one first, and fix what is known"
-            )
+            fix = "give the lower one first, and fix what is known"
+            raise InputError(f"trim.bounds.{name}", f"({a}, {b})", fix=fix)
     width = high - low
     usual = np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(z0)))
     scale = np.array([scales.get(n, s) for n, s in zip(free, usual, strict=True)], float)
@@ -209,7 +207,7 @@ def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
     size = _scale_equations(p, z)[2]
     inner = np.clip(z, np.nextafter(p.low, np.inf), np.nextafter(p.high, -np.inf))
     try:
-        found = least_squares(
+        nearest = least_squares(
             lambda s: np.asarray(p.residual(s * p.scale)) / size,
             inner / p.scale,
             jac=lambda s: np.asarray(p.jacobian(s * p.scale))[:, p.columns] * p.scale / size[:, None],  # pyright: ignore[reportArgumentType]
@@ -222,18 +220,18 @@ def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
         )
     except (ValueError, np.linalg.LinAlgError):  # it ran to where the model is not finite
         return z, np.inf
-    return _refine_newton(p, np.clip(found.x * p.scale, p.low, p.high))
+    return _refine_newton(p, np.clip(nearest.x * p.scale, p.low, p.high))
 
 
 def _refine_newton(p: _Problem, z: Any) -> tuple[Any, float]:
     r, J, _ = _scale_equations(p, z)
     for _ in range(20):
         step = np.linalg.lstsq(J, -r, rcond=RANK_TOLERANCE)[0] * p.scale
-        moved = np.clip(z + step, p.low, p.high)
-        r_moved, J_moved, _ = _scale_equations(p, moved)
-        if not np.abs(r_moved).max() < np.abs(r).max() or not np.isfinite(J_moved).all():
+        next_z = np.clip(z + step, p.low, p.high)
+        next_r, next_J, _ = _scale_equations(p, next_z)
+        if not np.abs(next_r).max() < np.abs(r).max() or not np.isfinite(next_J).all():
             break
-        z, r, J = moved, r_moved, J_moved
+        z, r, J = next_z, next_r, next_J
     return z, float(np.abs(r).max())
 
 
@@ -250,15 +248,14 @@ def _build_report(p: _Problem, z: Any, tolerance: float) -> Trim:
     powerless = tuple(n for n, c in zip(p.names, np.abs(J).max(axis=0), strict=True) if c <= RANK_TOLERANCE)
     undetermined = tuple(format_combination(v, p.names) for v in right[rank:])
     missing = left[:, rank:].T
-    unmoved = tuple(format_combination(v, p.equations) for v in missing)
-    found = bool(np.abs(r).max() <= tolerance)
+    holds = bool(np.abs(r).max() <= tolerance)
     point = np.concatenate([p.x, p.u])
     point[p.columns] = z
     x, u = np.split(point, [len(p.x)])
     residual = dict(zip(p.equations, (r * size).tolist(), strict=True))
     relative = dict(zip(p.equations, r.tolist(), strict=True))
-    why = () if found else _explain_failure(p, residual, relative, active, powerless, missing, r, tolerance)
-    return Trim(found, x, u, residual, relative, active, powerless, undetermined, unmoved, rank, singular, why)
+    why = () if holds else _explain_failure(p, residual, relative, active, powerless, missing, r, tolerance)
+    return Trim(holds, x, u, residual, relative, active, powerless, undetermined, rank, singular, why)
 
 
 def _explain_failure(
