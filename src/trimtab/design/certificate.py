@@ -1,15 +1,12 @@
 """A gain with all that is needed to prove it again: matrices, weights, what is claimed, and how it was found.
 
 `build_certificate` makes one, `certificate_json` and `read_certificate` keep it in a file of text without losing a
-digit, and `certificate_check.check` proves it, without the solver that found it. A certificate speaks of the linear
-model that is in it: near the point, in continuous time, and not while an input saturates.
+digit, and `certificate_check.prove_certificate` proves it, without the solver that found it. A certificate speaks of
+the linear model that is in it: near the point, in continuous time, and not while an input saturates. All in a file is
+data, and is refused where it does not fit.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`.
-
-From the text of a certificate to the certificate: everything in it is data, and is refused where it does not fit.
-
-Source: this module.
 """
 
 import hashlib
@@ -34,6 +31,8 @@ SCOPE = (
     "continuous time: not the sampled loop",
     "void while an input saturates",
 )
+METHODS = ("lqr", "lmi")
+FIX = "trimtab design hypersonic --out certificate.json  writes one"
 
 
 class RecordedNumber(NamedTuple):
@@ -75,7 +74,7 @@ class Certificate(NamedTuple):
     method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and
     Re: (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for other methods.  scale: sizes of the
     states (n,).  poles: of A + B K (n,).  observer: None where the whole state is measured.  recorded: name ->
-    Recorded.  version: of this package.
+    RecordedNumber.  version: of this package.
     """
 
     system: str
@@ -104,28 +103,9 @@ class Certificate(NamedTuple):
         """Where the estimated states are in e (k,)."""
         return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
 
-
-def observer_part(
-    estimated: Sequence[str], A: Any, C: Any, Q: Any, R: Any, found: KalmanBucy, feedback: composite.Feedback, at: Any
-) -> ObserverPart:
-    """The observer's part of a certificate, with the weights that suit a feedback.
-
-    Args:
-        estimated: names of the k states.
-        A: A_eta (k, k).
-        C: (p, k).
-        Q: Q_eta (k, k).
-        R: (p, p).
-        found: gain and covariance of the filter.
-        feedback: what the filter serves.
-        at: places of these states in e (k,).
-    """
-    made = composite.Observer(A, C, Q, found.P, found.L, np.linalg.inv(R), np.asarray(at))
-    least = composite.least_weight(feedback, made)
-    falls = [composite.least_decrease_weight(feedback, made, r) for r in (0.0, 0.5, -0.5)]
-    finite = [w for w in (least, *falls) if np.isfinite(w)]
-    weight = ABOVE * max(finite) if finite else 1.0
-    return ObserverPart(tuple(estimated), A, C, Q, R, found.P, found.L, weight, least, found.poles)
+    def observer_matrices(self, o: ObserverPart) -> composite.Observer:
+        """The same of the observer."""
+        return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), self.estimated_indices())
 
 
 def build_certificate(
@@ -143,7 +123,7 @@ def build_certificate(
     recorded: Mapping[str, RecordedNumber] | None = None,
     about: Mapping[str, float | str] | None = None,
 ) -> Certificate:
-    """Put a certificate together; nothing is proved yet, see `certificate_check.check`.
+    """Put a certificate together; nothing is proved yet, see `certificate_check.prove_certificate`.
 
     Args:
         system: what it is for.
@@ -161,7 +141,7 @@ def build_certificate(
     """
     A, B, K, P, Qe, Re = (np.atleast_2d(np.asarray(M, float)) for M in (*matrices, *gain, *weights))
     d = np.ones(len(A)) if scale is None else np.asarray(scale, float)
-    made = Certificate(
+    certificate = Certificate(
         system=system,
         about=dict(about or {}),
         method=method,
@@ -179,21 +159,28 @@ def build_certificate(
         observer=None,
         recorded=dict(recorded or {}),
     )
-    if observer is not None:
-        names, *four, found = observer
-        at = [made.states.index(n) for n in names]
-        four = [np.atleast_2d(np.asarray(M, float)) for M in four]
-        made = made._replace(observer=observer_part(names, *four, found, made.feedback_matrices(), at))
-    return made
+    return certificate if observer is None else _add_observer(certificate, *observer)
+
+
+def _add_observer(
+    certificate: Certificate, estimated: Sequence[str], A: Any, C: Any, Q: Any, R: Any, kalman: KalmanBucy
+) -> Certificate:
+    """With the filter, and the weight that suits the feedback."""
+    A, C, Q, R = (np.atleast_2d(np.asarray(M, float)) for M in (A, C, Q, R))
+    part = ObserverPart(tuple(estimated), A, C, Q, R, kalman.P, kalman.L, 1.0, 0.0, kalman.poles)
+    certificate = certificate._replace(observer=part)
+    feedback, observer = certificate.feedback_matrices(), certificate.observer_matrices(part)
+    least = composite.least_weight(feedback, observer)
+    falls = [composite.least_decrease_weight(feedback, observer, r) for r in (0.0, 0.5, -0.5)]
+    finite = [w for w in (least, *falls) if np.isfinite(w)]
+    weight = ABOVE * max(finite) if finite else 1.0
+    return certificate._replace(observer=part._replace(weight=weight, least_weight=least))
 
 
 def certificate_json(certificate: Certificate) -> str:
     """The certificate as text; floats by their shortest digits that give the same float again."""
-    content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate)
-    lines = json.dumps(
-        content | {"digest": certificate_digest(certificate)}, indent=1, allow_nan=False, ensure_ascii=False
-    )
-    return _join_matrix_rows(lines) + "\n"
+    content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": certificate_digest(certificate)}
+    return _join_matrix_rows(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 def certificate_digest(certificate: Certificate) -> str:
@@ -233,10 +220,6 @@ def _join_matrix_rows(text: str) -> str:
     return "\n".join(lines)
 
 
-METHODS = ("lqr", "lmi")
-FIX = "trimtab design hypersonic --out certificate.json  writes one"
-
-
 def read_certificate(path: str | Path) -> tuple[Certificate, str]:
     """A certificate, and the digest that is written beside it."""
     try:
@@ -259,8 +242,8 @@ def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     except ValueError as error:
         raise InputError(f"file '{name}'", f"is no JSON: {error}", fix=FIX) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, dict) else type(content).__name__
-        raise InputError(f"file '{name}'", f"is no certificate: format {found!r}", choices=(FORMAT,), fix=FIX)
+        form = content.get("format") if isinstance(content, dict) else type(content).__name__
+        raise InputError(f"file '{name}'", f"is no certificate: format {form!r}", choices=(FORMAT,), fix=FIX)
     try:
         return _parse_fields(content, name), str(content["digest"])
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -314,22 +297,22 @@ def _parse_recorded_number(value: dict[str, Any], key: str, name: str) -> Record
 
 
 def _parse_names(value: Any, key: str, name: str) -> tuple[str, ...]:
-    made = tuple(str(v) for v in value)
-    if not made or len(set(made)) != len(made) or isinstance(value, str):
+    names = tuple(str(v) for v in value)
+    if not names or len(set(names)) != len(names) or isinstance(value, str):
         raise InputError(f"file '{name}', {key}", f"{value}", fix="names, each once; " + FIX)
-    return made
+    return names
 
 
 def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
-    made = np.array(value, float)
-    if made.shape != shape or not np.isfinite(made).all():
-        raise InputError(f"file '{name}', {key}", f"shape {made.shape}, wanted {shape}, finite", fix=FIX)
-    return made
+    array = np.array(value, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"file '{name}', {key}", f"shape {array.shape}, wanted {shape}, finite", fix=FIX)
+    return array
 
 
 def _parse_poles(value: Any, n: int, key: str, name: str) -> Any:
-    made = _parse_array(value, (n, 2), key, name)
-    return made[:, 0] + 1j * made[:, 1]
+    parts = _parse_array(value, (n, 2), key, name)
+    return parts[:, 0] + 1j * parts[:, 1]
 
 
 def _refuse_constant(word: str) -> NoReturn:

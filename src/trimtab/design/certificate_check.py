@@ -58,24 +58,19 @@ def prove_certificate(certificate: Certificate, written: str | None = None) -> C
     """Prove a certificate again.
 
     Args:
-        certificate: of `certify` or of a file.
+        certificate: of `build_certificate` or of a file.
         written: the digest in the file, where there is one.
     """
-    made = [*_entry_conditions(certificate)]
-    if all(c.holds for c in made):  # else what follows has no meaning
-        made += [
-            *_feedback_conditions(certificate),
-            *_observer_conditions(certificate),
-            *_recorded_conditions(certificate),
-        ]
-    made += _file_conditions(certificate, written)
-    return CertificateProof(tuple(made), all(c.holds for c in made))
-
-
-def _file_conditions(c: Certificate, written: str | None) -> Iterator[ProofCondition]:
-    if written is not None and written != certificate_digest(c):
+    conditions = [*_entry_conditions(certificate)]
+    if all(c.holds for c in conditions):  # else what follows has no meaning
+        conditions += _feedback_conditions(certificate)
+        conditions += _observer_conditions(certificate)
+        conditions += _recorded_conditions(certificate)
+    if written is not None and written != certificate_digest(certificate):
         why = "the file was changed after it was written; the other lines say what that did"
-        yield ProofCondition("the file is as it was written", False, float("nan"), "digest", "SHA-256", why)
+        name = "the file is as it was written"
+        conditions.append(ProofCondition(name, False, float("nan"), "digest", "SHA-256", why))
+    return CertificateProof(tuple(conditions), all(c.holds for c in conditions))
 
 
 def _entry_conditions(c: Certificate) -> Iterator[ProofCondition]:
@@ -101,22 +96,22 @@ def _entry_conditions(c: Certificate) -> Iterator[ProofCondition]:
     if not all(np.array_equal(M, M.T) for _, M in pairs):
         return
     for name, M in (("Q_e > 0", c.Qe), ("R_e > 0", c.Re), *([] if o is None else [("R > 0", o.R)])):
-        yield definite_condition(name, exact.as_fractions(M), [str(i) for i in range(len(M))])
+        yield _definite_condition(name, exact.as_fractions(M), [str(i) for i in range(len(M))])
 
 
 def _feedback_conditions(c: Certificate) -> Iterator[ProofCondition]:
-    f = rational_feedback(c)
-    yield definite_condition("P > 0", f.P, c.states)
-    yield definite_condition("(14)", composite.inequality_matrix(f), c.states, f.Qe, "Q_e")
+    f = _rational_feedback(c)
+    yield _definite_condition("P > 0", f.P, c.states)
+    yield _definite_condition("(14)", composite.inequality_matrix(f), c.states, f.Qe, "Q_e")
     poles = sorted_poles((c.A + c.B @ c.K) * c.scale / c.scale[:, None])
-    stable = definite_condition("A + B K Hurwitz", composite.lyapunov_matrix(f), c.states, f.Qe, "Q_e")
+    stable = _definite_condition("A + B K Hurwitz", composite.lyapunov_matrix(f), c.states, f.Qe, "Q_e")
     yield stable._replace(why=stable.why or f"rightmost pole {format_pole(poles[0])}")
     yield _poles_condition("poles of A + B K", poles, c.poles)
     if c.Q is None:
         return
     d, weight = c.scale, np.sqrt(np.diag(c.Re))
-    K, wanted = (np.array(M, float) * d * weight[:, None] for M in (f.K, -(f.Re_inverse @ f.B.T @ f.P)))
-    yield _residual_condition("K = -R_e^-1 B'P", K - wanted, wanted, (c.inputs, c.states))
+    K, optimal = (np.array(M, float) * d * weight[:, None] for M in (f.K, -(f.Re_inverse @ f.B.T @ f.P)))
+    yield _residual_condition("K = -R_e^-1 B'P", K - optimal, optimal, (c.inputs, c.states))
     residual = np.array(composite.inequality_matrix(f) + f.Qe - exact.as_fractions(c.Q), float) * np.outer(d, d)
     yield _residual_condition("left side of (14) = Q_e - Q", residual, c.Q * np.outer(d, d), (c.states, c.states))
 
@@ -124,27 +119,25 @@ def _feedback_conditions(c: Certificate) -> Iterator[ProofCondition]:
 def _observer_conditions(c: Certificate) -> Iterator[ProofCondition]:
     if c.observer is None:
         return
-    o, f, r = c.observer, rational_feedback(c), rational_observer(c, c.observer)
-    yield definite_condition("P_eta > 0", r.P, o.estimated)
+    o, f, r = c.observer, _rational_feedback(c), _rational_observer(c, c.observer)
+    yield _definite_condition("P_eta > 0", r.P, o.estimated)
     poles = sorted_poles(o.A - o.L @ o.C)
-    stable = definite_condition("A_eta - L C Hurwitz", composite.observer_lyapunov_matrix(r), o.estimated)
+    stable = _definite_condition("A_eta - L C Hurwitz", composite.observer_lyapunov_matrix(r), o.estimated)
     yield stable._replace(why=stable.why or f"rightmost pole {format_pole(poles[0])}")
     yield _poles_condition("poles of A_eta - L C", poles, o.poles)
     yield _observability_condition(o, r)
     size = np.sqrt(np.diag(o.P))
-    L, wanted = (np.array(M, float) / size[:, None] for M in (r.L, r.P @ r.C.T @ r.R_inverse))
-    yield _residual_condition("L = P_eta C'R^-1", L - wanted, wanted, (o.estimated, [str(i) for i in range(len(o.R))]))
-    apart = np.array(composite.observer_lyapunov_matrix(r) - composite.dissipation_matrix(r), float) / np.outer(
-        size, size
-    )
-    term = np.array(r.A @ r.P, float) / np.outer(size, size)
+    L, steady = (np.array(M, float) / size[:, None] for M in (r.L, r.P @ r.C.T @ r.R_inverse))
+    yield _residual_condition("L = P_eta C'R^-1", L - steady, steady, (o.estimated, [str(i) for i in range(len(o.R))]))
+    apart = composite.observer_lyapunov_matrix(r) - composite.dissipation_matrix(r)
+    apart, term = (np.array(M, float) / np.outer(size, size) for M in (apart, r.A @ r.P))
     yield _residual_condition("Riccati equation of P_eta", apart, term, (o.estimated, o.estimated))
     yield _weight_condition(c, o)
     weight, names = Fraction(o.weight), (*c.states, *(f"w.{n}" for n in o.estimated))
-    yield definite_condition(f"(15) z({o.weight:.6g}) > 0", composite.weighted_matrix(f, r, weight), names)
+    yield _definite_condition(f"(15) z({o.weight:.6g}) > 0", composite.weighted_matrix(f, r, weight), names)
     for gain, robust in ROBUST.items():
         M = composite.decrease_matrix(f, r, weight, Fraction(robust))
-        yield definite_condition(f"V falls, gain {gain}", M, names)
+        yield _definite_condition(f"V falls, gain {gain}", M, names)
 
 
 def _recorded_conditions(c: Certificate) -> Iterator[ProofCondition]:
@@ -157,7 +150,7 @@ def _recorded_conditions(c: Certificate) -> Iterator[ProofCondition]:
 def _weight_condition(c: Certificate, o: ObserverPart) -> ProofCondition:
     name, meaning = "least weight lambda*, as recorded", "relative deviation"
     try:
-        least = composite.least_weight(c.feedback_matrices(), _float_observer(c, o))
+        least = composite.least_weight(c.feedback_matrices(), c.observer_matrices(o))
     except InputError as error:
         return ProofCondition(name, False, float("inf"), meaning, FLOATS, error.problem)
     off = abs(least - o.least_weight) / max(abs(least), np.finfo(float).tiny)
@@ -169,14 +162,12 @@ def _observability_condition(o: ObserverPart, r: composite.Observer) -> ProofCon
     blocks = [r.C]
     for _ in range(len(o.A) - 1):
         blocks.append(blocks[-1] @ r.A)
-    found, k = exact.exact_rank(np.vstack(blocks)), len(o.A)
-    ratio = constant_rank(o.A, o.C).ratio
-    return ProofCondition(
-        f"(A_eta, C) observable, rank {found} of {k}", found == k, ratio, "singular ratio, scaled", "exact rank"
-    )
+    rank, k = exact.exact_rank(np.vstack(blocks)), len(o.A)
+    name, ratio = f"(A_eta, C) observable, rank {rank} of {k}", constant_rank(o.A, o.C).ratio
+    return ProofCondition(name, rank == k, ratio, "singular ratio, scaled", "exact rank")
 
 
-def definite_condition(name: str, M: Any, names: Any, unit: Any = None, label: str = "its diagonal") -> ProofCondition:
+def _definite_condition(name: str, M: Any, names: Any, unit: Any = None, label: str = "its diagonal") -> ProofCondition:
     """The line of one matrix that must be positive definite, with a margin that is proved too.
 
     Args:
@@ -190,9 +181,8 @@ def definite_condition(name: str, M: Any, names: Any, unit: Any = None, label: s
     meaning = f"margin in {label}"
     if not proof.holds:
         row = "" if proof.pivot is None else f" at {list(names)[proof.pivot]}"
-        return ProofCondition(
-            name, False, _smallest_eigenvalue(M, unit), meaning, proof.how, f"pivot{row} is {proof.value:.6g}"
-        )
+        why = f"pivot{row} is {proof.value:.6g}"
+        return ProofCondition(name, False, _smallest_eigenvalue(M, unit), meaning, proof.how, why)
     unit = np.diag(np.diag(M)) if unit is None else unit
     margin = float(f"{0.99 * _smallest_eigenvalue(M, unit):.2e}")  # so that what is shown is what is proved
     if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
@@ -200,20 +190,16 @@ def definite_condition(name: str, M: Any, names: Any, unit: Any = None, label: s
     return ProofCondition(name, True, margin, meaning, proof.how)
 
 
-def rational_feedback(c: Certificate) -> composite.Feedback:
+def _rational_feedback(c: Certificate) -> composite.Feedback:
     """The feedback's matrices as fractions; R_e is inverted exactly."""
     A, B, K, P, Qe, Re = (exact.as_fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
     return composite.Feedback(A, B, K, P, Qe, exact.exact_inverse(Re))
 
 
-def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
+def _rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
     """The observer's matrices as fractions."""
     A, C, Q, P, L, R = (exact.as_fractions(M) for M in (o.A, o.C, o.Q, o.P, o.L, o.R))
     return composite.Observer(A, C, Q, P, L, exact.exact_inverse(R), c.estimated_indices())
-
-
-def _float_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
-    return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), c.estimated_indices())
 
 
 def _smallest_eigenvalue(M: Any, unit: Any) -> float:

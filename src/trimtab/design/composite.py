@@ -71,8 +71,8 @@ def inequality_matrix(f: Feedback) -> Any:
 
 def dissipation_matrix(o: Observer) -> Any:
     """P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
-    seen = o.P @ o.C.T
-    return o.Q + seen @ o.R_inverse @ seen.T
+    across = o.P @ o.C.T
+    return o.Q + across @ o.R_inverse @ across.T
 
 
 def observer_lyapunov_matrix(o: Observer) -> Any:

@@ -37,10 +37,10 @@ class DefinitenessProof(NamedTuple):
 def as_fractions(M: Any) -> Any:
     """A matrix of floats as the same matrix of Fractions (dtype object), which `@`, `+`, `-`, `*` then keep exact."""
     values: Any = np.asarray(M)
-    made = np.empty(values.shape, object)
+    fractions = np.empty(values.shape, object)
     for i in np.ndindex(values.shape):
-        made[i] = Fraction(values[i])
-    return made
+        fractions[i] = Fraction(values[i])
+    return fractions
 
 
 def exact_inverse(M: Any) -> Any:
@@ -74,17 +74,17 @@ def prove_definite(M: Any) -> DefinitenessProof:
 def exact_rank(M: Any) -> int:
     """Rank of a matrix of floats or Fractions, exactly. Source: [1]."""
     work = _integers(as_fractions(M))
-    found, before = 0, 1
+    rank, before = 0, 1
     for column in range(work.shape[1]):
-        row = next((i for i in range(found, len(work)) if work[i, column]), None)
+        row = next((i for i in range(rank, len(work)) if work[i, column]), None)
         if row is None:
             continue
-        work[[found, row]] = work[[row, found]]
-        for i in range(found + 1, len(work)):
-            work[i] = (work[i] * work[found, column] - work[found] * work[i, column]) // before
-        before = work[found, column]
-        found += 1
-    return found
+        work[[rank, row]] = work[[row, rank]]
+        for i in range(rank + 1, len(work)):
+            work[i] = (work[i] * work[rank, column] - work[rank] * work[i, column]) // before
+        before = work[rank, column]
+        rank += 1
+    return rank
 
 
 def _prove_by_minors(M: Any) -> DefinitenessProof:
@@ -108,16 +108,15 @@ def _prove_by_cholesky(M: Any) -> DefinitenessProof:
     for that too.
     """
     n = len(M)
-    size = [Fraction(2) ** -(math.floor(math.log2(M[i, i].numerator) - math.log2(M[i, i].denominator)) // 2 + 1)
-            for i in range(n)]  # fmt: skip
+    halves = [math.floor(math.log2(d.numerator) - math.log2(d.denominator)) // 2 + 1 for d in np.diag(M)]
+    size = [Fraction(2) ** -k for k in halves]
     rounded = np.array([[float(M[i, j] * size[i] * size[j]) for j in range(n)] for i in range(n)])
     gamma = (n + 2) * UNIT / (1 - (n + 2) * UNIT)
     error = gamma / (1 - 2 * gamma) * np.trace(rounded) + 4 * UNIT * np.abs(rounded).sum(axis=1).max() + n * 1e-300
     try:
         np.linalg.cholesky(rounded - 2 * error * np.eye(n))
     except np.linalg.LinAlgError:
-        lowest = float(np.linalg.eigvalsh(rounded)[0])
-        return DefinitenessProof(False, BOUNDED, n - 1, lowest)
+        return DefinitenessProof(False, BOUNDED, n - 1, float(np.linalg.eigvalsh(rounded)[0]))
     return DefinitenessProof(True, BOUNDED, None, float("nan"))
 
 
@@ -127,7 +126,7 @@ def _denominator(M: Any) -> int:
 
 def _integers(M: Any) -> Any:
     common = _denominator(M)
-    made = np.empty(M.shape, object)
+    integers = np.empty(M.shape, object)
     for i in np.ndindex(M.shape):
-        made[i] = M[i].numerator * (common // M[i].denominator)
-    return made
+        integers[i] = M[i].numerator * (common // M[i].denominator)
+    return integers

@@ -105,7 +105,10 @@ def trim(
     Returns: a Trim, found or not; `require_trim` turns a miss into an InputError.
     Source: [1] section 3.6.
     """
-    problem, z0 = _build_problem(model, list(free), x, u, derivatives, list(loose), outputs, bounds, scales)
+    ranges = (bounds or {}, scales or {})
+    problem, z0 = _build_problem(
+        model, list(free), model.point(x, u), dict(derivatives or {}), list(loose), dict(outputs or {}), ranges
+    )
     draws, best, best_cost = np.random.default_rng(0), z0, np.inf
     for i in range(max(starts, 1)):
         z, cost = _search_root(problem, z0 if i == 0 else _draw_restart(problem, z0, draws))
@@ -118,16 +121,14 @@ def trim(
 
 def _build_problem(
     model: StateSpaceModel,
-    free: Any,
-    x: Any,
-    u: Any,
-    derivatives: Any,
-    loose: Any,
-    outputs: Any,
-    bounds: Any,
-    scales: Any,
+    free: list[str],
+    point: tuple[Any, Any],
+    derivatives: dict[str, float],
+    loose: list[str],
+    outputs: dict[str, float],
+    ranges: tuple[Any, Any],
 ) -> tuple[_Problem, Any]:
-    x0, u0 = model.point(x, u)
+    x0, u0 = point
     both = (*model.states, *model.inputs)
     if len(set(both)) != len(both):
         twice = [n for n in model.states if n in model.inputs]
@@ -135,7 +136,6 @@ def _build_problem(
     if not free:
         raise InputError("trim.free", "nothing may move", choices=both, fix="name states or inputs to be found")
     columns = np.array(find_indices("trim.free", free, both))
-    derivatives, outputs = dict(derivatives or {}), dict(outputs or {})
     find_indices("trim.derivatives", derivatives, model.states)
     away = find_indices("trim.loose", loose, model.states)
     rows = np.array([i for i in range(len(x0)) if i not in away], int)
@@ -156,7 +156,7 @@ def _build_problem(
     slopes = jax.jacfwd(residual)
     value, slope = (jax.jit(lambda z, g=g: g(fixed.at[columns].set(z))) for g in (residual, slopes))
     z0 = np.asarray(fixed)[columns]
-    low, high, scale = _unknown_ranges(list(free), z0, bounds or {}, scales or {})
+    low, high, scale = _unknown_ranges(free, z0, *ranges)
     start = np.clip(z0, low, high)
     bad = [n for n, v in zip(equations, np.asarray(value(start)), strict=True) if not np.isfinite(v)]
     if bad:
@@ -254,23 +254,22 @@ def _build_report(p: _Problem, z: Any, tolerance: float) -> Trim:
     x, u = np.split(point, [len(p.x)])
     residual = dict(zip(p.equations, (r * size).tolist(), strict=True))
     relative = dict(zip(p.equations, r.tolist(), strict=True))
-    why = () if holds else _explain_failure(p, residual, relative, active, powerless, missing, r, tolerance)
-    return Trim(holds, x, u, residual, relative, active, powerless, undetermined, rank, singular, why)
+    report = Trim(holds, x, u, residual, relative, active, powerless, undetermined, rank, singular, ())
+    return report if holds else report._replace(why=_explain_failure(p, report, missing, r, tolerance))
 
 
-def _explain_failure(
-    p: _Problem, residual: Any, relative: Any, active: Any, powerless: Any, missing: Any, r: Any, tolerance: float
-) -> tuple[str, ...]:
+def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: float) -> tuple[str, ...]:
     """The reasons, the most telling first."""
-    worst = sorted((n for n in relative if abs(relative[n]) > tolerance), key=lambda n: -abs(relative[n]))
-    reasons = ["off are " + ", ".join(f"{n} by {residual[n]:.6g}" for n in worst)]
+    off = miss.relative
+    worst = sorted((n for n in off if abs(off[n]) > tolerance), key=lambda n: -abs(off[n]))
+    reasons = ["off are " + ", ".join(f"{n} by {miss.residual[n]:.6g}" for n in worst)]
     edges = {"low": dict(zip(p.names, p.low, strict=True)), "high": dict(zip(p.names, p.high, strict=True))}
-    if active:
-        reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in active.items()))
+    if miss.active:
+        reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in miss.active.items()))
     stuck = [format_combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
     reasons += [f"nothing that is free moves {c} to first order" for c in stuck]
-    if powerless:
-        reasons.append(f"no authority here: {', '.join(powerless)}")
+    if miss.powerless_unknowns:
+        reasons.append(f"no authority here: {', '.join(miss.powerless_unknowns)}")
     if len(reasons) == 1:
         reasons.append("the search ended where the least squares have a minimum that is not zero")
     return tuple(reasons)
