@@ -16,7 +16,8 @@ import numpy as np
 from studies.hypersonic2022.printed_matrices import COLUMNS, INPUTS
 from trimtab.core.record import replace
 from trimtab.design.linearise import linearise
-from trimtab.scenarios.hypersonic._design import V, accelerations, design_model, error_model
+from trimtab.scenarios.hypersonic._design import H, V, accelerations, error_model
+from trimtab.scenarios.hypersonic._internal import design_model
 from trimtab.study import Row, at_most, same, within
 from trimtab.vehicles.hypersonic import Hypersonic
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED
@@ -81,7 +82,7 @@ def _entries() -> Iterator[Row]:
 def _slope() -> Iterator[Row]:
     """dv/du at the trim."""
     craft, (_, at) = Hypersonic(), error_model()
-    plant = design_model(craft)
+    plant = design_model(craft, H, V)
     x = plant.state(at.x)
     found = np.asarray(jax.jacfwd(lambda u: accelerations(craft, x, u))(np.asarray(at.u)))
     names = ("h''", "V'"), ("Φ", "δe")
@@ -133,7 +134,7 @@ def _poles() -> Iterator[Row]:
             unit="1/s",
             **REFERENCE,
         )
-    plant = design_model(Hypersonic())
+    plant = design_model(Hypersonic(), H, V)
     _, at = error_model()
     poles = linearise(plant, at.x, at.u).poles()
     yield at_most(

@@ -60,7 +60,7 @@ def _values(climb: FilteredClimb, report: Any) -> Iterator[Row]:
 
 
 def _iteration(report: Any) -> Iterator[Row]:
-    changes = np.array(report.changes)
+    changes = np.array(report.solution.changes)
     count = len(changes)
     yield band("iteration/count", "iterations", "5-7", count, PLACE, low=5, high=7, **REFERENCE)
     first = "change of the first one, in sizes of the states"

@@ -67,7 +67,7 @@ def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
 
 def test_successive_changes():
     """[H] 6.2: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
-    changes = np.array(noncausal()[1].changes)
+    changes = np.array(noncausal()[1].solution.changes)
     assert 5 <= len(changes) <= 7
     np.testing.assert_allclose(changes[0], 3.25e-2, rtol=0.01)
     assert (changes[1:] < changes[:-1] / 10).all()
@@ -123,7 +123,7 @@ def test_linear_and_exact_are_the_same_for_a_small_climb_only():
     """[H] 6.3: about the trim."""
     big = np.abs(noncausal()[1].solution.zeta - linear()[1].solution.zeta) / SCALES
     assert 0.03 < big[:, 0].max() < 0.08
-    assert len(linear()[1].changes) == 2
+    assert len(linear()[1].solution.changes) == 2
     assert linear()[1].residual < 1e-5
 
 

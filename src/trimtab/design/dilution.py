@@ -51,8 +51,8 @@ def dilution(directions: Any, visible: Any, *, common_error: bool = False) -> An
     solvable = np.linalg.matrix_rank(information, hermitian=True, tol=1e-9) == information.shape[-1]
     safe = np.where(solvable[..., None, None], information, np.eye(information.shape[-1]))
     covariance = np.linalg.inv(safe)
-    found = np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
-    return np.where(solvable, found, np.inf)
+    values = np.sqrt(covariance[..., 0, 0] + covariance[..., 1, 1])
+    return np.where(solvable, values, np.inf)
 
 
 def dilution_map(
@@ -78,14 +78,13 @@ def dilution_map(
     """
     beacons = np.asarray(beacons, np.float64)
     if beacons.ndim != 2 or beacons.shape[1] != 3:
-        raise InputError(
-            "dilution_map.beacons", f"has shape {beacons.shape}", fix="give one row north, east, down each"
-        )
+        fix = "give one row north, east, down each"
+        raise InputError("dilution_map.beacons", f"has shape {beacons.shape}", fix=fix)
     north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
     N, E = np.meshgrid(north, east, indexing="ij")
     line = np.stack([N, E, np.full_like(N, down)], axis=-1)[:, :, None] - beacons
     distance = np.linalg.norm(line, axis=-1)
     safe = np.maximum(distance, 1e-9)
     visible = (distance <= reach) & (np.arccos(np.clip(line[..., 2] / safe, -1, 1)) <= cone)
-    found = dilution(line[..., :2] / safe[..., None], visible, common_error=common_error)
-    return DilutionMap(north, east, found, visible.sum(-1).astype(np.int32), beacons, down)
+    values = dilution(line[..., :2] / safe[..., None], visible, common_error=common_error)
+    return DilutionMap(north, east, values, visible.sum(-1).astype(np.int32), beacons, down)

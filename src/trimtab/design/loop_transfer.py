@@ -86,7 +86,8 @@ class FeedbackLoop(NamedTuple):
             fix = "sample a continuous loop, with a period above 0 s"
             raise InputError("loop.sampled", f"period {period} s of a loop of period {self.period} s", fix=fix)
         sampled: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
-        return FeedbackLoop(*sampled[:4], float(period))
+        A, B, C, D, _ = sampled
+        return FeedbackLoop(A, B, C, D, float(period))
 
     def grid(self) -> Any:
         """Frequencies (rad/s) at which nothing of L and T is missed: evenly in decades, and dense beside poles."""

@@ -27,7 +27,7 @@ class ByrnesIsidori(NamedTuple):
 
     h1: f2 = 0 only at x1 = 0 near the origin.  h2: df2/dx1 has full column rank n1 at the origin.
     rank_f2: that rank.  rank_inputs: number of independent inputs m'.  n1: size of x1.
-    excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    is_excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
     h1: bool
@@ -41,11 +41,11 @@ class ByrnesIsidori(NamedTuple):
 class Brockett(NamedTuple):
     """What brockett found.
 
-    unstable: eigenvalues with positive real part that no input reaches (condition i fails where there are any).
+    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (where any, condition i fails).
     controllability_rank: of the linearisation, n where it is controllable.
-    onto: whether each tried right-hand side is reached (condition iii).
-    missed: (k, n) right-hand sides that are not.
-    excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    is_onto: whether each tried right-hand side is reached (condition iii).
+    missed_targets: (k, n) right-hand sides that are not.
+    is_excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
     uncontrollable_unstable: tuple[complex, ...]
@@ -131,7 +131,7 @@ def is_reachable(
     draws = np.random.default_rng(1)
     for i in range(starts):
         z = draws.uniform(-0.9, 0.9, n + m) * radius * (0.01 if i == 0 else 1.0)
-        found = least_squares(
+        nearest = least_squares(
             lambda z: np.asarray(value(z)) - b,
             z,
             jac=lambda z: np.asarray(slope(z)),  # pyright: ignore[reportArgumentType]
@@ -140,7 +140,7 @@ def is_reachable(
             ftol=1e-15,
             gtol=1e-15,
         )
-        if np.linalg.norm(found.fun) <= tolerance * np.linalg.norm(b):
+        if np.linalg.norm(nearest.fun) <= tolerance * np.linalg.norm(b):
             return True
     return False
 

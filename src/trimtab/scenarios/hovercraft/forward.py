@@ -11,16 +11,6 @@ def scenario(
     links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
 ) -> Scenario:
     """[1] fig. 6.8, table 6.2."""
-    law = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8)
-    return hovercraft_scenario(
-        "hovercraft/forward",
-        law,
-        HovercraftState(),
-        15,
-        velocity_targets(surge=2.8 / 2.6),
-        links,
-        navigation,
-        supervisor,
-        bus,
-        floor=(-2, 18, -4, 5),
-    )
+    law, initial = ForwardMomentum(k1=1.0, k2=4.0, reference=2.8), HovercraftState()
+    name, targets, floor = "hovercraft/forward", velocity_targets(surge=2.8 / 2.6), (-2, 18, -4, 5)
+    return hovercraft_scenario(name, law, initial, 15, targets, links, navigation, supervisor, bus, floor=floor)

@@ -13,15 +13,5 @@ def scenario(
     """[1] fig. 6.9, table 6.3."""
     law = ReverseMomentum(k1=1.5, k2=1.0, theta=1.44, reference=-1.98)
     initial = HovercraftState(sway_velocity=-0.1, yaw_rate=0.1)
-    return hovercraft_scenario(
-        "hovercraft/reverse",
-        law,
-        initial,
-        15,
-        velocity_targets(surge=-1.98 / 2.6),
-        links,
-        navigation,
-        supervisor,
-        bus,
-        floor=(-13, 2, -6, 3),
-    )
+    name, targets, floor = "hovercraft/reverse", velocity_targets(surge=-1.98 / 2.6), (-13, 2, -6, 3)
+    return hovercraft_scenario(name, law, initial, 15, targets, links, navigation, supervisor, bus, floor=floor)

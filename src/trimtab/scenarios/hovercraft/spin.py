@@ -13,15 +13,5 @@ def scenario(
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
-    return hovercraft_scenario(
-        "hovercraft/spin",
-        law,
-        initial,
-        22,
-        velocity_targets(yaw_rate=3.0, yaw_band=0.15),
-        links,
-        navigation,
-        supervisor,
-        bus,
-        floor=(-4, 4, -4, 4),
-    )
+    name, targets, floor = "hovercraft/spin", velocity_targets(yaw_rate=3.0, yaw_band=0.15), (-4, 4, -4, 4)
+    return hovercraft_scenario(name, law, initial, 22, targets, links, navigation, supervisor, bus, floor=floor)

@@ -13,15 +13,5 @@ def scenario(
     """[1] fig. 6.7, table 6.1."""
     law = ZeroVelocity(k1=1.0, k2=2.5)
     initial = HovercraftState(surge_velocity=0.2, sway_velocity=-0.7, yaw_rate=6.4)
-    return hovercraft_scenario(
-        "hovercraft/zero-velocity",
-        law,
-        initial,
-        15,
-        velocity_targets(),
-        links,
-        navigation,
-        supervisor,
-        bus,
-        floor=(-4, 4, -6, 3),
-    )
+    name, targets, floor = "hovercraft/zero-velocity", velocity_targets(), (-4, 4, -6, 3)
+    return hovercraft_scenario(name, law, initial, 15, targets, links, navigation, supervisor, bus, floor=floor)

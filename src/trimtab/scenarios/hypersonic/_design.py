@@ -1,20 +1,13 @@
-"""Gain, filter and certificate of the hypersonic vehicle, from its own trim.
+"""Gain, filter and certificate of the hypersonic vehicle, from its own trim; and, over a grid of the envelope, whether
+the inversion is well-posed and how wrong its gains can be.
 
 Errors e = (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') less the desired ones; v = (h'', V').
 
 [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206. Its weights are not printed; those here are chosen.
-
-Over a grid of the envelope: is the inversion of the hypersonic vehicle well-posed, and how wrong can its gains be?
-
-Grid: 80-95 kft, 7-9 kft/s, alpha 0-4 deg, gamma -1 to 1 deg, delta_e -20 to 25.8 deg.
-
-[1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, assumption 1.
+vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. Its weights are not printed; those here are chosen.
 """
 
 import itertools
-import math
 from functools import lru_cache
 from typing import Any
 
@@ -24,85 +17,17 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS
-from trimtab.design.certificate import Certificate, RecordedNumber, build_certificate
+from trimtab.core.rotation import DEG
+from trimtab.design.certificate import METHODS, Certificate, RecordedNumber, build_certificate
 from trimtab.design.linearise import LinearModel
 from trimtab.design.lmi import LmiGain, lmi_gain
 from trimtab.design.lqr import KalmanBucy, Lqr, augment_integrals, kalman_bucy, lqr
-from trimtab.design.model import StateSpaceModel, model_of_vehicle
 from trimtab.design.normal_form import linear_normal_form
-from trimtab.design.trim import Trim, trim
+from trimtab.design.trim import Trim
 from trimtab.laws.adaptive_robust import SIZES
 from trimtab.laws.path_inversion import InputLimits, invert_path
-from trimtab.scenarios.hypersonic._internal import FREE_VARIABLES, trim_bounds
+from trimtab.scenarios.hypersonic._internal import design_model, find_trim
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
-
-DEG = math.pi / 180
-GRID = tuple(
-    itertools.product(
-        (80e3, 85e3, 90e3, 95e3),
-        (7e3, 7.5e3, 8e3, 8.5e3, 9e3),
-        tuple(a * DEG for a in (0.0, 1.0, 2.0, 3.0, 4.0)),
-        (-DEG, 0.0, DEG),
-        tuple(d * DEG for d in (-20.0, -10.0, 0.0, 10.0, 20.0, 25.8)),
-    )
-)
-"""h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
-GRID_DESCRIPTION = (
-    f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
-)
-WANTED_ACCELERATIONS = (2.0, -2.0)
-"""Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
-
-
-def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
-    """v = (h'', V') (ft/s^2) of the input u = (Phi, delta_e)."""
-    along, normal = craft.path_accelerations(0.0, x, HypersonicInput(u[0], u[1]))
-    gamma = x.theta - x.alpha
-    return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])
-
-
-def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, RecordedNumber]:
-    """kappa_G, the least |det dv/du|, and the worst residual of the inversion that the law flies.
-
-    Args:
-        craft: the vehicle the law believes in.
-        plant: the vehicle that flies.
-    """
-    kappa, determinant, residual = _worst_values(craft, plant)
-    kappa_how = f"largest |(G_plant - G) G^-1|, {GRID_DESCRIPTION}" + ("; no parameter error" if plant == craft else "")
-    return {
-        "kappa_G": RecordedNumber(kappa, 0.0, 1.0, kappa_how),
-        "least |det dv/du|": RecordedNumber(determinant, 1.0, 1e9, GRID_DESCRIPTION),
-        "residual of the inversion": RecordedNumber(
-            residual, 0.0, 1e-9, f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}"
-        ),
-    }
-
-
-@lru_cache(maxsize=8)
-def _worst_values(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
-    v = jnp.array(WANTED_ACCELERATIONS)
-
-    def at(point: Any) -> tuple[Any, Any, Any]:
-        h, V, alpha, gamma, delta_e = point
-        x = HypersonicState(h, V, alpha, alpha + gamma, 0.0, 0.0, 0.0, 0.0, 0.0)
-        start = jnp.stack([0.3 * jnp.ones_like(h), delta_e])
-        slope = jax.jacfwd(lambda w: accelerations(craft, x, w))
-        G = slope(start)
-        apart = jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G
-        found = invert_path(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
-        u = jnp.stack([found.Phi, found.delta_e])
-        inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _determinant(G)
-        return apart @ inverse, _determinant(G), accelerations(craft, x, u) - v
-
-    errors, dets, left = jax.jit(jax.vmap(at), compiler_options=FAST_COMPILE_OPTIONS)(jnp.array(GRID))
-    kappa = np.linalg.norm(np.asarray(errors), 2, axis=(1, 2)).max()
-    return float(kappa), float(np.abs(dets).min()), float(np.abs(left).max())
-
-
-def _determinant(G: Any) -> Any:
-    return G[0, 0] * G[1, 1] - G[0, 1] * G[1, 0]
-
 
 H, V = 85000.0, 7702.0808
 """Altitude (ft) and speed (ft/s) of the linearisation, [1] table 1."""
@@ -125,14 +50,79 @@ FILTERS = {
     "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
 }
 """Name -> diagonal of Q_eta, and R_eta (rad^2/s^3): as flown; for an exact model; as printed in [1]."""
-METHODS = ("lqr", "lmi")
 NOMINAL = Hypersonic()
+GRID = tuple(
+    itertools.product(
+        (80e3, 85e3, 90e3, 95e3),
+        (7e3, 7.5e3, 8e3, 8.5e3, 9e3),
+        tuple(a * DEG for a in (0.0, 1.0, 2.0, 3.0, 4.0)),
+        (-DEG, 0.0, DEG),
+        tuple(d * DEG for d in (-20.0, -10.0, 0.0, 10.0, 20.0, 25.8)),
+    )
+)
+"""h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
+GRID_DESCRIPTION = (
+    f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
+)
+WANTED_ACCELERATIONS = (2.0, -2.0)
+"""Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
 
 
-def design_model(craft: Hypersonic, h: float = H, V: float = V) -> StateSpaceModel:
-    """The vehicle with outputs h (ft) and V (ft/s), made near its trim."""
-    x = HypersonicState(h, V, 0.03, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
+def certificate(
+    craft: Hypersonic = NOMINAL,
+    *,
+    method: str = "lqr",
+    integral: bool = False,
+    filter: str = "tuned",
+    plant: Hypersonic | None = None,
+    h: float = H,
+    V: float = V,
+) -> Certificate:
+    """Gain, filter and all that proves them; prove it with `certificate_check.prove_certificate`.
+
+    Args:
+        craft: the vehicle the law believes in.
+        method: "lqr" or "lmi".
+        integral: with integral action.
+        filter: "tuned", "accurate" or "printed".
+        plant: the vehicle that flies, for kappa_G; the same where not given.
+        h: altitude (ft).
+        V: speed (ft/s).
+    """
+    linear, level = error_model(craft, h, V)
+    gain = feedback_gain(linear, method=method, integral=integral)
+    Qe, Re, scale = weights(integral=integral)
+    Qe = Qe / STRICT_FACTOR if method == "lqr" else Qe
+    about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
+    trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
+    return build_certificate(
+        "hypersonic",
+        error_matrices(linear, integral=integral),
+        (gain.K, gain.P),
+        (Qe, Re),
+        states=(*linear.states, *INTEGRALS) if integral else linear.states,
+        inputs=linear.inputs,
+        method=method,
+        Q=STRICT_FACTOR * Qe if method == "lqr" else None,
+        scale=scale,
+        observer=(MODES, *mode_filter(linear, filter)),
+        recorded=recorded_numbers(craft, craft if plant is None else plant),
+        about=about | {"h_ft": h, "V_ft_per_s": V} | {n: float(v) for n, v in trimmed.items()},
+    )
+
+
+def recompute_matrices(written: Certificate) -> tuple[Any, Any]:
+    """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
+    place: list[float] = []
+    for name in ("h_ft", "V_ft_per_s"):
+        try:
+            place.append(float(written.about[name]))
+        except (KeyError, TypeError, ValueError):
+            problem = f"about.{name} is {written.about.get(name)!r}, no number"
+            fix = "trimtab design hypersonic --out FILE  makes it anew"
+            raise InputError("certificate", problem, fix=fix) from None
+    linear, _ = error_model(h=place[0], V=place[1])
+    return error_matrices(linear, integral=written.about.get("integral") == "true")
 
 
 @lru_cache(maxsize=8)
@@ -145,7 +135,7 @@ def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tupl
         V: speed (ft/s).
     """
     plant = design_model(craft, h, V)
-    level = trim(plant, free=FREE_VARIABLES, bounds=trim_bounds(InputLimits())).require_trim("hypersonic trim")
+    level = find_trim(plant, InputLimits(), "hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
@@ -192,59 +182,50 @@ def mode_filter(linear: LinearModel, filter: str = "tuned") -> tuple[Any, Any, A
     return A, C, Q, R, kalman_bucy(A, C, Q, R)
 
 
-def certificate(
-    craft: Hypersonic = NOMINAL,
-    *,
-    method: str = "lqr",
-    integral: bool = False,
-    filter: str = "tuned",
-    plant: Hypersonic | None = None,
-    h: float = H,
-    V: float = V,
-) -> Certificate:
-    """Gain, filter and all that proves them; prove it with `certificate_check.check`.
+def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, RecordedNumber]:
+    """kappa_G, the least |det dv/du|, and the worst residual of the inversion that the law flies.
 
     Args:
         craft: the vehicle the law believes in.
-        method: "lqr" or "lmi".
-        integral: with integral action.
-        filter: "tuned", "accurate" or "printed".
-        plant: the vehicle that flies, for kappa_G; the same where not given.
-        h: altitude (ft).
-        V: speed (ft/s).
+        plant: the vehicle that flies.
     """
-    linear, level = error_model(craft, h, V)
-    found = feedback_gain(linear, method=method, integral=integral)
-    Qe, Re, scale = weights(integral=integral)
-    Qe = Qe / STRICT_FACTOR if method == "lqr" else Qe
-    about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
-    trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
-    return build_certificate(
-        "hypersonic",
-        error_matrices(linear, integral=integral),
-        (found.K, found.P),
-        (Qe, Re),
-        states=(*linear.states, *INTEGRALS) if integral else linear.states,
-        inputs=linear.inputs,
-        method=method,
-        Q=STRICT_FACTOR * Qe if method == "lqr" else None,
-        scale=scale,
-        observer=(MODES, *mode_filter(linear, filter)),
-        recorded=recorded_numbers(craft, craft if plant is None else plant),
-        about=about | {"h_ft": h, "V_ft_per_s": V} | {n: float(v) for n, v in trimmed.items()},
-    )
+    kappa, determinant, residual = _worst_values(craft, plant)
+    kappa_how = f"largest |(G_plant - G) G^-1|, {GRID_DESCRIPTION}" + ("; no parameter error" if plant == craft else "")
+    residual_how = f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}"
+    return {
+        "kappa_G": RecordedNumber(kappa, 0.0, 1.0, kappa_how),
+        "least |det dv/du|": RecordedNumber(determinant, 1.0, 1e9, GRID_DESCRIPTION),
+        "residual of the inversion": RecordedNumber(residual, 0.0, 1e-9, residual_how),
+    }
 
 
-def recompute_matrices(made: Certificate) -> tuple[Any, Any]:
-    """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
-    place: list[float] = []
-    for name in ("h_ft", "V_ft_per_s"):
-        try:
-            place.append(float(made.about[name]))
-        except (KeyError, TypeError, ValueError):
-            problem = f"about.{name} is {made.about.get(name)!r}, no number"
-            raise InputError(
-                "certificate", problem, fix="trimtab design hypersonic --out FILE  makes it anew"
-            ) from None
-    linear, _ = error_model(h=place[0], V=place[1])
-    return error_matrices(linear, integral=made.about.get("integral") == "true")
+@lru_cache(maxsize=8)
+def _worst_values(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
+    v = jnp.array(WANTED_ACCELERATIONS)
+
+    def at(point: Any) -> tuple[Any, Any, Any]:
+        h, V, alpha, gamma, delta_e = point
+        x = HypersonicState(h, V, alpha, alpha + gamma, 0.0, 0.0, 0.0, 0.0, 0.0)
+        start = jnp.stack([0.3 * jnp.ones_like(h), delta_e])
+        slope = jax.jacfwd(lambda w: accelerations(craft, x, w))
+        G = slope(start)
+        apart = jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G
+        input = invert_path(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
+        u = jnp.stack([input.Phi, input.delta_e])
+        inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _determinant(G)
+        return apart @ inverse, _determinant(G), accelerations(craft, x, u) - v
+
+    errors, dets, left = jax.jit(jax.vmap(at), compiler_options=FAST_COMPILE_OPTIONS)(jnp.array(GRID))
+    kappa = np.linalg.norm(np.asarray(errors), 2, axis=(1, 2)).max()
+    return float(kappa), float(np.abs(dets).min()), float(np.abs(left).max())
+
+
+def _determinant(G: Any) -> Any:
+    return G[0, 0] * G[1, 1] - G[0, 1] * G[1, 0]
+
+
+def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
+    """v = (h'', V') (ft/s^2) of the input u = (Phi, delta_e)."""
+    along, normal = craft.path_accelerations(0.0, x, HypersonicInput(u[0], u[1]))
+    gamma = x.theta - x.alpha
+    return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])

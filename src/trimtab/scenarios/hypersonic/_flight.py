@@ -109,14 +109,14 @@ def hypersonic_scenario(
 
 
 def _make_filter(name: Filter, believed: Hypersonic) -> Any:
-    settings: dict[str, Any] = {
+    filters: dict[str, Any] = {
         "tuned": FlexibleModeFilter(),
         "accurate": FlexibleModeFilter.for_exact_model(),
         "printed": FlexibleModeFilter.from_publication(),
         "none": FlexibleModeFilter(corrects=False),
         "adaptive": AdaptiveFlexibleModeFilter(),
     }
-    return replace(settings[name], craft=believed, period=TICK)
+    return replace(filters[name], craft=believed, period=TICK)
 
 
 def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, duration_s: float) -> Any:
@@ -132,7 +132,7 @@ def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, d
 
 def _gain_settings(integral: Integral, K: Any) -> dict[str, Any]:
     if integral == "on":
-        gain = feedback_gain(error_model()[0], integral=True, strict=1.0).K
+        gain = feedback_gain(error_model()[0], integral=True).K
         return {"K": gain[:, :9], "Ki": gain[:, 9:]}
     return {} if K is None else {"K": K}
 

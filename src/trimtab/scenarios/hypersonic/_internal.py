@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
-from trimtab.design.model import model_of_vehicle
+from trimtab.design.model import StateSpaceModel, model_of_vehicle
 from trimtab.design.stable_inversion import (
     BoundedSolution,
     bounded_residual,
@@ -27,8 +27,9 @@ from trimtab.design.stable_inversion import (
     exosystem_matrix,
     solve_steady_response,
 )
-from trimtab.design.trim import trim
+from trimtab.design.trim import Trim, trim
 from trimtab.laws.internal_states import (
+    FIRST_ALPHA,
     FadingModes,
     InternalTable,
     PreviewInternal,
@@ -40,8 +41,6 @@ from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.laws.stable_inversion import INTERNAL_SIZES
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
-FIRST_ALPHA = 0.03
-"""Angle of attack (rad) at which searches start."""
 SEARCH_ITERATIONS = 8
 """Newton steps for the angle of attack offline."""
 FREE_VARIABLES = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
@@ -74,11 +73,22 @@ class InternalLinear(NamedTuple):
 
 def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None = None) -> LevelTrim:
     """The craft's own trim at h (ft), V (ft/s), level; InputError with the reason where there is none."""
-    zeta, u, found = quasi_static_states(craft, level_points(np.array([h]), np.array([V])))
-    return accept_trim(craft, h, V, zeta[:, 0], u[:, 0], bool(found[0]), InputLimits() if limits is None else limits)
+    zeta, u, settled = quasi_static_states(craft, level_points(np.array([h]), np.array([V])))
+    return _accept_trim(craft, h, V, zeta[:, 0], u[:, 0], settled[0], InputLimits() if limits is None else limits)
 
 
-def trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
+def design_model(craft: Hypersonic, h: float, V: float) -> StateSpaceModel:
+    """The vehicle with outputs h (ft) and V (ft/s), made near its trim."""
+    x = HypersonicState(h, V, FIRST_ALPHA, FIRST_ALPHA, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
+
+
+def find_trim(model: StateSpaceModel, limits: InputLimits, part: str) -> Trim:
+    """Level flight of a `design_model`, searched thoroughly; `part` names it in the InputError with the reasons."""
+    return trim(model, free=FREE_VARIABLES, bounds=_trim_bounds(limits)).require_trim(part)
+
+
+def _trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
     """What a trim may use: the limits of the inputs, and angles of attack at which the fit still means something."""
     return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
 
@@ -95,24 +105,21 @@ def internal_linear(craft: Hypersonic, at: LevelTrim) -> InternalLinear:
     return InternalLinear(at, np.asarray(A21), np.asarray(A22), np.asarray(B2))
 
 
-def quasi_static_states(craft: Hypersonic, wanted: PathPoint) -> tuple[Any, Any, Any]:
-    """Quasi-static zeta (6, n), Phi and delta_e (2, n), and whether they were found (n,)."""
-    zeta, u, found = _search_states(craft, wanted)
-    return np.asarray(zeta), np.asarray(u), np.asarray(found)
+def quasi_static_states(craft: Hypersonic, points: PathPoint) -> Any:
+    """Quasi-static zeta (6, n), Phi and delta_e (2, n), and whether the search for them settled (n,)."""
+    return jax.tree.map(np.asarray, _search_states(craft, points))
 
 
-def accept_trim(
-    craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, found: bool, limits: InputLimits
+def _accept_trim(
+    craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, settled: Any, limits: InputLimits
 ) -> LevelTrim:
-    """What the quick search found if it is within all limits, else what the thorough one finds, or its reasons."""
-    bounds = trim_bounds(limits)
+    """What the quick search ends with if it is within all limits, else what the thorough one finds, or its reasons."""
+    bounds = _trim_bounds(limits)
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
-    if found and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
+    if settled and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
         return LevelTrim(h, V, zeta, HypersonicInput(float(u[0]), float(u[1])))
-    model = model_of_vehicle(
-        craft, HypersonicState(h, V, FIRST_ALPHA, FIRST_ALPHA, *5 * (0.0,)), HypersonicInput(0.2, 0.1)
-    )
-    searched = trim(model, free=FREE_VARIABLES, bounds=bounds).require_trim(f"level trim at {h:g} ft, {V:g} ft/s")
+    model = design_model(craft, h, V)
+    searched = find_trim(model, limits, f"level trim at {h:g} ft, {V:g} ft/s")
     x, u = model.state(searched.x), model.input(searched.u)
     return LevelTrim(h, V, np.array([x.alpha, 0.0, x.eta1, 0.0, x.eta2, 0.0]), u)
 
@@ -127,22 +134,20 @@ def _differentiate_rates(craft: Any, xi: Any, zeta: Any, v: Any) -> Any:
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _search_states(craft: Any, p: Any) -> Any:
-    zeta, found = solve_quasi_static(craft, p, jnp.full_like(p.h, FIRST_ALPHA), SEARCH_ITERATIONS)
+    zeta, settled = solve_quasi_static(craft, p, jnp.full_like(p.h, FIRST_ALPHA), SEARCH_ITERATIONS)
     u = invert_path(craft, p.h, p.h_rate, p.V, zeta[0], p.h_acceleration, p.V_rate).u
-    return jnp.stack(zeta), jnp.stack([u.Phi, u.delta_e]), found
+    return jnp.stack(zeta), jnp.stack([u.Phi, u.delta_e]), settled
 
 
 class TableReport(NamedTuple):
     """How a table came about, in parts of SCALES where not said.
 
-    solution: all of it, on the fine grid.  changes: of each iteration.  residual: largest difference between central
-    differences and Psi (1/s).  left, right: how far the solution's ends are from level trims there; the right one is
-    not small where the climb isn't over.  interpolation:
-    largest error between the nodes (6,).
+    solution: all of it, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
+    left, right: how far the solution's ends are from level trims there; the right one is not small where the climb
+    isn't over.  interpolation: largest error between the nodes (6,).
     """
 
     solution: BoundedSolution
-    changes: tuple[float, ...]
     residual: float
     left: float
     right: float
@@ -165,10 +170,10 @@ def noncausal_table(
         keep: between the table's nodes (s), a multiple of dt.
         beyond: how much further the solution is computed (s).
     """
-    t, wanted = _time_grid(climb, seconds, dt, keep, beyond)
-    ends, guess = _boundaries_and_guess(craft, t, wanted)
+    t, path = _time_grid(climb, seconds, dt, keep, beyond)
+    ends, guess = _boundaries_and_guess(craft, t, path)
     solution = bounded_solution(
-        lambda zeta: np.asarray(_rates(craft, wanted, zeta)),
+        lambda zeta: np.asarray(_rates(craft, path, zeta)),
         internal_linear(craft, ends[0]).A22,
         guess,
         dt,
@@ -183,10 +188,10 @@ def linear_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
     """The same for the internal dynamics linearised about the trim at the start: only for small climbs. As [1]."""
-    t, wanted = _time_grid(climb, seconds, dt, keep, beyond)
-    linear = internal_linear(craft, level_trim(craft, float(wanted.h[0]), float(wanted.V[0])))
-    xi = np.stack([wanted.h - linear.trim.h, wanted.h_rate, wanted.V - linear.trim.V], axis=1)
-    v = np.stack([wanted.h_acceleration, wanted.V_rate], axis=1)
+    t, path = _time_grid(climb, seconds, dt, keep, beyond)
+    linear = internal_linear(craft, level_trim(craft, float(path.h[0]), float(path.V[0])))
+    xi = np.stack([path.h - linear.trim.h, path.h_rate, path.V - linear.trim.V], axis=1)
+    v = np.stack([path.h_acceleration, path.V_rate], axis=1)
     drive, zeta0 = xi @ linear.A21.T + v @ linear.B2.T, linear.trim.zeta
     rest = zeta0 - np.linalg.solve(linear.A22, drive[-1])
     solution = bounded_solution(
@@ -217,8 +222,8 @@ def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, int
     """The form that looks ahead in flight, with the modes of a level trim."""
     A22 = internal_linear(craft, at).A22
     scaled = A22 * SCALES / SCALES[:, None]
-    found: Any = np.linalg.eig(scaled)
-    poles, vectors = found
+    eigen: Any = np.linalg.eig(scaled)
+    poles, vectors = eigen
     inverse: Any = np.linalg.inv(vectors)
     weight = np.where(poles.imag > 0, 2.0, 1.0)
     right, left = vectors * weight * SCALES[:, None], inverse / SCALES
@@ -228,7 +233,7 @@ def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, int
         L, R, of = left[rows], right[:, rows], sign * poles[rows]
         return FadingModes(of.real, of.imag, np.stack([L.real, L.imag]), np.stack([R.real, R.imag]))
 
-    made = PreviewInternal(
+    form = PreviewInternal(
         A22=A22,
         past=modes(poles.real < 0, 1.0),
         future=modes(poles.real > 0, -1.0),
@@ -237,8 +242,8 @@ def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, int
         alpha=float(at.zeta[0]),
         intervals=intervals,
     )
-    made.check()
-    return made
+    form.check()
+    return form
 
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
@@ -257,7 +262,7 @@ def _interpolate(table: InternalTable, t: Any) -> Any:
 
 
 def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
-    """The grid and what is wanted on it."""
+    """The grid and the path on it."""
     every = round(keep / dt) if dt > 0 else 0
     if every < 1 or abs(every * dt - keep) > 1e-9 * keep or not seconds >= keep:
         problem = f"{seconds:g} s in nodes of {keep:g} s from steps of {dt:g} s"
@@ -267,23 +272,23 @@ def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
-    wanted = jax.tree.map(np.asarray, _path_points(climb, t))
-    start = [float(leaf[0]) for leaf in (wanted.h_rate, wanted.h_acceleration, wanted.V_rate)]
+    path = jax.tree.map(np.asarray, _path_points(climb, t))
+    start = [float(leaf[0]) for leaf in (path.h_rate, path.h_acceleration, path.V_rate)]
     if not np.abs(start).max() < 1e-9:
         problem = f"at time 0 h' = {start[0]:g}, h'' = {start[1]:g}, V' = {start[2]:g}: not level"
         raise InputError("internal table.climb", problem, fix="let the climb start later")
-    return t, wanted
+    return t, path
 
 
-def _boundaries_and_guess(craft: Hypersonic, t: Any, wanted: PathPoint) -> tuple[list[LevelTrim], Any]:
+def _boundaries_and_guess(craft: Hypersonic, t: Any, path: PathPoint) -> tuple[list[LevelTrim], Any]:
     """The level trims at both ends, and the quasi-static solution between (n, 6)."""
-    ends = level_points(wanted.h[[0, -1]], wanted.V[[0, -1]])
-    zeta, u, found = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), wanted, ends))
+    ends = level_points(path.h[[0, -1]], path.V[[0, -1]])
+    zeta, u, settled = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), path, ends))
     n, limits = len(t), InputLimits()
     points = [(i, float(ends.h[i - n]), float(ends.V[i - n])) for i in (n, n + 1)]
-    trims = [accept_trim(craft, h, V, zeta[:, i], u[:, i], bool(found[i]), limits) for i, h, V in points]
-    if not found[:n].all():
-        problem = f"at {t[int(np.argmin(found))]:g} s there is no angle of attack without pitching moment"
+    trims = [_accept_trim(craft, h, V, zeta[:, i], u[:, i], settled[i], limits) for i, h, V in points]
+    if not settled[:n].all():
+        problem = f"at {t[int(np.argmin(settled))]:g} s there is no angle of attack without pitching moment"
         raise InputError("internal table.climb", problem, fix="make the climb slower or smaller")
     return trims, zeta[:, :n].T
 
@@ -299,7 +304,6 @@ def _make_table(
     between = _interpolate(table, t[: last + 1])
     report = TableReport(
         solution=solution,
-        changes=solution.changes,
         residual=float(np.abs(bounded_residual(solution, dt) / SCALES).max()),
         left=float(np.abs((solution.zeta[0] - left) / SCALES).max()),
         right=float(np.abs((solution.zeta[-1] - right) / SCALES).max()),

@@ -1,7 +1,5 @@
 """Climb 1 000 ft and gain 200 ft/s, on modes of bending that no sensor sees, without noise."""
 
-from typing import Any
-
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
@@ -10,5 +8,5 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hyp
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
     """Nominal: the plant is the model."""
     climb = FilteredClimb(dh=1000.0, dV=200.0)
-    options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
-    return hypersonic_scenario("hypersonic/climb-small", climb, 150.0, **options)
+    name = "hypersonic/climb-small"
+    return hypersonic_scenario(name, climb, 150.0, filter=filter, internal=internal, integral=integral)

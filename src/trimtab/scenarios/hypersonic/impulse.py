@@ -1,6 +1,6 @@
 """An impulse while cruising: of the pitching moment, or of the force normal to the path."""
 
-from typing import Any, Literal
+from typing import Literal
 
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
@@ -21,7 +21,5 @@ def scenario(
         felt = Disturbance(moment=0.4 * craft.Iyy, start=START, duration=LENGTH)
     else:
         felt = Disturbance(normal=20.0 / LENGTH * craft.m, start=START, duration=LENGTH)
-    options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
-    return hypersonic_scenario(
-        "hypersonic/impulse", FilteredClimb(), 100.0, plant=replace(craft, disturbance=felt), **options
-    )
+    name, cruise, plant = "hypersonic/impulse", FilteredClimb(), replace(craft, disturbance=felt)
+    return hypersonic_scenario(name, cruise, 100.0, plant=plant, integral=integral, filter=filter, noise=noise)

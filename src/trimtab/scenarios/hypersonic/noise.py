@@ -1,7 +1,5 @@
 """The large climb with noise of the angular accelerometer, 0.01 rad/s^2 a sample."""
 
-from typing import Any
-
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
@@ -10,5 +8,5 @@ from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hyp
 def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
     """The plant is the model; the noise is chosen, the source prints none."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
-    options: dict[str, Any] = {"filter": filter, "internal": internal, "integral": integral}
-    return hypersonic_scenario("hypersonic/noise", climb, 200.0, noise="on", **options)
+    name = "hypersonic/noise"
+    return hypersonic_scenario(name, climb, 200.0, noise="on", filter=filter, internal=internal, integral=integral)

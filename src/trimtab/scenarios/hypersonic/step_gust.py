@@ -1,6 +1,6 @@
 """A disturbance that comes and stays while cruising: moment, drag or lift."""
 
-from typing import Any, Literal
+from typing import Literal
 
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
@@ -24,5 +24,5 @@ def scenario(
         "large-moment": Disturbance(moment=5000.0, start=START),
     }
     plant = replace(craft, disturbance=felt[kind])
-    options: dict[str, Any] = {"integral": integral, "filter": filter, "noise": noise}
-    return hypersonic_scenario("hypersonic/step-gust", FilteredClimb(), 100.0, plant=plant, **options)
+    name, cruise = "hypersonic/step-gust", FilteredClimb()
+    return hypersonic_scenario(name, cruise, 100.0, plant=plant, integral=integral, filter=filter, noise=noise)
