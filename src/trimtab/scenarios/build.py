@@ -1,9 +1,4 @@
-"""A scenario from what is typed: its name, settings, and what is left out of it or broken in it.
-
-Links of a scenario that repeat a recording, as `trimtab link-test --out` writes it, in place of its own.
-
-Source: docs page, Latency trace.
-"""
+"""A scenario from what is typed: its name, settings, and what is left out of it or broken in it."""
 
 from collections.abc import Iterable, Mapping
 
@@ -19,27 +14,6 @@ from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
 
 LINKS = ("uplink", "downlink")
-
-
-def replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` among the settings name.
-
-    Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
-
-    Raises: InputError for a file that is no recording.
-    """
-    world = scenario.world
-    for name in LINKS:
-        if name in settings:
-            file, own = settings[name], getattr(world, name)
-            if not file.endswith(".csv"):
-                fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
-                raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
-            trace, each = read_trace(file), optional_member(own, "send_period") or own.period
-            slots = required_slots(float(trace.latency_s.max()), each, ms(1))
-            link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
-            world = replace(world, **{name: link})
-    return replace(scenario, world=world)
 
 
 def build(
@@ -69,7 +43,7 @@ def build(
         "without": without,
         "faults": faults,
     }
-    scenario = replace_links_by_recordings(scenario, rest)
+    scenario = _replace_links_by_recordings(scenario, rest)
     own = {path: text for path, text in rest.items() if path not in LINKS}
     _refuse_choices(name, scenario, own)
     scenario = with_settings(scenario, own)
@@ -78,6 +52,27 @@ def build(
     scenario = inject_faults(scenario, faults)
     scenario.check()
     return replace(scenario, choices=choices)
+
+
+def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+    """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` among the settings name.
+
+    Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
+
+    Raises: InputError for a file that is no recording.
+    """
+    world = scenario.world
+    for name in LINKS:
+        if name in settings:
+            file, own = settings[name], getattr(world, name)
+            if not file.endswith(".csv"):
+                fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
+                raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
+            trace, each = read_trace(file), optional_member(own, "send_period") or own.period
+            slots = required_slots(float(trace.latency_s.max()), each, ms(1))
+            link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
+            world = replace(world, **{name: link})
+    return replace(scenario, world=world)
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:

@@ -21,12 +21,12 @@ FOLDER = Path(__file__).parent
 
 def scenario_names() -> dict[str, str]:
     """Name of each scenario -> first line of its docstring; read from the files, nothing is imported."""
-    found = {}
+    names = {}
     for file in sorted(FOLDER.glob("*/*.py")):
         if not file.name.startswith("_"):
             doc = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-            found[f"{file.parent.name}/{file.stem}".replace("_", "-")] = doc.partition("\n")[0]
-    return found
+            names[f"{file.parent.name}/{file.stem}".replace("_", "-")] = doc.partition("\n")[0]
+    return names
 
 
 def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dict[str, str]]:
@@ -37,18 +37,15 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
         settings: text by path; those without a dot that name an argument of the function are passed to it.
     """
     build = _find_function(name)
-    arguments = _argument_choices(build)
-    given, rest = {}, {}
+    offered = _argument_choices(build)
+    arguments, rest = {}, {}
     for path, text in (settings or {}).items():
-        if path not in arguments:
-            rest[path] = text
-        elif arguments[path] and text not in arguments[path]:
+        choices = offered.get(path)
+        if choices and text not in choices:
             problem = f"{text!r} is not a choice of scenario {name!r}"
-            choices = arguments[path]
             raise InputError(f"--set {path}", problem, choices=choices, fix=f"--set {path}={choices[0]}")
-        else:
-            given[path] = text
-    return build(**given), rest
+        (arguments if path in offered else rest)[path] = text
+    return build(**arguments), rest
 
 
 def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:

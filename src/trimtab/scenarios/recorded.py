@@ -43,16 +43,18 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
         raise InputError("replay", f"the log does not say {missing}", fix=fix)
     parts = log.metadata.get("parts")
-    recorded_classes = _recorded_classes(settings, parts)
+    recorded = _recorded_classes(settings, parts)
+    compared = _keep_compared(recorded)
     alike: Scenario | None = None
     for scenario in _add_live_variants(_build_candidates(name, choices)):
         classes = _setting_classes(scenario, parts)
-        if classes == recorded_classes:
+        if classes == recorded:
             return _set_values(scenario, settings)
-        if alike is None and _keep_compared(classes) == _keep_compared(recorded_classes):
+        if alike is None and _keep_compared(classes) == compared:
             alike = scenario
     if alike is None:
-        raise _difference_error(name, choices, recorded_classes, parts)
+        first = next(_build_candidates(name, choices))
+        raise _difference_error(name, _keep_compared(_setting_classes(first, parts)), compared)
     return _set_values(alike, settings)
 
 
@@ -123,13 +125,9 @@ def _lists_to_tuples(value: Any) -> Any:
     return tuple(_lists_to_tuples(v) for v in value) if isinstance(value, list) else value
 
 
-def _difference_error(
-    name: str, choices: Mapping[str, Any], recorded_classes: dict[str, str], parts: Any
-) -> InputError:
-    recorded_classes = _keep_compared(recorded_classes)
-    classes = _keep_compared(_setting_classes(next(_build_candidates(name, choices)), parts))
-    path = min(p for p in {*classes, *recorded_classes} if classes.get(p) != recorded_classes.get(p))
-    was, now = recorded_classes.get(path, "missing"), classes.get(path, "missing")
+def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, str]) -> InputError:
+    path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
+    was, now = recorded.get(path, "missing"), classes.get(path, "missing")
     problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {path} was {was}, is {now}"
     fix = "replay with the version that recorded it, or name a scenario built alike: --scenario file.py:function"
     return InputError("replay", problem, fix=fix)

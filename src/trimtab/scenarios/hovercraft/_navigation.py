@@ -58,10 +58,11 @@ beacons."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
 """A ping is at most 31 ms on its way, and the next one comes 100 ms later: nothing waits, nothing is dropped."""
 Floor = tuple[float, float, float, float]
+"""North from, to, east from, to (m)."""
 
 
 def hall_beacons(floor: Floor) -> Beacons:
-    """Beacons on a square grid below the ceiling, over a floor of north from, to, east from, to (m)."""
+    """Beacons on a square grid below the ceiling."""
     south, north, west, east = floor
 
     def across(low: float, high: float) -> Any:
@@ -96,14 +97,11 @@ def choose_navigation(
     sensors = {"imu": Imu.microstrain_3dm_gx1(), "ranging": ranging}
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
-    inertial: Any = AidedInertialFeedback(noise=NOISE, start=START, intake=INTAKE)
-    if navigation == "ins-magnetometer":
-        inertial = replace(inertial, noise=replace(NOISE, heading_constant=0.0))
-    if navigation == "ins-coupled":
-        inertial = AidedInertialCoupled(noise=NOISE, start=START, intake=INTAKE)
+    form: Any = AidedInertialCoupled if navigation == "ins-coupled" else AidedInertialFeedback
+    noise = replace(NOISE, heading_constant=0.0) if navigation == "ins-magnetometer" else NOISE
     estimator = UltrasonicInertial(
         positioning=RangingPosition(beacons=beacons.map, units=PAIR),
-        inertial=inertial,
+        inertial=form(noise=noise, start=START, intake=INTAKE),
         magnetometer="magnetometer" if navigation == "ins-magnetometer" else "",
     )
     return sensors, estimator

@@ -1,17 +1,14 @@
 """What the hovercraft's scenarios share: the simulated autopilot of the source, section 6.1.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
-
-What the two heading scenarios share: [1] figs. 6.11 (moving) and 6.12 (rest).
 """
 
 from typing import Any, Literal
 
-import numpy as np
-
 from trimtab.actuators.allocation import ThrustVectorAllocation
 from trimtab.actuators.drive import NEUTRAL_COMMAND, FanDrive, drive_failsafe
 from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
 from trimtab.core.time import ms, seconds
 from trimtab.links.latency import bluetooth_link
 from trimtab.links.wire import DelayChain
@@ -26,6 +23,8 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 Links = Literal["chain", "measured"]
 Supervision = Literal["none", "automatic"]
+Initial = Literal["moving", "rest"]
+"""Of the heading scenarios: [1] figs. 6.11 and 6.12."""
 MARGIN = 5.0
 """How far beyond its floor (m) a supervised hovercraft may get."""
 PAIRING = "free2move/linksys 2.9/22.0"
@@ -68,24 +67,16 @@ def hovercraft_scenario(
     else:
         downlink, uplink = bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
     sensors, estimator = choose_navigation(navigation, errors, floor, bus)
-    world = World(
-        vehicle=Hovercraft(),
-        sensors=sensors,
-        downlink=downlink,
-        uplink=uplink,
-        actuators=FanDrive(),
-    )
-    autopilot = Autopilot(
-        estimator=estimator,
-        law=law,
-        allocation=ThrustVectorAllocation(),
-        supervisor=None
-        if supervisor == "none"
-        else Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=_flight_limits(navigation, floor)),
-    )
+    limits = _flight_limits(navigation, floor)
+    supervision = Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=limits)
     return Scenario(
-        world=world,
-        autopilot=autopilot,
+        world=World(vehicle=Hovercraft(), sensors=sensors, downlink=downlink, uplink=uplink, actuators=FanDrive()),
+        autopilot=Autopilot(
+            estimator=estimator,
+            law=law,
+            allocation=ThrustVectorAllocation(),
+            supervisor=None if supervisor == "none" else supervision,
+        ),
         initial=x,
         duration=seconds(duration_s),
         targets=targets,
@@ -118,10 +109,6 @@ def velocity_targets(
     )
 
 
-Initial = Literal["moving", "rest"]
-TOLERANCE = np.pi / 180
-
-
 def heading_scenario(
     name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervision, bus: Bus
 ) -> Scenario:
@@ -137,7 +124,7 @@ def heading_scenario(
         x, target = HovercraftState(surge_velocity=0.4, sway_velocity=1.2, yaw_rate=4.1), 5.0
         law, errors = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
     law = replace(law, target=target)
-    targets = (*velocity_targets(), Target("truth.heading", target, 5 * TOLERANCE))
+    targets = (*velocity_targets(), Target("truth.heading", target, 5 * DEG))
     return hovercraft_scenario(
         name, law, x, 35, targets, links, navigation, supervisor, bus, errors=errors, floor=(-6, 6, -5, 9)
     )

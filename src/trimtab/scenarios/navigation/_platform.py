@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
+from trimtab.core.rotation import DEG
 from trimtab.core.time import seconds, to_seconds
 from trimtab.environment.geodetic import STANDARD
 from trimtab.environment.magnetic import COLLEGE_PARK
@@ -35,7 +36,6 @@ FORMS: dict[str, Any] = {
     "direct": AidedInertialDirect,
     "coupled": AidedInertialCoupled,
 }
-DEG = math.pi / 180
 ARM = 0.3048
 TILT = 0.49 * DEG
 """Of the spin axis: fitted, one number for two figures. Its direction is that of magnetic north, so that a compass
@@ -77,6 +77,8 @@ def rig_scenario(
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
     believed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}
     navigation = FORMS[form](intake=intake, noise=InertialNoise(covariance=covariance, **believed))
+    if estimator is not None:
+        navigation = estimator(navigation)
     world = World(
         vehicle=platform,
         sensors=sensors,
@@ -84,7 +86,6 @@ def rig_scenario(
         uplink=Wire(),
         actuators=DirectActuation(neutral_input=PlatformDrive(rate=0.0)),
     )
-    navigation = navigation if estimator is None else estimator(navigation)
     autopilot = Autopilot(estimator=navigation, law=law, allocation=DirectAllocation())
     targets = (Target("truth.yaw_rate", law.rate, 0.02),) if law.waveform == "constant" else ()
     return Scenario(

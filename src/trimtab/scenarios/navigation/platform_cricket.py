@@ -4,11 +4,12 @@ import math
 from typing import Literal
 
 from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
 from trimtab.core.time import ms
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
+from trimtab.scenarios.navigation._platform import FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
 from trimtab.sensors.heading import HeadingSensor
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.late_fix import LateFix

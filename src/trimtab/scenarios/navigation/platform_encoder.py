@@ -2,10 +2,11 @@
 
 import math
 
+from trimtab.core.rotation import DEG
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import ARM, DEG, FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
+from trimtab.scenarios.navigation._platform import ARM, FIX_INTERVAL, LEAK, Covariance, Form, rig_scenario
 from trimtab.sensors.encoder import Encoder
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu

@@ -1,9 +1,10 @@
 """Heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
 
+from trimtab.core.rotation import DEG
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
+from trimtab.scenarios.navigation._platform import Covariance, Form, rig_scenario
 from trimtab.sensors.encoder import Tachometer
 from trimtab.sensors.heading import Compass
 from trimtab.sensors.imu import Imu

@@ -5,6 +5,7 @@ from typing import Any, Literal
 import numpy as np
 
 from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
 from trimtab.core.time import seconds
 from trimtab.environment.acoustics import Air
 from trimtab.estimators.inertial.aided import Intake
@@ -16,7 +17,7 @@ from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, rig_scenario
+from trimtab.scenarios.navigation._platform import rig_scenario
 from trimtab.sensors.imu import Imu
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
@@ -52,6 +53,6 @@ def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenar
         )
 
     name, law = "navigation/platform-ranging", Turntable(rate=-115.0 * DEG)
-    made = rig_scenario(name, sensors, law, intake=Intake(), estimator=estimator)
-    level = replace(made.world.vehicle, tilt=0.0)
-    return replace(made, world=replace(made.world, vehicle=level))
+    rig = rig_scenario(name, sensors, law, intake=Intake(), estimator=estimator)
+    level = replace(rig.world.vehicle, tilt=0.0)
+    return replace(rig, world=replace(rig.world, vehicle=level))

@@ -3,11 +3,12 @@
 from typing import Literal
 
 from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.gyro_compensated import CompensatedInertial
 from trimtab.laws.turntable import Turntable
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.navigation._platform import DEG, Covariance, Form, rig_scenario
+from trimtab.scenarios.navigation._platform import Covariance, Form, rig_scenario
 from trimtab.sensors.encoder import Tachometer
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.heading import Compass
