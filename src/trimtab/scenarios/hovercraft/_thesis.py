@@ -37,13 +37,13 @@ def hovercraft_scenario(
     x: HovercraftState,
     duration_s: float,
     targets: tuple[Target, ...],
-    links: Links = "chain",
-    navigation: Navigation = "errors",
-    supervisor: Supervision = "none",
-    bus: Bus = "none",
+    links: Links,
+    navigation: Navigation,
+    supervisor: Supervision,
+    bus: Bus,
     *,
     errors: NavigationErrors | None = None,
-    floor: Floor = (-5, 5, -5, 5),
+    floor: Floor,
 ) -> Scenario:
     """A scenario around a law, on the source's vehicle, actuators, radio and navigation errors.
 
@@ -67,16 +67,13 @@ def hovercraft_scenario(
     else:
         downlink, uplink = bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
     sensors, estimator = choose_navigation(navigation, errors, floor, bus)
-    limits = _flight_limits(navigation, floor)
-    supervision = Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=limits)
+    supervision = None
+    if supervisor == "automatic":
+        limits = _flight_limits(navigation, floor)
+        supervision = Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=limits)
     return Scenario(
         world=World(vehicle=Hovercraft(), sensors=sensors, downlink=downlink, uplink=uplink, actuators=FanDrive()),
-        autopilot=Autopilot(
-            estimator=estimator,
-            law=law,
-            allocation=ThrustVectorAllocation(),
-            supervisor=None if supervisor == "none" else supervision,
-        ),
+        autopilot=Autopilot(estimator=estimator, law=law, allocation=ThrustVectorAllocation(), supervisor=supervision),
         initial=x,
         duration=seconds(duration_s),
         targets=targets,
@@ -98,14 +95,12 @@ def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
     return speeds + tuple(Limit(fields=(f,), low=low - MARGIN, high=high + MARGIN) for f, low, high in fence)
 
 
-def velocity_targets(
-    surge: float = 0.0, sway: float = 0.0, yaw_rate: float = 0.0, **bands: float
-) -> tuple[Target, ...]:
-    """Targets of the three velocities; a band is 0.1 m/s or 0.32 rad/s where none is given."""
+def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float = 0.32) -> tuple[Target, ...]:
+    """Targets of the three velocities (m/s, rad/s), sway at rest; the bands of the first two are 0.1 m/s."""
     return (
-        Target("truth.surge_velocity", surge, bands.get("surge_band", 0.1)),
-        Target("truth.sway_velocity", sway, bands.get("sway_band", 0.1)),
-        Target("truth.yaw_rate", yaw_rate, bands.get("yaw_band", 0.32)),
+        Target("truth.surge_velocity", surge, 0.1),
+        Target("truth.sway_velocity", 0.0, 0.1),
+        Target("truth.yaw_rate", yaw_rate, yaw_band),
     )
 
 

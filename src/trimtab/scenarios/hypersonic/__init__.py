@@ -8,19 +8,6 @@ def scenario():
 """
 
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
-from trimtab.scenarios.hypersonic._internal import (
-    level_trim,
-    linear_table,
-    noncausal_table,
-    preview_internal,
-    sylvester_internal,
-)
+from trimtab.scenarios.hypersonic._internal import linear_table, noncausal_table, preview_internal, sylvester_internal
 
-__all__ = [
-    "hypersonic_scenario",
-    "level_trim",
-    "linear_table",
-    "noncausal_table",
-    "preview_internal",
-    "sylvester_internal",
-]
+__all__ = ["hypersonic_scenario", "linear_table", "noncausal_table", "preview_internal", "sylvester_internal"]

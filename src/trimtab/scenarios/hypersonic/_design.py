@@ -127,13 +127,7 @@ def recompute_matrices(written: Certificate) -> tuple[Any, Any]:
 
 @lru_cache(maxsize=8)
 def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[LinearModel, Trim]:
-    """e' = A e + B v, exactly linearised at level flight, and that flight's trim.
-
-    Args:
-        craft: the vehicle the law believes in.
-        h: altitude (ft).
-        V: speed (ft/s).
-    """
+    """e' = A e + B v of the vehicle the law believes in, exactly linearised at level flight, and that flight's trim."""
     plant = design_model(craft, h, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
@@ -183,12 +177,7 @@ def mode_filter(linear: LinearModel, filter: str = "tuned") -> tuple[Any, Any, A
 
 
 def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, RecordedNumber]:
-    """kappa_G, the least |det dv/du|, and the worst residual of the inversion that the law flies.
-
-    Args:
-        craft: the vehicle the law believes in.
-        plant: the vehicle that flies.
-    """
+    """kappa_G of the plant that flies, the least |det dv/du|, and the worst residual of the inversion the law flies."""
     kappa, determinant, residual = _worst_values(craft, plant)
     kappa_how = f"largest |(G_plant - G) G^-1|, {GRID_DESCRIPTION}" + ("; no parameter error" if plant == craft else "")
     residual_how = f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}"

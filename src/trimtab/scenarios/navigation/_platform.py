@@ -60,17 +60,12 @@ def rig_scenario(
     noise: Mapping[str, float] | None = None,
     estimator: Any = None,
 ) -> Scenario:
-    """A scenario on the rig.
+    """A scenario on the rig: sensors of the world by name, and how the platform turns.
 
     Args:
-        name: in the catalogue.
-        sensors: of the world, by name.
-        law: how the platform turns.
         arm: from the axis to the body (m).
         time_constant: of the motor (s); between 0.05 and 0.1, reconstructed.
         intake: which samples navigation reads.
-        covariance: how its noise enters.
-        form: of the aided inertial navigation.
         noise: what a consistent filter must believe besides the printed numbers; the literal one has those alone.
         estimator: made of the navigation before it flies, or None.
     """
