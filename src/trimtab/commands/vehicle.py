@@ -1,7 +1,6 @@
 """`trimtab vehicle`: a virtual vehicle behind a real transport."""
 
 import dataclasses
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from trimtab.commands.flight_summary import metric_units, print_result, summaris
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import VEHICLE, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
 from trimtab.commands.options import FAULT, FILE, JSON, KEY, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
-from trimtab.commands.output import check_folder, print_json, show_spinner
+from trimtab.commands.output import new_log, print_json, show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
@@ -67,19 +66,13 @@ def command(
     """
     built = build(scenario, settings, faults=faults)
     signing_key = find_key(scenario, key, unsigned, listen, create=True)
-    if out is not None:
-        check_folder("--out", out)
-        out.mkdir(parents=True, exist_ok=True)
     limit = None if duration is None else parse_time(duration)
     enable_cache()
 
     def tell(text: str) -> None:
         click.echo(text, err=as_json)
 
-    with tempfile.TemporaryDirectory() as scratch, open_line(listen, listen=True) as line:
-        log = (out or Path(scratch)) / "vehicle.mcap"
-        if log.exists():
-            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
+    with new_log(out, "vehicle.mcap") as log, open_line(listen, listen=True) as line:
         endpoint = endpoint_factory(listen, VEHICLE, signing_key)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
