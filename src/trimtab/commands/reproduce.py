@@ -11,16 +11,7 @@ import click
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON
 from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_progress
-from trimtab.study import (
-    WHERE,
-    Row,
-    StudyGroup,
-    find_studies,
-    find_study,
-    format_value,
-    list_groups,
-    read_study_title,
-)
+from trimtab.study import WHERE, Row, StudyGroup, find_studies, find_study, format_value, list_groups, read_study_title
 
 GroupRows = list[tuple[StudyGroup, list[Row]]]
 
