@@ -8,9 +8,10 @@ import click
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, NAVIGATION, SCENARIO, SET
-from trimtab.commands.output import check_picture, console, new_table, print_files, print_json, show_progress
+from trimtab.commands.output import check_picture, console, draw_plot, new_table, print_files, print_json, show_progress
 from trimtab.core.errors import InputError
 from trimtab.loop.scenario import Scenario
+from trimtab.plots.error_budget import plot_error_budget
 from trimtab.run.error_budget import ErrorBudget, cost_share, error_budget, flight_set_count
 from trimtab.run.program import check_seed
 from trimtab.scenarios.build import build
@@ -58,7 +59,7 @@ def command(
     with show_progress(flight_set_count(built, only)) as tell:
         tell("compiling", 0)
         budget = error_budget(built, seeds=range(seed, seed + runs), names=only, tell=lambda label: tell(label, 1))
-    files = _draw_budget(budget, built.name, plot)
+    files = draw_plot(plot, plot_error_budget, budget, title=built.name)
     if as_json:
         print_json({"scenario": scenario, "seed": seed, "runs": runs} | _budget_json(budget), files)
         return
@@ -93,32 +94,19 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
     return {"units": dict(budget.units)} | ends | {"costs": costs}
 
 
-def _draw_budget(budget: ErrorBudget, title: str, file: Path | None) -> list[Path]:
-    if file is None:
-        return []
-    from trimtab.plots.error_budget import plot_error_budget
-
-    file.parent.mkdir(parents=True, exist_ok=True)
-    plot_error_budget(budget, file, title=title)
-    return [file]
-
-
 def _print_budget(title: str, budget: ErrorBudget) -> None:
     """What each imperfection costs: its share of each mean square, and each rms with it alone."""
     screen, measures = console(), list(budget.units)
-    table = new_table(title=f"{title}: rms over the second half", title_justify="left")
-    table.add_column("imperfection", no_wrap=True)
-    for m in measures:
-        table.add_column(f"{m.replace('_', ' ')} ({budget.units[m]})", justify="right")
+    first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
+    headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
+    table = new_table(first, *headings, title=f"{title}: rms over the second half", unwrapped=(first,))
     for name, row in (("all", budget.whole), ("none", budget.least)):
         table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
     for cost in budget.costs:
         table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
     screen.print(table)
-    table = new_table(title="Share of the mean square that goes when it is switched off", title_justify="left")
-    table.add_column("imperfection", no_wrap=True)
-    for m in measures:
-        table.add_column(m.replace("_", " "), justify="right")
+    about = "Share of the mean square that goes when it is switched off"
+    table = new_table(first, *(f">{name}" for name in names.values()), title=about, unwrapped=(first,))
     for cost in budget.costs:
         table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))
     screen.print(table)

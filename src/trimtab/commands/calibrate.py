@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_picture, console, new_table, print_files, print_json
+from trimtab.commands.output import check_picture, console, draw_plot, new_table, print_files, print_json, write_text
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.identify.allan import (
@@ -22,8 +22,9 @@ from trimtab.identify.allan import (
     refuse_motion,
 )
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap, replace_file
+from trimtab.logs.mcap import read_mcap
 from trimtab.logs.samples import read_csv, sample_path, samples
+from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
 """A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""
@@ -87,7 +88,9 @@ def calibrate_noise(
     _refuse_moving(still)
     axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
     result = {"log": str(log), "signals": {name: _axis_json(axis) for name, axis in axes.items()}}
-    files = [*_write_result(result, out), *_draw_axes(axes, log.name, picture)]
+    files = [] if out is None else [write_text(out / "noise.json", json.dumps(result, indent=1))]
+    fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
+    files += draw_plot(picture, plot_allan, fits, units, title=f"Allan deviation, {log.name}")
     if as_json:
         print_json(result, files)
         return
@@ -189,41 +192,18 @@ def _axis_json(axis: SensorAxis) -> dict[str, Any]:
     return result | {name: [float(v) for v in values] for name, values in curve.items()}
 
 
-def _write_result(result: dict[str, Any], out: Path | None) -> list[Path]:
-    if out is None:
-        return []
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / "noise.json"
-    with replace_file(file) as stream:
-        stream.write(json.dumps(result, indent=1).encode())
-    return [file]
-
-
-def _draw_axes(axes: dict[str, SensorAxis], name: str, picture: Path | None) -> list[Path]:
-    if picture is None:
-        return []
-    from trimtab.plots.allan import plot_allan
-
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
-    plot_allan(fits, units, picture, title=f"Allan deviation, {name}")
-    return [picture]
-
-
 def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
     """Noise coefficients of each axis with their intervals, and what a filter takes."""
     any_axis = next(iter(axes.values()))
     shown, dt = console(), any_axis.fit.sampling_period
-    table = new_table(title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms", title_justify="left")
-    for heading in ("axis", "U", "white N (U/√Hz)", "flicker B (U)", "walk K (U/√s)", "misfit"):
-        table.add_column(heading, justify="left" if heading in ("axis", "U") else "right")
+    headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")
+    table = new_table(*headings, title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms")
     for axis, a in axes.items():
         cells = (_format_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     shown.print(table)
-    table = new_table(title="For a filter that steps with the sensor, or with --tick", title_justify="left")
-    for heading in ("axis", "R of a sample (U²)", "Q of the integral (U² s²)", "Q of the bias (U²)"):
-        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
+    table = new_table(*headings, title="For a filter that steps with the sensor, or with --tick")
     for axis, a in axes.items():
         n = a.noise
         cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))

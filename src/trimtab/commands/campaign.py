@@ -255,9 +255,8 @@ def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> lis
 
 
 def _print_row(campaign: Campaign, run: int, row: dict[str, Any]) -> None:
-    table = new_table(title=f"{campaign.plan.scenario}, run {run} of seed {campaign.plan.seed}", title_justify="left")
-    table.add_column("", no_wrap=True)
-    table.add_column("value", justify="right")
+    title = f"{campaign.plan.scenario}, run {run} of seed {campaign.plan.seed}"
+    table = new_table("", ">value", title=title, unwrapped=("",))
     for name, value in row.items():
         table.add_row(name, f"{value:.6g}" if value.dtype.kind == "f" else str(value))
     console().print(table)

@@ -55,7 +55,7 @@ def print_campaign(
 ) -> None:
     """The table, the success, the requirements, and what to type to see one that failed."""
     n = len(result.columns["run"])
-    table = new_table(title=f"{result.plan.scenario}, {n} runs of seed {result.plan.seed}", title_justify="left")
+    table = new_table(title=f"{result.plan.scenario}, {n} runs of seed {result.plan.seed}")
     table.add_column("metric", no_wrap=True)
     screen = console()
     wide = screen.width >= TABLE_WIDTH
@@ -93,7 +93,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
             click.echo(f"{metric}: {matters.note}")
             continue
         pair = SOBOL_COLUMNS if isinstance(matters, Sensitivity) else MORRIS_COLUMNS
-        table = new_table(title=f"{metric}: what matters, of {matters.rows} runs", title_justify="left")
+        table = new_table(title=f"{metric}: what matters, of {matters.rows} runs")
         table.add_column("factor", no_wrap=True)
         for _, heading in pair:
             table.add_column(f"{heading} (95 %)", justify="right")

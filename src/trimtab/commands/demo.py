@@ -5,11 +5,12 @@ from pathlib import Path
 import click
 
 from trimtab.commands import run
+from trimtab.commands.options import FILE, SEED
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path(), help="Folder for the picture.  [default: here]")
+@SEED
+@click.option("--out", type=FILE, default=Path(), help="Folder for the picture.  [default: here]")
 @click.pass_context
 def command(context: click.Context, seed: int, out: Path) -> None:
     """Bring the hovercraft to rest over its radio, ideal beside real.

@@ -10,12 +10,11 @@ import numpy as np
 
 from trimtab import scenarios
 from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_folder, console, new_table, print_files, print_json
+from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, write_text
 from trimtab.core.errors import InputError, closest
 from trimtab.design.certificate import SCOPE, Certificate, certificate_json, read_certificate
 from trimtab.design.certificate_check import CertificateProof, ProofCondition, prove_certificate
 from trimtab.design.poles import format_pole
-from trimtab.logs.mcap import replace_file
 
 SAME = 1e-6
 """How far the model in a certificate may be from the system's, in parts of its largest entry, scaled."""
@@ -57,7 +56,7 @@ def command(
     else:
         _refuse_with_check({"--out": out, "--method": method, "--filter": filter_, "--integral": integral or None})
         certificate, proof = _prove_file(check, system)
-    files = [_write_certificate(certificate, out)] if out is not None and proof.holds else []
+    files = [write_text(out, certificate_json(certificate))] if out is not None and proof.holds else []
     if as_json:
         print_json(_proof_json(certificate, proof), files)
     else:
@@ -145,13 +144,6 @@ def _compare_with_system(certificate: Certificate, system: str) -> list[ProofCon
     return lines
 
 
-def _write_certificate(certificate: Certificate, file: Path) -> Path:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(file) as stream:
-        stream.write(certificate_json(certificate).encode())
-    return file
-
-
 def _proof_json(certificate: Certificate, proof: CertificateProof) -> dict[str, Any]:
     about = {"system": certificate.system, "method": certificate.method, "about": certificate.about}
     about |= {"holds": proof.holds, "K": certificate.K.tolist()}
@@ -179,9 +171,7 @@ def _print_design(certificate: Certificate, proof: CertificateProof, file: Path 
 
 def _print_conditions(title: str, proof: CertificateProof) -> None:
     """Each condition of a certificate with its number and verdict."""
-    table = new_table(title=title, title_justify="left")
-    for heading in ("condition", "verdict", "number", "of", "by"):
-        table.add_column(heading, justify="right" if heading == "number" else "left")
+    table = new_table("condition", "verdict", ">number", "of", "by", title=title)
     for c in proof.conditions:
         number = f"{c.number:.4g}" if c.number == c.number else "-"
         cells = (c.name, "holds" if c.holds else "FAILS", number, c.meaning, c.how)

@@ -70,12 +70,8 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     """Metrics of a run, ideal beside real."""
     sides = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
     title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
-    table = new_table(title=title, title_justify="left")
-    table.add_column("signal", no_wrap=True)
-    table.add_column("")
-    table.add_column("final", justify="right")
-    for heading, unit in METRICS.values():
-        table.add_column(f"{heading} ({unit})" if unit else heading, justify="right")
+    columns = [f">{heading} ({unit})" if unit else f">{heading}" for heading, unit in METRICS.values()]
+    table = new_table("signal", "", ">final", *columns, title=title, unwrapped=("signal",))
     for signal in next(iter(sides.values()))["metrics"]:
         for i, (side, summary) in enumerate(sides.items()):
             name = f"{signal} ({units[signal]})" if i == 0 else ""

@@ -2,7 +2,6 @@
 
 import dataclasses
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ import click
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import AUTOPILOT, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
-from trimtab.commands.options import FILE, JSON, KEY, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
-from trimtab.commands.output import check_folder, console, new_table, print_json, show_spinner
+from trimtab.commands.options import FILE, JSON, KEY, LINK, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
+from trimtab.commands.output import console, new_log, new_table, print_json, show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
@@ -28,7 +27,7 @@ from trimtab.wire.mavlink import Endpoint
 
 @click.command()
 @SCENARIO
-@click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
+@LINK
 @SET
 @LOCKSTEP
 @SEED
@@ -64,16 +63,10 @@ def command(
     """
     built = build(scenario, settings if lockstep else _default_supervisor(scenario) | settings)
     signing_key = find_key(scenario, key, unsigned, link, create=False)
-    if out is not None:
-        check_folder("--out", out)
-        out.mkdir(parents=True, exist_ok=True)
     if duration is not None:
         built = replace(built, duration=parse_time(duration))
     enable_cache()
-    with tempfile.TemporaryDirectory() as scratch, open_line(link, listen=False) as line:
-        log = (out or Path(scratch)) / "flight.mcap"
-        if log.exists():
-            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
+    with new_log(out, "flight.mcap") as log, open_line(link, listen=False) as line:
         endpoint = endpoint_factory(link, AUTOPILOT, signing_key)
         if lockstep:
             result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
@@ -158,10 +151,8 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
 def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
     """How a flight's deadlines were kept."""
     n = deadlines["work"]["n"]
-    table = new_table(title=f"{n} periods of {deadlines['period']}, {granted}", title_justify="left")
-    table.add_column("time (us)", no_wrap=True)
-    for heading in ("median", "99 %", "99.9 %", "longest"):
-        table.add_column(heading, justify="right")
+    title, first = f"{n} periods of {deadlines['period']}, {granted}", "time (us)"
+    table = new_table(first, ">median", ">99 %", ">99.9 %", ">longest", title=title, unwrapped=(first,))
     names = {"late": "deadline to wake-up", "step": "compiled step", "work": "work of a period"}
     for key, name in names.items():
         cells = [f"{deadlines[key][q] * 1e6:.1f}" for q in ("p50", "p99", "p999", "longest")]

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, open_line
-from trimtab.commands.options import JSON, KEY, SCENARIO, SET, UNSIGNED
+from trimtab.commands.options import JSON, KEY, LINK, SCENARIO, SET, UNSIGNED
 from trimtab.commands.output import print_json
 from trimtab.core.time import FOREVER, format_time
 from trimtab.live.autopilot_end import scenario_dialect
@@ -16,7 +16,7 @@ from trimtab.scenarios.build import build
 @click.command()
 @SCENARIO
 @click.argument("fault", metavar="FAULT")
-@click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
+@LINK
 @SET
 @KEY
 @UNSIGNED

@@ -13,7 +13,16 @@ from typing import Any
 import click
 
 from trimtab.commands.options import FILE, JSON, SEED
-from trimtab.commands.output import check_picture, console, new_table, print_files, print_json, show_spinner
+from trimtab.commands.output import (
+    check_picture,
+    console,
+    draw_plot,
+    new_table,
+    print_files,
+    print_json,
+    show_spinner,
+    write_text,
+)
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.latency_trace import write_trace
@@ -28,7 +37,7 @@ from trimtab.live.link_test import (
     link_traces,
     measure_delays,
 )
-from trimtab.logs.mcap import replace_file
+from trimtab.plots.link_delays import plot_link_delays
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
 """Up and down in kb/s, those of the source's table 5.1."""
@@ -82,12 +91,7 @@ def command(
         sys.exit(1)
     result: dict[str, Any] = {"link": uri, "loads": [_delays_json(delays) for delays in measured]}
     files = [] if out is None else _write_recordings(result, measured, out)
-    if picture is not None:
-        from trimtab.plots.link_delays import plot_link_delays
-
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        plot_link_delays(measured, picture, title=f"Delays of {uri}")
-        files.append(picture)
+    files += draw_plot(picture, plot_link_delays, measured, title=f"Delays of {uri}")
     if as_json:
         print_json(result, files)
         return
@@ -168,12 +172,9 @@ def _write_recordings(result: dict[str, Any], measured: list[Delays], out: Path)
         for path, trace in link_traces(delays).items():
             files.append(file := out / f"{path}link-{_load_name(delays)}.csv")
             write_trace(file, trace)
-        files.append(file := out / f"settings-{_load_name(delays)}.txt")
-        with replace_file(file) as stream:
-            stream.write((" ".join(_scenario_settings(delays)) + "\n").encode())
-    files.append(file := out / "link-test.json")
-    with replace_file(file) as stream:
-        stream.write(json.dumps(result, indent=1).encode())
+        settings = " ".join(_scenario_settings(delays)) + "\n"
+        files.append(write_text(out / f"settings-{_load_name(delays)}.txt", settings))
+    files.append(write_text(out / "link-test.json", json.dumps(result, indent=1)))
     return files
 
 
@@ -184,11 +185,8 @@ def _scenario_settings(delays: Delays) -> list[str]:
 
 
 def _print_delays(measured: list[Delays]) -> None:
-    table = new_table()
-    for name in ("up/down (kb/s)", "path"):
-        table.add_column(name, no_wrap=True)
-    for name in ("mean (ms)", "sd", "min", "max", "lost", "model: mean, sd, shift (ms)"):
-        table.add_column(name, justify="right")
+    numbers = (">mean (ms)", ">sd", ">min", ">max", ">lost", ">model: mean, sd, shift (ms)")
+    table = new_table("up/down (kb/s)", "path", *numbers, unwrapped=("up/down (kb/s)", "path"))
     for delays in measured:
         recorded = link_traces(delays)
         for path, row in latency_rows(delays).items():

@@ -32,9 +32,7 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
     if as_json:
         print_json({"scenarios": names})
         return
-    table = new_table()
-    table.add_column("scenario", no_wrap=True)
-    table.add_column("what it shows")
+    table = new_table("scenario", "what it shows", unwrapped=("scenario",))
     for name, doc in names.items():
         table.add_row(name, doc)
     console().print(table)
@@ -51,11 +49,7 @@ def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, 
         settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}
         print_json({"scenario": name, "choices": arguments, "settings": settings, "imperfections": faults})
         return
-    table = new_table()
-    table.add_column("--set", no_wrap=True)
-    table.add_column("value", justify="right")
-    table.add_column("unit")
-    table.add_column("meaning")
+    table = new_table("--set", ">value", "unit", "meaning", unwrapped=("--set",))
     for argument, choices in arguments.items():
         table.add_row(argument, " | ".join(choices), "", "Choice of this scenario; the first is the default.")
     for row in rows:

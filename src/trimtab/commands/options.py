@@ -1,5 +1,6 @@
 """Options and arguments that several verbs take, and what turns their text into values."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -11,28 +12,28 @@ FILE = click.Path(path_type=Path)
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """path=value texts as a mapping."""
-    settings = {}
-    for text in values:
-        path, equals, value = text.partition("=")
-        if not equals or not path:
-            problem = f"{text!r} is not path=value"
-            raise InputError("--set", problem, fix="--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths")
-        settings[path.strip()] = value.strip()
-    return settings
+    fix = "--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths"
+    return {path: value.strip() for path, value in _split_pairs("--set", "path=value", fix, values)}
 
 
 def parse_spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """path=distribution texts as a mapping."""
+    fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
     spread: dict[str, str] = {}
-    for text in values:
-        path, equals, distribution = text.partition("=")
-        if not equals or not path.strip():
-            fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
-            raise InputError("--spread", f"{text!r} is not PATH=DISTRIBUTION", fix=fix)
-        if path.strip() in spread:
-            raise InputError(f"--spread {path.strip()}", "is named twice", fix="keep one of them")
-        spread[path.strip()] = distribution
+    for path, distribution in _split_pairs("--spread", "PATH=DISTRIBUTION", fix, values):
+        if path in spread:
+            raise InputError(f"--spread {path}", "is named twice", fix="keep one of them")
+        spread[path] = distribution
     return spread
+
+
+def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    """Path and text of each PATH=TEXT."""
+    for text in values:
+        path, equals, value = text.partition("=")
+        if not equals or not path.strip():
+            raise InputError(option, f"{text!r} is not {form}", fix=fix)
+        yield path.strip(), value
 
 
 SCENARIO = click.argument("scenario", metavar="SCENARIO")
@@ -72,6 +73,7 @@ SUCCESS = click.option(
 THREADS = click.option("--threads", type=click.IntRange(1), metavar="N", help="[default: as many as cores]")
 
 # lines
+LINK = click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
 KEY = click.option("--key", type=FILE, metavar="FILE", help="Key that signs the line.  [default: the vehicle's]")
 UNSIGNED = click.option("--unsigned", is_flag=True, help="No signatures; for lines within this machine.")
 REAL_TIME = click.option(

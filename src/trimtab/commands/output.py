@@ -6,7 +6,7 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,12 +48,19 @@ def console() -> "Console":
     return screen if screen.is_terminal else Console(highlight=False, width=140)
 
 
-def new_table(**options: Any) -> "Table":
-    """An empty table in our style."""
+def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str] = ()) -> "Table":
+    """An empty table in our style, with a column a heading: one that begins with > stands on the right, as numbers do.
+
+    unwrapped: headings of the columns whose cells stay on one line.
+    """
     from rich import box
     from rich.table import Table
 
-    return Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", **options)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", title=title, title_justify="left")
+    for heading in headings:
+        name = heading.removeprefix(">")
+        table.add_column(name, justify="left" if name == heading else "right", no_wrap=name in unwrapped)
+    return table
 
 
 def format_number(value: float | None) -> str:
@@ -92,6 +99,38 @@ def check_folder(part: str, folder: Path) -> None:
         for new in missing:
             with contextlib.suppress(OSError):
                 new.rmdir()
+
+
+@contextmanager
+def new_log(out: Path | None, name: str) -> Iterator[Path]:
+    """Where a flight's log goes: a new file in the folder, or without one a file that is gone at the end."""
+    if out is not None:
+        check_folder("--out", out)
+        out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        log = (out or Path(scratch)) / name
+        if log.exists():
+            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
+        yield log
+
+
+def write_text(file: Path, text: str) -> Path:
+    """Write a file, whole or not at all, and its folder where there is none yet."""
+    from trimtab.logs.mcap import replace_file  # brings numpy along, which a list of names does not need
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(file) as stream:
+        stream.write(text.encode())
+    return file
+
+
+def draw_plot(file: Path | None, plot: Callable[..., object], *subjects: Any, **options: Any) -> list[Path]:
+    """Draw a picture of `plots` where a file is named, and its folder where there is none yet; what was written."""
+    if file is None:
+        return []
+    file.parent.mkdir(parents=True, exist_ok=True)
+    plot(*subjects, path=file, **options)
+    return [file]
 
 
 @contextmanager

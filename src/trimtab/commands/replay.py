@@ -11,7 +11,7 @@ import numpy as np
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, parse_settings
-from trimtab.commands.output import check_picture, print_files, print_json, show_spinner
+from trimtab.commands.output import check_picture, draw_plot, print_files, print_json, show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.record import is_record, replace
 from trimtab.logs.log import Log
@@ -63,16 +63,12 @@ def command(
     with show_spinner(f"compiling the autopilot of {recorded.name}"):
         replay = fly_again(log, recorded, autopilot=autopilot, backend=backend)
     errors = rms_errors(log, replay)
-    files = []
-    if plot is not None:
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        words = ", ".join(f"{k}={v}" for k, v in choices.items())
-        title = f"{file.name} replayed" + (f" with {words}" if words else "")
-        plot_replay(log, replay.recorded_log, replay.replayed_log, plot, title)
-        files = [str(plot)]
+    words = ", ".join(f"{k}={v}" for k, v in choices.items())
+    title = f"{file.name} replayed" + (f" with {words}" if words else "")
+    files = draw_plot(plot, plot_replay, log, replay.recorded_log, replay.replayed_log, title=title)
     if as_json:
         about = {"file": str(file), "scenario": recorded.name, "seed": log.metadata.get("seed")}
-        print_json(about | replay_json(replay) | {"errors": errors, "files": files})
+        print_json(about | replay_json(replay) | {"errors": errors, "files": [str(f) for f in files]})
     else:
         click.echo(describe_replay(replay) + (f"; {replay.end_reason}" if replay.end_reason else ""))
         if replay.changed:

@@ -11,16 +11,7 @@ import click
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON
 from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_progress
-from trimtab.study import (
-    WHERE,
-    Row,
-    StudyGroup,
-    find_studies,
-    find_study,
-    format_value,
-    list_groups,
-    read_study_title,
-)
+from trimtab.study import WHERE, Row, StudyGroup, find_studies, find_study, format_value, list_groups, read_study_title
 
 GroupRows = list[tuple[StudyGroup, list[Row]]]
 
@@ -114,10 +105,8 @@ def _print_groups(study: str, results: GroupRows) -> None:
 
 def _print_rows(title: str, rows: list[Row]) -> None:
     """Rows of a study: printed beside computed, and of each that does not hold the reason."""
-    table = new_table(title=title.replace("[", r"\["), title_justify="left")
-    for heading in ("figure", "printed", "computed", "accepted", "unit", "verdict", "where"):
-        justify = "right" if heading in ("printed", "computed") else "left"
-        table.add_column(heading, justify=justify, no_wrap=heading == "verdict")
+    headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
+    table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}
     for row in rows:
         printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " *")

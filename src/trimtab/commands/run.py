@@ -15,7 +15,7 @@ import click
 from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
 from trimtab.commands.kept_programs import RunPrograms, enable_cache, load_programs, program_key, store_programs
 from trimtab.commands.options import FAULT, FILE, JSON, NAVIGATION, SCENARIO, SET, WITHOUT
-from trimtab.commands.output import check_picture, console, new_table, print_files, print_json, show_spinner
+from trimtab.commands.output import check_picture, console, draw_plot, new_table, print_files, print_json, show_spinner
 from trimtab.core.time import parse_time
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
@@ -189,9 +189,7 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
         return []
     from trimtab.plots.run import plot_run
 
-    file.parent.mkdir(parents=True, exist_ok=True)
-    plot_run(report.real, report.ideal, file, title=report.name, targets=report.targets)
-    pictures = [file]
+    pictures = draw_plot(file, plot_run, report.real, report.ideal, title=report.name, targets=report.targets)
     if any(p.startswith("law.") and p.endswith("_wanted") for p in report.real.paths):
         from trimtab.plots.tracking import plot_tracking
 
@@ -208,9 +206,8 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
     """Whether a run's navigation knew how wrong it was, and what it learned."""
     screen = console()
-    table = new_table(title="Navigation: errors against the filter's own sigmas", title_justify="left")
-    for heading in ("what", "of", "draws", "mean", "bounds", "error / sigma", "white", "verdict"):
-        table.add_column(heading, justify="left" if heading in ("what", "white", "verdict") else "right")
+    headings = ("what", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
+    table = new_table(*headings, title="Navigation: errors against the filter's own sigmas")
     rows: list[tuple[str, str, Any, str]] = []
     for name, aid in navigation.aiding.items():
         rejections = f", {aid.refused} refused" if aid.refused else ""
@@ -222,9 +219,7 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     screen.print(table)
-    table = new_table()
-    for heading in ("state", "sigma at first", "at the end", "settled (s)", "seen"):
-        table.add_column(heading, justify="left" if heading in ("state", "seen") else "right")
+    table = new_table("state", ">sigma at first", ">at the end", ">settled (s)", "seen")
     for name, state in navigation.learned.items():
         cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
         table.add_row(f"{name} ({units[name]})", *cells)

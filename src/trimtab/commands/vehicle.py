@@ -1,7 +1,6 @@
 """`trimtab vehicle`: a virtual vehicle behind a real transport."""
 
 import dataclasses
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ from trimtab.commands.flight_summary import metric_units, print_result, summaris
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import VEHICLE, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
 from trimtab.commands.options import FAULT, FILE, JSON, KEY, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
-from trimtab.commands.output import check_folder, print_json, show_spinner
+from trimtab.commands.output import new_log, print_json, show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.live.injector import add_idle_faults
 from trimtab.live.lockstep import LockstepVehicle, NoAnswerError
-from trimtab.live.vehicle import LiveVehicle, VehicleSummary
+from trimtab.live.vehicle import LiveVehicle
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import full_path
@@ -67,19 +66,13 @@ def command(
     """
     built = build(scenario, settings, faults=faults)
     signing_key = find_key(scenario, key, unsigned, listen, create=True)
-    if out is not None:
-        check_folder("--out", out)
-        out.mkdir(parents=True, exist_ok=True)
     limit = None if duration is None else parse_time(duration)
     enable_cache()
 
     def tell(text: str) -> None:
         click.echo(text, err=as_json)
 
-    with tempfile.TemporaryDirectory() as scratch, open_line(listen, listen=True) as line:
-        log = (out or Path(scratch)) / "vehicle.mcap"
-        if log.exists():
-            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
+    with new_log(out, "vehicle.mcap") as log, open_line(listen, listen=True) as line:
         endpoint = endpoint_factory(listen, VEHICLE, signing_key)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
@@ -91,37 +84,29 @@ def command(
                 virtual.run(line, log)
             except NoAnswerError as error:
                 raise InputError("--lockstep", str(error), fix=other) from None
-            result = _flight_facts(built, seed, built.duration) | _summarise_flight(log, 0, built)
+            flown, release, service_facts = built.duration, 0, {}
         else:
             with show_spinner(f"compiling {built.name}"):
                 live = LiveVehicle(add_idle_faults(built), line, endpoint, seed=seed)
             tell(f"{built.name} listens on {listen}; held until it is armed. Ctrl-C ends it.")
             with catch_interrupts() as stop, store_stamps_ahead(live.endpoint):
                 service = live.serve(duration=limit, log=log, wanted_real_time=real_time, stop=stop, tell=tell)
-            result = _flight_facts(built, seed, service.t - (service.release_time or 0))
-            result |= _service_json(service) | {
+            flown, release = service.t - (service.release_time or 0), service.release_time
+            service_facts = {
+                "released_s": None if release is None else to_seconds(release),
+                "mode": service.mode,
+                "cause": service.cause,
+                "late": service.lateness.summary()._asdict(),
                 "wire": dataclasses.asdict(live.endpoint.counts),
                 "line": line.statistics._asdict(),
                 "log": None if service.log is None else service.log._asdict(),
             }
-            result |= _summarise_flight(log, service.release_time, built)
+        result = {"scenario": built.name, "seed": seed, "duration_s": to_seconds(flown), "ideal": None}
+        result |= service_facts | _summarise_flight(log, release, built)
     if as_json:
         print_json(result)
     else:
         _print_service(result, out)
-
-
-def _flight_facts(scenario: Scenario, seed: int, duration: int) -> dict[str, Any]:
-    return {"scenario": scenario.name, "seed": seed, "duration_s": to_seconds(duration), "ideal": None}
-
-
-def _service_json(service: VehicleSummary) -> dict[str, Any]:
-    return {
-        "released_s": None if service.release_time is None else to_seconds(service.release_time),
-        "mode": service.mode,
-        "cause": service.cause,
-        "late": service.lateness.summary()._asdict(),
-    }
 
 
 def _summarise_flight(file: Path, release: int | None, scenario: Scenario) -> dict[str, Any]:

@@ -1,18 +1,14 @@
 """Does a filter know how wrong it is? Averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
 consistent: errors are as large as the filter says.  optimistic: larger, it is too sure.  pessimistic: smaller.
+Errors of one run hang together in time, so that a thousand samples may be worth ten draws: an average over one run is
+judged by how many independent draws it is worth. A factor is by how much errors exceed what the filter says.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
-5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978).
-
-An average over one run, judged by how many independent draws it is worth.
-
-Errors of one run hang together in time, so that a thousand samples may be worth ten draws. A factor is by how much
-errors exceed what the filter says; from 1/1.1 to 1.1 is honest for any purpose.
-
-Source: [9] Bayley, Hammersley, "The effective number of independent observations in an autocorrelated time series",
-J. R. Statist. Soc. B 8 (1946), here for squares of Gaussian numbers; [10] Madras, Sokal, "The pivot algorithm",
-J. Stat. Phys. 50 (1988), appendix C, for how far correlations are summed.
+5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978); [9] Bayley, Hammersley,
+"The effective number of independent observations in an autocorrelated time series", J. R. Statist. Soc. B 8 (1946),
+here for squares of Gaussian numbers; [10] Madras, Sokal, "The pivot algorithm", J. Stat. Phys. 50 (1988), appendix C,
+for how far correlations are summed.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +18,13 @@ from scipy import special
 
 from trimtab.core.errors import InputError
 
-CONSISTENT, OPTIMISTIC, PESSIMISTIC = "consistent", "optimistic", "pessimistic"
+CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
+HONEST, TELLING = 1.1, 2.0
+"""A factor up to the first is as good as 1, for any purpose; a verdict `consistent` excludes factors of the second."""
+FEW = 10
+"""Fewer draws than these say nothing but that errors are too large: the number itself is not well known then."""
+WINDOW = 6
+"""Correlations are summed over so many times the correlation time that they sum to."""
 
 
 class Consistency(NamedTuple):
@@ -37,6 +39,26 @@ class Consistency(NamedTuple):
     low: float
     high: float
     inside: float
+    verdict: str
+
+
+class SingleRunConsistency(NamedTuple):
+    """An average of squares of normalised numbers, against the bounds of a consistent filter.
+
+    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: of a consistent filter.
+    low, high: bounds of that average.  draws: how many independent squares it is worth.
+    factor: errors over sigmas.  factor_low, factor_high: its interval.  verdict: consistent, optimistic (sigmas too
+    small), pessimistic (too large) or undecided, where a factor of two could not be told.
+    """
+
+    mean: float
+    expected: int
+    low: float
+    high: float
+    draws: float
+    factor: float
+    factor_low: float
+    factor_high: float
     verdict: str
 
 
@@ -171,50 +193,6 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
     return Convergence(float(t[first]), final, float(np.mean(np.abs(error[first:]) <= 2 * sigma[first:])))
 
 
-def _consistency(at_each: Any, dof: int, low: float, high: float) -> Consistency:
-    mean = float(at_each.mean())
-    inside = float(np.mean((at_each >= low) & (at_each <= high)))
-    verdict = OPTIMISTIC if mean > high else PESSIMISTIC if mean < low else CONSISTENT
-    return Consistency(mean, dof, low, high, inside, verdict)
-
-
-def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
-    found = np.asarray(values, float)
-    if not found.size or not np.isfinite(found).all() or (dimensions is not None and found.ndim != dimensions):
-        problem = f"{name} of shape {found.shape} has no numbers, some that are not finite, or the wrong axes"
-        raise InputError("consistency", problem, fix="leave out instants without a measurement; runs come first")
-    return found
-
-
-UNDECIDED = "undecided"
-HONEST, TELLING = 1.1, 2.0
-"""A factor up to the first is as good as 1; a verdict `consistent` excludes factors of the second."""
-FEW = 10
-"""Fewer draws than these say nothing but that errors are too large: the number itself is not well known then."""
-WINDOW = 6
-"""Correlations are summed over so many times the correlation time that they sum to."""
-
-
-class SingleRunConsistency(NamedTuple):
-    """An average of squares of normalised numbers, against the bounds of a consistent filter.
-
-    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: of a consistent filter.
-    low, high: bounds of that average.  draws: how many independent squares it is worth.
-    factor: errors over sigmas.  factor_low, factor_high: its interval.  verdict: consistent, optimistic (sigmas too
-    small), pessimistic (too large) or undecided, where a factor of two could not be told.
-    """
-
-    mean: float
-    expected: int
-    low: float
-    high: float
-    draws: float
-    factor: float
-    factor_low: float
-    factor_high: float
-    verdict: str
-
-
 def effective_draws(z: Any) -> Any:
     """Of each column of z (n, m), by how many independent Gaussian numbers' squares its mean square is known: (m,).
 
@@ -255,5 +233,20 @@ def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunCon
         verdict = PESSIMISTIC
     elif least > 1 / TELLING and most < TELLING:
         verdict = CONSISTENT
-    numbers = (mean, dof, low * dof, high * dof, N, factor, least, most)
-    return SingleRunConsistency(*(float(x) if i != 1 else x for i, x in enumerate(numbers)), verdict)  # pyright: ignore
+    low, high, least, most = (float(x) for x in (low * dof, high * dof, least, most))
+    return SingleRunConsistency(float(mean), dof, low, high, N, float(factor), least, most, verdict)
+
+
+def _consistency(at_each: Any, dof: int, low: float, high: float) -> Consistency:
+    mean = float(at_each.mean())
+    inside = float(np.mean((at_each >= low) & (at_each <= high)))
+    verdict = OPTIMISTIC if mean > high else PESSIMISTIC if mean < low else CONSISTENT
+    return Consistency(mean, dof, low, high, inside, verdict)
+
+
+def _check_finite(name: str, values: Any, dimensions: int | None = None) -> Any:
+    array = np.asarray(values, float)
+    if not array.size or not np.isfinite(array).all() or (dimensions is not None and array.ndim != dimensions):
+        problem = f"{name} of shape {array.shape} has no numbers, some that are not finite, or the wrong axes"
+        raise InputError("consistency", problem, fix="leave out instants without a measurement; runs come first")
+    return array

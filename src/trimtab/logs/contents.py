@@ -20,7 +20,7 @@ RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"),
 
 @dataclasses.dataclass
 class Contents:
-    """Metadata records by name, and times (ns) and texts of the messages by topic. cut: the file has no end."""
+    """Metadata records by name, times (ns) and texts of the messages by topic. is_truncated: the file has no end."""
 
     is_truncated: bool
     metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
@@ -35,19 +35,19 @@ class _DamagedFileError(Exception):
 
 def parse_contents(path: Any, data: bytes) -> Contents:
     """All of a file that begins as MCAP files do; refused where it is damaged and not merely cut."""
-    found = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
+    contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     try:
         for opcode, start, stop in _records(data, len(MAGIC)):
             if opcode == DATA_END:
                 _verify_check_sum(data, start)
             if opcode == FOOTER:
                 break
-            _add_record(found, opcode, data[start:stop], whole=stop <= len(data))
+            _add_record(contents, opcode, data[start:stop], whole=stop <= len(data))
     except Exception as error:  # of a cut file the rest is the rest; decoders raise what they like
-        if not found.is_truncated:
+        if not contents.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
             raise InputError(f"log file '{path}'", problem, fix="make it again, or copy it again") from None
-    return found
+    return contents
 
 
 def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
@@ -65,38 +65,38 @@ def _verify_check_sum(data: bytes, start: int) -> None:
         raise _DamagedFileError("its check sum is another")
 
 
-def _add_record(found: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
+def _add_record(contents: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
     """Take in a record; of one that is cut off only a chunk has something to give."""
     if opcode == CHUNK:
         inner = _decompress_chunk(content) if whole else _decompress_partial_chunk(content)
         for kind, start, stop in _records(inner, 0):
             if stop <= len(inner):
-                _add_record(found, kind, inner[start:stop], whole=True)
+                _add_record(contents, kind, inner[start:stop], whole=True)
         return
     if not whole:
         return
     if opcode == MESSAGE:
         channel, _, time, _ = MESSAGE_HEAD.unpack_from(content)
-        topic = found.channels[channel]
-        found.times[topic].append(time)
-        found.texts[topic].append(content[MESSAGE_HEAD.size :])
+        topic = contents.channels[channel]
+        contents.times[topic].append(time)
+        contents.texts[topic].append(content[MESSAGE_HEAD.size :])
     elif opcode in (CHANNEL, METADATA):
-        _add_description(found, opcode, content)
+        _add_description(contents, opcode, content)
 
 
-def _add_description(found: Contents, opcode: int, content: bytes) -> None:
+def _add_description(contents: Contents, opcode: int, content: bytes) -> None:
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Metadata
 
     stream = ReadDataStream(BytesIO(content))
     if opcode == METADATA:
         item = Metadata.read(stream)
-        found.metadata[item.name] = item.metadata
+        contents.metadata[item.name] = item.metadata
         return
     channel = Channel.read(stream)
-    if channel.id not in found.channels:
-        found.channels[channel.id] = channel.topic
-        found.times[channel.topic], found.texts[channel.topic] = [], []
+    if channel.id not in contents.channels:
+        contents.channels[channel.id] = channel.topic
+        contents.times[channel.topic], contents.texts[channel.topic] = [], []
 
 
 def _decompress_chunk(content: bytes) -> bytes:

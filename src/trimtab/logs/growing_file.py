@@ -9,8 +9,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Callable, Sequence
-from itertools import starmap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -65,11 +64,15 @@ class GrowingFile:
 
     def write(self, messages: Sequence[Message]) -> None:
         """Add messages as one chunk; raises OSError, with the file as it was, where it can't."""
+        import zstandard
         from mcap.records import ChunkIndex
 
-        parts = list(starmap(_encode_message, messages))
+        parts = [
+            MESSAGE_RECORD.pack(MESSAGE, 22 + len(text), channel, sequence, time, time) + text
+            for channel, sequence, time, text in messages
+        ]
         raw = b"".join(parts)
-        packed = _compressor()(raw)
+        packed = zstandard.ZstdCompressor(level=LEVEL).compress(raw)
         times = [time for _, _, time, _ in messages]
         first, last = min(times), max(times)
         head = CHUNK_HEAD.pack(first, last, len(raw), zlib.crc32(raw)) + struct.pack("<I", 4) + b"zstd"
@@ -121,8 +124,8 @@ class GrowingFile:
             (Opcode.METADATA_INDEX, self._metadata),
         ]
         text, places = b"", []
-        for opcode, held in groups:
-            part = _encode_record(held)
+        for opcode, group in groups:
+            part = _encode_record(group)
             place = {"group_start": start + len(text), "group_length": len(part)}
             places.append(records.SummaryOffset(group_opcode=opcode, **place))
             text += part
@@ -152,21 +155,11 @@ class GrowingFile:
         return self._size
 
 
-def _compressor() -> Callable[[bytes], bytes]:
-    import zstandard
-
-    return zstandard.ZstdCompressor(level=LEVEL).compress
-
-
-def _encode_message(channel: int, sequence: int, time: int, text: bytes) -> bytes:
-    return MESSAGE_RECORD.pack(MESSAGE, 22 + len(text), channel, sequence, time, time) + text
-
-
-def _encode_record(held: Sequence[Any]) -> bytes:
+def _encode_record(items: Sequence[Any]) -> bytes:
     from mcap.data_stream import RecordBuilder
 
     builder = RecordBuilder()
-    for item in held:
+    for item in items:
         item.write(builder)
     return builder.end()
 
@@ -176,10 +169,10 @@ def _message_indices(messages: Sequence[Message], parts: list[bytes], at: int) -
     channels = np.array([m[0] for m in messages])
     starts = np.cumsum([0, *map(len, parts[:-1])])
     pairs = np.stack([np.array([m[2] for m in messages], np.uint64), starts.astype(np.uint64)], axis=1)
-    made, offsets = [], {}
+    indices, offsets = [], {}
     for channel in np.unique(channels).tolist():
         body = pairs[channels == channel].astype("<u8").tobytes()
         offsets[channel] = at
-        made.append(RECORD.pack(MESSAGE_INDEX, 6 + len(body)) + struct.pack("<HI", channel, len(body)) + body)
-        at += len(made[-1])
-    return made, offsets
+        indices.append(RECORD.pack(MESSAGE_INDEX, 6 + len(body)) + struct.pack("<HI", channel, len(body)) + body)
+        at += len(indices[-1])
+    return indices, offsets

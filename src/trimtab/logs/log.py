@@ -1,7 +1,4 @@
-"""A run as arrays over time: every signal under its dotted path, with its unit and meaning.
-
-What computed a log, for who wants to compute it again.
-"""
+"""A run as arrays over time: every signal under its dotted path, with its unit and meaning."""
 
 import dataclasses
 import json
@@ -17,13 +14,8 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
-
-def provenance() -> dict[str, str]:
-    """The version, and the class of machine within which compiled code gives the same bits: processor and system."""
-    return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
-
-
 HALF_TICK = 0.5 / UNITS_PER_SECOND
+PLAIN = (float, int, str, bool)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -54,12 +46,12 @@ class Log:
         t = np.asarray(self.t, np.float64)
         if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
             raise InputError("log", "t and ticks are not the same instants", fix="pass t=to_seconds(ticks)")
-        held = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
-        _check_paths(held)
+        signals = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
+        _check_paths(signals)
         for name, value in (
             ("ticks", ticks),
             ("t", _freeze(to_seconds(ticks))),
-            ("signals", MappingProxyType(held)),
+            ("signals", MappingProxyType(signals)),
             ("declarations", MappingProxyType(dict(self.declarations))),
             ("metadata", MappingProxyType(to_plain("log.metadata", dict(self.metadata)))),
             ("final", MappingProxyType({p: _check_value(p, v) for p, v in self.final.items()})),
@@ -72,8 +64,7 @@ class Log:
         return tuple(self.signals)
 
     def __reduce__(self) -> Any:
-        held = (self.signals, self.declarations, self.metadata, self.final)
-        return Log, (self.t, self.ticks, *map(dict, held))
+        return Log, (self.t, self.ticks, *map(dict, (self.signals, self.declarations, self.metadata, self.final)))
 
     def __len__(self) -> int:
         return len(self.ticks)
@@ -123,13 +114,13 @@ class Log:
         if path not in self.declarations:
             return {}
         declared = self.declarations[path]
-        found: dict[str, Any] = {"units": declared.unit, "long_name": declared.doc}
+        attributes: dict[str, Any] = {"units": declared.unit, "long_name": declared.doc}
         if declared.frame:
-            found["frame"] = declared.frame
+            attributes["frame"] = declared.frame
         if declared.modes:
-            found["flag_values"] = np.arange(len(declared.modes), dtype=self.signals[path].dtype)
-            found["flag_meanings"] = " ".join(mode.replace(" ", "_") for mode in declared.modes)
-        return found
+            attributes["flag_values"] = np.arange(len(declared.modes), dtype=self.signals[path].dtype)
+            attributes["flag_meanings"] = " ".join(mode.replace(" ", "_") for mode in declared.modes)
+        return attributes
 
     def __repr__(self) -> str:
         n, count = len(self), len(self.signals)
@@ -143,7 +134,9 @@ class Log:
         return "\n".join(lines)
 
 
-PLAIN = (float, int, str, bool)
+def provenance() -> dict[str, str]:
+    """The version, and the class of machine within which compiled code gives the same bits: processor and system."""
+    return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 
 
 def to_plain(part: str, value: Any) -> Any:
@@ -172,41 +165,41 @@ def _check_key(part: str, key: Any) -> str:
 
 
 def _freeze(array: np.ndarray) -> np.ndarray:
-    held = np.array(array)
-    held.setflags(write=False)
-    return held
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
 
 
 def _check_ticks(ticks: Any) -> np.ndarray:
-    array = np.asarray(ticks)
-    if array.ndim != 1 or array.dtype.kind not in "iu":
-        found = f"ticks is an array {array.shape} of {array.dtype}"
-        raise InputError("log", found, fix="pass whole numbers of 100 ns, int64, shape (n,)")
-    held = _freeze(array.astype(np.int64))
-    if len(held) and (held[0] < 0 or (np.diff(held) <= 0).any()):
+    values = np.asarray(ticks)
+    if values.ndim != 1 or values.dtype.kind not in "iu":
+        problem = f"ticks is an array {values.shape} of {values.dtype}"
+        raise InputError("log", problem, fix="pass whole numbers of 100 ns, int64, shape (n,)")
+    array = _freeze(values.astype(np.int64))
+    if len(array) and (array[0] < 0 or (np.diff(array) <= 0).any()):
         raise InputError("log", "ticks do not rise strictly from 0 on", fix="pass each instant once, in order of time")
-    return held
+    return array
 
 
 def _check_numbers(part: str, values: Any) -> np.ndarray:
-    held = _freeze(np.asarray(values))
-    if held.dtype.kind not in "biuf" or held.dtype.itemsize > 8:
+    array = _freeze(np.asarray(values))
+    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         choices = ("bool", "int8..int64", "uint8..uint64", "float16..float64")
-        raise InputError(part, f"holds values of type {held.dtype}", choices=choices, fix="convert it to one of these")
-    return held
+        raise InputError(part, f"holds values of type {array.dtype}", choices=choices, fix="convert it to one of these")
+    return array
 
 
 def _check_signal(path: str, values: Any, n: int) -> np.ndarray:
-    held = _check_numbers(f"log signal {path!r}", values)
-    if held.ndim not in (1, 2) or len(held) != n:
-        problem = f"has shape {held.shape}, the log has {n} instants"
+    array = _check_numbers(f"log signal {path!r}", values)
+    if array.ndim not in (1, 2) or len(array) != n:
+        problem = f"has shape {array.shape}, the log has {n} instants"
         raise InputError(f"log signal {path!r}", problem, fix=f"give it shape ({n},) or ({n}, k)")
-    return held
+    return array
 
 
 def _check_value(path: str, value: Any) -> Any:
-    held = _check_numbers(f"log final value {path!r}", value)
-    return held[()] if held.ndim == 0 else held
+    array = _check_numbers(f"log final value {path!r}", value)
+    return array[()] if array.ndim == 0 else array
 
 
 def _check_paths(signals: Mapping[str, Any]) -> None:

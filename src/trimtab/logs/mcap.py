@@ -71,17 +71,17 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     A file that was cut short (a full disk, a copy that broke off) gives the instants before the cut, and
     ``metadata["truncated"]`` is True; `final` is still that of the whole run.
     """
-    found = parse_contents(path, _read_bytes(Path(path)))
-    if LAYOUT not in found.metadata or RUN not in found.metadata:
+    contents = parse_contents(path, _read_bytes(Path(path)))
+    if LAYOUT not in contents.metadata or RUN not in contents.metadata:
         raise InputError(
-            f"log file '{path}'", _missing_content(found), fix="give a file that write_mcap or trimtab run wrote"
+            f"log file '{path}'", _missing_content(contents), fix="give a file that write_mcap or trimtab run wrote"
         )
-    written = found.metadata[LAYOUT].get("format")
+    written = contents.metadata[LAYOUT].get("format")
     if written != FORMAT:
         problem = f"has format {written}, this version reads {FORMAT}"
         raise InputError(f"log file '{path}'", problem, fix="read it with the version of trimtab that wrote it")
     try:
-        return _build_log(found)
+        return _build_log(contents)
     except Exception as error:  # whatever a foreign tool has changed, the answer names the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
         raise InputError(f"log file '{path}'", problem, fix="make it again") from None
@@ -126,37 +126,37 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
             add(channel, time, messages[i], time, rows.start + i)
 
 
-def _missing_content(found: Contents) -> str:
+def _missing_content(contents: Contents) -> str:
     """What is wrong with a file that does not say what it holds."""
-    if not found.is_truncated:
+    if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
-    known = {key: load_json(text) for key, text in found.metadata.get(RUN, {}).items()}
+    known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}
     rest = [f"{key} {known[key]}" for key in ("scenario", "seed") if key in known]
     said = f"; all that is left says {', '.join(rest)}" if rest else ""
     return f"is cut before its first sample, within its own description{said}"
 
 
-def _build_log(found: Contents) -> Log:
-    layout = found.metadata[LAYOUT]
+def _build_log(contents: Contents) -> Log:
+    layout = contents.metadata[LAYOUT]
     signals, declared, final = (load_json(layout[name]) for name in ("signals", "declared", "final"))
-    metadata = {key: load_json(text) for key, text in found.metadata[RUN].items()}
+    metadata = {key: load_json(text) for key, text in contents.metadata[RUN].items()}
     by_topic = group_by_topic(tuple(signals))
-    if any(found.texts.values()):  # a tool may have taken topics out
-        by_topic = {topic: fields for topic, fields in by_topic.items() if topic in found.texts}
-    rows = min(len(found.texts.get(topic, ())) for topic in by_topic)
-    if found.is_truncated or rows < load_json(layout["rows"]):
+    if any(contents.texts.values()):  # a tool may have taken topics out
+        by_topic = {topic: fields for topic, fields in by_topic.items() if topic in contents.texts}
+    rows = min(len(contents.texts.get(topic, ())) for topic in by_topic)
+    if contents.is_truncated or rows < load_json(layout["rows"]):
         metadata["truncated"] = True
-    events = [json.loads(text) for text in found.texts.get(EVENTS, [])]
+    events = [json.loads(text) for text in contents.texts.get(EVENTS, [])]
     if events:
-        seconds = [time // NS_PER_TICK * SECONDS_PER_UNIT for time in found.times[EVENTS]]
+        seconds = [time // NS_PER_TICK * SECONDS_PER_UNIT for time in contents.times[EVENTS]]
         metadata["events"] = [{"t": t, "text": e["message"]} for t, e in zip(seconds, events, strict=True)]
     arrays: dict[str, np.ndarray] = {}
     for topic, fields in by_topic.items():
-        messages = json.loads(b"[" + b",".join(found.texts.get(topic, [])[:rows]) + b"]")
+        messages = json.loads(b"[" + b",".join(contents.texts.get(topic, [])[:rows]) + b"]")
         for path, keys in fields.items():
             dtype, shape = np.dtype(signals[path]["dtype"]), signals[path]["shape"]
             arrays[path] = np.array(signal_values(messages, keys), dtype).reshape(rows, *shape)
-    ticks = np.array(found.times.get(next(iter(by_topic)), [])[:rows], np.int64) // NS_PER_TICK
+    ticks = np.array(contents.times.get(next(iter(by_topic)), [])[:rows], np.int64) // NS_PER_TICK
     return Log(
         t=to_seconds(ticks),
         ticks=ticks,

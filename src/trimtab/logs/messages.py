@@ -1,9 +1,7 @@
-"""What is in a log's file, as text: the description of its signals, and a JSON message for each topic and instant.
+"""What is in a log's file, as text: which topic carries which signals, its JSON Schema, and a message an instant.
 
 Numbers survive exactly: JSON texts of floats are the shortest that read back to the same bits, infinities are ``1e999``
 and ``-1e999`` (valid JSON, read as infinite everywhere), NaN is ``null``.
-
-Which topic of a log file carries which signals, and the JSON Schema of each topic's messages.
 
 Source: JSON Schema, draft 2020-12; of it what Foxglove reads: one type a property, enumerations as oneOf of const.
 """
@@ -23,49 +21,6 @@ Fields = dict[str, tuple[str, ...]]
 GROUPED = ("sensors", "downlink")
 """Blocks of which there are several: each has a topic of its own."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
-
-
-def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Topic -> path -> the keys that lead to the value in a message."""
-    found: dict[str, Fields] = {}
-    for path in paths:
-        names = path.split(".")
-        split = 2 if names[0] in GROUPED and len(names) > 2 else 1
-        found.setdefault("/" + "/".join(names[:split]), {})[path] = tuple(names[split:])
-    return found
-
-
-def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
-    """The JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
-    title = f"trimtab{topic.replace('/', '.')}"
-    root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
-    for path, keys in fields.items():
-        node = root
-        for key in keys[:-1]:
-            node = node["properties"].setdefault(key, {"type": "object", "properties": {}})
-        node["properties"][keys[-1]] = _property_schema(log.signals[path], log.declarations.get(path))
-    return root
-
-
-def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
-    """One type each: viewers refuse a schema with a union such as number or null."""
-    kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
-    found: dict[str, Any] = {"type": kind}
-    if values.ndim == 2:
-        size = values.shape[1]
-        found = {"type": "array", "items": {"type": kind}, "minItems": size, "maxItems": size}
-    if declared is None:
-        return found
-    about = declared.doc + (f" [{declared.unit}]" if declared.unit != "1" else "")
-    about += f" In {declared.frame}." if declared.frame else ""
-    if declared.modes:
-        about += " " + ", ".join(f"{i}: {mode}" for i, mode in enumerate(declared.modes)) + "."
-        if kind == "integer" and values.ndim == 1:
-            found["oneOf"] = [{"title": mode, "const": i} for i, mode in enumerate(declared.modes)]
-    found |= {"description": about, "unit": declared.unit}
-    return found | ({"frame": declared.frame} if declared.frame else {})
-
-
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
 """Names of the two metadata records, and the version of what is written."""
 EVENTS = "/events"
@@ -95,13 +50,54 @@ class Topic(NamedTuple):
     text: bytes
 
 
+def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
+    """Topic -> path -> the keys that lead to the value in a message."""
+    topics: dict[str, Fields] = {}
+    for path in paths:
+        names = path.split(".")
+        split = 2 if names[0] in GROUPED and len(names) > 2 else 1
+        topics.setdefault("/" + "/".join(names[:split]), {})[path] = tuple(names[split:])
+    return topics
+
+
+def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
+    """The JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
+    title = f"trimtab{topic.replace('/', '.')}"
+    root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
+    for path, keys in fields.items():
+        node = root
+        for key in keys[:-1]:
+            node = node["properties"].setdefault(key, {"type": "object", "properties": {}})
+        node["properties"][keys[-1]] = _property_schema(log.signals[path], log.declarations.get(path))
+    return root
+
+
+def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
+    """One type each: viewers refuse a schema with a union such as number or null."""
+    kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
+    schema: dict[str, Any] = {"type": kind}
+    if values.ndim == 2:
+        size = values.shape[1]
+        schema = {"type": "array", "items": {"type": kind}, "minItems": size, "maxItems": size}
+    if declared is None:
+        return schema
+    about = declared.doc + (f" [{declared.unit}]" if declared.unit != "1" else "")
+    about += f" In {declared.frame}." if declared.frame else ""
+    if declared.modes:
+        about += " " + ", ".join(f"{i}: {mode}" for i, mode in enumerate(declared.modes)) + "."
+        if kind == "integer" and values.ndim == 1:
+            schema["oneOf"] = [{"title": mode, "const": i} for i, mode in enumerate(declared.modes)]
+    schema |= {"description": about, "unit": declared.unit}
+    return schema | ({"frame": declared.frame} if declared.frame else {})
+
+
 def log_topics(log: Log) -> list[Topic]:
     """The topics of a log, in the order in which its messages are written."""
-    found = []
+    topics = []
     for name, fields in group_by_topic(log.paths).items():
         schema = topic_schema(log, name, fields)
-        found.append(Topic(name, fields, schema["title"], json.dumps(schema, ensure_ascii=False).encode()))
-    return found
+        topics.append(Topic(name, fields, schema["title"], json.dumps(schema, ensure_ascii=False).encode()))
+    return topics
 
 
 def run_record(log: Log) -> dict[str, str]:
@@ -147,8 +143,8 @@ def load_json(text: str) -> Any:
 
 def parse_quantity(fields: dict[str, Any]) -> Quantity:
     """A declaration out of a layout."""
-    given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
-    return Quantity(**given)
+    plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
+    return Quantity(**plain)
 
 
 def signal_values(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:

@@ -40,15 +40,15 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
         targets: at most one for each signal; for signals left out the first three are None.
         signals: paths or short names; they are the keys of what comes back.
     """
-    wanted: dict[str, Target] = {}
+    by_path: dict[str, Target] = {}
     for target in targets:
         path = full_path(target.path)
         log[path]
-        if path in wanted:
+        if path in by_path:
             raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one of them")
-        wanted[path] = target
+        by_path[path] = target
     with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away gives None, not a warning
-        return {name: _merits(log, full_path(name), wanted.get(full_path(name))) for name in signals}
+        return {name: _merits(log, full_path(name), by_path.get(full_path(name))) for name in signals}
 
 
 def mode_switches(log: Log) -> int:
@@ -73,10 +73,10 @@ def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | Non
         problem = f"signal {path!r} has {log[path].shape[1]} components at each instant"
         raise InputError("metrics", problem, choices=SHORT, fix="ask for a signal of one number")
     t, x = log.t, log[path].astype(np.float64)
-    found: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
+    numbers: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
     if target is not None and len(t):
         error = x - nearest_target_value(log, target)
-        found |= {
+        numbers |= {
             "settling_s": _settling(t, error, target.band),
             "first_reach_s": _first_reach(t, error, target.band),
             "overshoot": _overshoot(error),
@@ -84,7 +84,7 @@ def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | Non
     tail = x[t >= t[0] + (t[-1] - t[0]) * 2 / 3] if len(t) else x
     mean = _finite(tail.mean()) if np.isfinite(tail).all() and len(tail) else None
     rms = None if mean is None else _finite(np.sqrt(np.mean((tail - mean) ** 2)))
-    return found | {"tail_mean": mean, "tail_rms": rms}
+    return numbers | {"tail_mean": mean, "tail_rms": rms}
 
 
 def _settling(t: Any, error: Any, band: float) -> float | None:

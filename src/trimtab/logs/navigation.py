@@ -1,16 +1,8 @@
 """Is the navigation of one run honest? What a log with an aided INS in it says about the filter's own sigmas.
 
-One run holds few independent draws: errors hang together in time. Every average here is judged by its effective number
-of draws, from the autocorrelation of what is averaged, and the bounds of all rows together hold with the probability
-asked for. A factor is by how much errors exceed what the filter says; from 1/1.1 to 1.1 is honest for any purpose.
-
-Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
-5.4; [9] Bayley, Hammersley, "The effective number of independent observations in an autocorrelated time series",
-J. R. Statist. Soc. B 8 (1946), for the number of draws, here of squares of Gaussian numbers.
-
-What aided the navigation of a run: each sensor's updates once, and the states that no sensor corrected.
-
-Source: docs page, Aiding in a log.
+Each sensor's updates are counted once; states that no sensor corrected are left out. One run holds few independent
+draws: every average is judged by its effective number of them (`logs.consistency`, with the sources), and the bounds of
+all rows together hold with the probability asked for.
 """
 
 from typing import Any, NamedTuple
@@ -35,83 +27,6 @@ BY_HEADING = ("heading", "gyro_bias")
 """What headings correct, and positions through the motion."""
 
 
-class AidingUpdates(NamedTuple):
-    """Updates by one sensor: times (n,) s, NIS (n,), normalised innovations (n, dof).
-
-    refused: how many the gate kept out.  unseen: those that came between two rows of the log with another after them.
-    """
-
-    t: Any
-    nis: Any
-    normalised_innovations: Any
-    refusals: int
-    missed_updates: int
-
-
-def state_path(log: Log) -> str | None:
-    """Path of the state that knows its sigmas; None where there is none."""
-    found = [p.rpartition(".")[0] for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading")]
-    return found[0] if found else None
-
-
-def fix_paths(log: Log) -> dict[str, str]:
-    """Name of each aiding sensor -> path of its fix; "range" where each range counts by itself."""
-    ends = ("nis", "normalised", "used", "rejected")
-    found = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
-    whole = [p for p in found if all(f"{p}.{end}" in log for end in ends)]
-    return {"range" if log[f"{p}.nis"].ndim > 1 else p.rpartition(".")[2].removesuffix("_fix"): p for p in whole}
-
-
-def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
-    """A signal (rows,) as booleans; the same everywhere where the log has none."""
-    return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
-
-
-def unaided_states(log: Log) -> frozenset[str]:
-    """States that no measurement corrected, though the estimate was valid.
-
-    Of a vehicle without a position sensor the place is a guess that grows. Of a run without a valid estimate nothing
-    can be said: there, an aid that was wanted did not come.
-    """
-    base = state_path(log)
-    if not flag_signal(log, "estimate.valid", True).any():
-        return frozenset()
-    counts = {n: f"{base}.{n}_fix.used" for n in ("position", "heading") if f"{base}.{n}_fix.used" in log}
-    never = {n for n, path in counts.items() if not log[path].any()}
-    alone = BY_POSITION if "position" in never else ()
-    return frozenset((*alone, *BY_HEADING) if never and never == set(counts) else alone)
-
-
-def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
-    """A measurement counts where the number of those used and refused rises from one row to the next."""
-    refused = log[f"{path}.rejected"].astype(np.int64)
-    more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
-    new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
-    rows = (more > 0) & (log.t >= since)
-    if nis.ndim > 1:
-        return _find_range_updates(log, path, rows, more, new)
-    rows &= np.isfinite(nis)
-    values = log[f"{path}.normalised"][rows]
-    values = values[:, None] if values.ndim == 1 else values
-    return AidingUpdates(log.t[rows], nis[rows], values, int(new[rows].sum()), int((more[rows] - 1).sum()))
-
-
-def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
-    """Of a RangeFix (rows, n): each range that was predicted is an update with one degree of freedom, in order.
-
-    Not predicted are those that disagree with the rest, and all of a ping at which the filter waited for a start; then
-    the last innovations are left standing.
-    """
-    nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
-    rows = rows & np.append(ran[:1], ran[:-1])
-    came = rows[:, None] & np.isfinite(nis) & (log[f"{path}.innovation"] != 0)
-    refusals = np.diff(log[f"{path}.refused_in_a_row"].astype(np.int64), axis=0, prepend=0) > 0
-    shown = np.sum(came | log[f"{path}.accepted"].astype(bool) | refusals, axis=1)
-    unseen = int(np.maximum(more - shown, 0)[rows].sum())
-    t = np.broadcast_to(log.t[:, None], nis.shape)
-    return AidingUpdates(t[came], nis[came], log[f"{path}.normalised"][came][:, None], int(new[rows].sum()), unseen)
-
-
 SETTLED = 1.5
 """A sigma has settled where it stays below so many times its largest value in the second half of the run."""
 LAGS = 20
@@ -124,6 +39,20 @@ GROUPS = {
     "force bias": ("forward_bias", "starboard_bias"),
 }
 """Fields of a NavigationState that are judged together, where the log has their truth."""
+
+
+class AidingUpdates(NamedTuple):
+    """Updates by one sensor: times (n,) s, NIS (n,), normalised innovations (n, dof).
+
+    refusals: how many the gate kept out.  missed_updates: those that came between two
+    rows of the log with another after them.
+    """
+
+    t: Any
+    nis: Any
+    normalised_innovations: Any
+    refusals: int
+    missed_updates: int
 
 
 class Aiding(NamedTuple):
@@ -199,8 +128,8 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     if not aids or not states:
         return None
     learned = {name: _assess_convergence(s) for name, s in states.items() if len(s.t) > 3}
-    judged = [n for n in learned if states[n].error is not None] or list(learned)
-    since = max((learned[n].settled_s for n in judged), default=0.0)
+    known = [n for n in learned if states[n].error is not None] or list(learned)
+    since = max((learned[n].settled_s for n in known), default=0.0)
     errors = {
         group: np.stack([_normalised_errors(states[n], since) for n in names], axis=1)
         for group, names in GROUPS.items()
@@ -211,21 +140,19 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
     came = {name: update for name, path in aids.items() if len((update := find_updates(log, path, since)).nis) > 3}
     tail = (1 - probability) / (2 * max(len(errors) + len(came), 1))
     aiding = {name: _assess_aiding(update, tail) for name, update in came.items()}
-    found = {
+    judged = {
         group: assess_average(np.mean(np.sum(z * z, axis=1)), effective_draws(z), z.shape[1], tail)
         for group, z in errors.items()
     }
-    verdict = _combine_verdicts([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in found.values())])
-    return Navigation(verdict, probability, since, state_path(log) or "", aiding, found, learned)
+    verdict = _combine_verdicts([*(a.nis.verdict for a in aiding.values()), *(j.verdict for j in judged.values())])
+    return Navigation(verdict, probability, since, state_path(log) or "", aiding, judged, learned)
 
 
 def state_series(log: Log) -> dict[str, Series]:
     """Every state that has a sigma, by name, where an estimate was made anew; with its error where the log has truth.
 
-    Left out is what nothing aided in this run (`aiding.unaided`). Empty where no estimate was valid.
-
-    An estimate is of the time of its newest measurement, so it is compared with the truth of that time, except while
-    it coasts.
+    Left out is what nothing aided in this run (`unaided_states`). Empty where no estimate was valid. An estimate is of
+    the time of its newest measurement, so it is compared with the truth of that time, except while it coasts.
     """
     base = state_path(log)
     if base is None:
@@ -236,7 +163,7 @@ def state_series(log: Log) -> dict[str, Series]:
     alone = unaided_states(log)
     age = log["estimate.age"] if "estimate.age" in log else np.zeros(len(log))
     of = (log.t - np.where(flag_signal(log, f"{base}.coasting", False), 0.0, age))[rows]
-    found = {}
+    series = {}
     for path in log.paths:
         name = path.rpartition(".")[2].removeprefix("sigma_")
         if path == f"{base}.sigma_{name}" and f"{base}.{name}" in log and name not in alone:
@@ -244,27 +171,90 @@ def state_series(log: Log) -> dict[str, Series]:
             if f"truth.{name}" in log:
                 error = estimate - np.interp(of, log.t, log[f"truth.{name}"])
                 error = np.angle(np.exp(1j * error)) if name == "heading" else error
-            found[name] = Series(of, estimate, error, log[path][rows])
-    return found
+            series[name] = Series(of, estimate, error, log[path][rows])
+    return series
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
     """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom; each range counts."""
-    found = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
-    return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in found.items() if len(u.nis)}
+    updates = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
+    return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in updates.items() if len(u.nis)}
+
+
+def state_path(log: Log) -> str | None:
+    """Path of the state that knows its sigmas; None where there is none."""
+    sigmas = (p for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading"))
+    return next((p.rpartition(".")[0] for p in sigmas), None)
+
+
+def fix_paths(log: Log) -> dict[str, str]:
+    """Name of each aiding sensor -> path of its fix; "range" where each range counts by itself."""
+    ends = ("nis", "normalised", "used", "rejected")
+    fixes = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
+    whole = [p for p in fixes if all(f"{p}.{end}" in log for end in ends)]
+    return {"range" if log[f"{p}.nis"].ndim > 1 else p.rpartition(".")[2].removesuffix("_fix"): p for p in whole}
+
+
+def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
+    """A signal (rows,) as booleans; the same everywhere where the log has none."""
+    return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
+
+
+def unaided_states(log: Log) -> frozenset[str]:
+    """States that no measurement corrected, though the estimate was valid.
+
+    Of a vehicle without a position sensor the place is a guess that grows. Of a run without a valid estimate nothing
+    can be said: there, an aid that was wanted did not come.
+    """
+    base = state_path(log)
+    if not flag_signal(log, "estimate.valid", True).any():
+        return frozenset()
+    counts = {n: f"{base}.{n}_fix.used" for n in ("position", "heading") if f"{base}.{n}_fix.used" in log}
+    never = {n for n, path in counts.items() if not log[path].any()}
+    alone = BY_POSITION if "position" in never else ()
+    return frozenset((*alone, *BY_HEADING) if never and never == set(counts) else alone)
+
+
+def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
+    """A measurement counts where the number of those used and refused rises from one row to the next."""
+    refused = log[f"{path}.rejected"].astype(np.int64)
+    more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
+    new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
+    rows = (more > 0) & (log.t >= since)
+    if nis.ndim > 1:
+        return _find_range_updates(log, path, rows, more, new)
+    rows &= np.isfinite(nis)
+    values = log[f"{path}.normalised"][rows]
+    values = values[:, None] if values.ndim == 1 else values
+    return AidingUpdates(log.t[rows], nis[rows], values, int(new[rows].sum()), int((more[rows] - 1).sum()))
+
+
+def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
+    """Of a RangeFix (rows, n): each range that was predicted is an update with one degree of freedom, in order.
+
+    Not predicted are those that disagree with the rest, and all of a ping at which the filter waited for a start; then
+    the last innovations are left standing.
+    """
+    nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
+    rows = rows & np.append(ran[:1], ran[:-1])
+    came = rows[:, None] & np.isfinite(nis) & (log[f"{path}.innovation"] != 0)
+    refusals = np.diff(log[f"{path}.refused_in_a_row"].astype(np.int64), axis=0, prepend=0) > 0
+    shown = np.sum(came | log[f"{path}.accepted"].astype(bool) | refusals, axis=1)
+    unseen = int(np.maximum(more - shown, 0)[rows].sum())
+    t = np.broadcast_to(log.t[:, None], nis.shape)
+    return AidingUpdates(t[came], nis[came], log[f"{path}.normalised"][came][:, None], int(new[rows].sum()), unseen)
 
 
 def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
-    dof = u.normalised_innovations.shape[1]
-    draws = np.mean(effective_draws(u.normalised_innovations)) * np.ones(dof)
-    white = (
-        whiteness(u.normalised_innovations, LAGS, 1 - 2 * tail)
-        if len(u.nis) > 3 * LAGS and u.normalised_innovations.any()
-        else None
-    )
+    z = u.normalised_innovations
+    dof = z.shape[1]
+    draws = np.mean(effective_draws(z)) * np.ones(dof)
     nis = assess_average(float(np.mean(u.nis)), draws, dof, tail)
-    p = None if white is None else white.p
-    return Aiding(len(u.nis), u.refusals, u.missed_updates, nis, None if white is None else white.white, p)
+    white, p = None, None
+    if len(u.nis) > 3 * LAGS and z.any():
+        test = whiteness(z, LAGS, 1 - 2 * tail)
+        white, p = test.white, test.p
+    return Aiding(len(u.nis), u.refusals, u.missed_updates, nis, white, p)
 
 
 def _normalised_errors(s: Series, since: float) -> Any:

@@ -69,9 +69,8 @@ class Ring:
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
             problem = f"{size / 1e6:.1f} MB do not fit into {SHARED}"
-            raise InputError(
-                "ring", problem, fix="give fewer rows, or more shared memory, e.g. docker run --shm-size=1g"
-            )
+            fix = "give fewer rows, or more shared memory, e.g. docker run --shm-size=1g"
+            raise InputError("ring", problem, fix=fix)
         try:
             memory = shared_memory.SharedMemory(name or None, create=True, size=size)
         except FileExistsError:
@@ -147,13 +146,13 @@ class Ring:
         """All texts that wait."""
         first, last = self._head[TEXTS_READ], self._head[TEXTS_WRITTEN]
         time.sleep(SETTLE)
-        found = []
+        texts = []
         for n in range(first, last):
             at = n % self.events * TEXT
             before, size = (int.from_bytes(self._texts[at + i : at + i + 8], "little") for i in (0, 8))
-            found.append(TextEvent(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
+            texts.append(TextEvent(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
         self._head[TEXTS_READ] = last
-        return found
+        return texts
 
     def close(self) -> None:
         """Leave the ring; it stays until `unlink`, or until whoever made it has ended."""

@@ -1,10 +1,8 @@
 """A sensor's own samples out of a log: each once, at the time it was measured, however often the log has rows.
 
-A log's rows hold the last sample until there is a new one. Which is which, the sample's own time says.
-
-Logs as CSV files, as other loggers write them: a line of names, then a line of numbers for each instant.
-
-Names may say their unit, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``.
+A log's rows hold the last sample until there is a new one. Which is which, the sample's own time says. Of other loggers
+CSV files are read: a line of names, which may say their unit, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``, then a line of
+numbers for each instant.
 """
 
 import os
@@ -27,6 +25,62 @@ BLOCK = "csv"
 """Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
 
 
+class Samples(NamedTuple):
+    """Evenly spaced samples.
+
+    values: (n,) or (n, k).  ticks: int64 (n,), when each was measured.  period: s, from one to the next.
+    """
+
+    values: Any
+    ticks: Any
+    period: float
+
+
+def samples(log: Log, path: str) -> Samples:
+    """The samples of a signal, each once; refused where some are missing from the log, or come at uneven times.
+
+    Args:
+        log: of a run or of a sensor.
+        path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; of other signals the rows are the samples.
+    """
+    values, ticks = log[path], log.ticks
+    sample = sample_path(log, path)
+    if sample is not None:
+        valid = log[f"{sample}.valid"].astype(bool) if f"{sample}.valid" in log else np.ones(len(log), bool)
+        values, ticks = values[valid], log[f"{sample}.t"][valid].astype(np.int64)
+        first = np.diff(ticks, prepend=-1) != 0
+        values, ticks = values[first], ticks[first]
+    if len(ticks) < 3:
+        raise InputError(f"signal {path!r}", f"has {len(ticks)} samples in this log", fix="log it for longer")
+    gaps = np.diff(ticks)
+    settings = log.metadata.get("parameters", {})
+    period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
+    usual = float(period or np.median(gaps))  # as the run's settings have it, or the usual one
+    loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers come when they can
+    uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
+    if len(uneven):
+        _refuse_gaps(log, path, ticks, uneven, usual, sampled=sample is not None)
+    return Samples(values, ticks, float(to_seconds((ticks[-1] - ticks[0]) / (len(ticks) - 1))))
+
+
+def sample_path(log: Log, path: str) -> str | None:
+    """The path of the sample that a signal belongs to, e.g. ``sensors.imu``; None where it belongs to none."""
+    before, value, _ = path.partition(".value.")
+    return before if value and f"{before}.t" in log else None
+
+
+def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
+    at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
+    problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
+    problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} such gaps more"
+    fix = "cut the log to a stretch without gaps, or log again"
+    rows = float(np.median(np.diff(log.ticks)))
+    if sampled and rows > min(usual, np.diff(ticks).min()):
+        problem += f"; the rows of the log come each {format_time(round(rows))}, so it misses samples"
+        fix = "log rows more often than there are samples, e.g. simulate(…, log_period=ms(1))"
+    raise InputError(f"signal {path!r}", problem, fix=fix)
+
+
 def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     """Read a CSV file; times start at 0 in the log and are rounded to 100 ns.
 
@@ -42,7 +96,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     lines = [line for line in text.splitlines() if line.strip()]
     head = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
     names = [re.split(r"\s*[\[(]", name)[0] for name in head]
-    units = [found[1].strip() if (found := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
+    units = [match[1].strip() if (match := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
     chosen = [n for n in names if n == time or (time is None and n.lower() in TIMES)]
     if not chosen:
         problem = f"has no column {time!r}" if time else "has no column of times"
@@ -58,9 +112,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
         at = int(np.argmax(np.diff(ticks) <= 0))
         problem = f"its times do not rise after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
         raise InputError(where, problem, fix="sort it, leave out repeated rows, and give times to at least 100 ns")
-    return Log(
-        t=to_seconds(ticks), ticks=ticks, signals=signals, declarations=declared, metadata={"file": Path(path).name}
-    )
+    return Log(to_seconds(ticks), ticks, signals, declared, {"file": Path(path).name})
 
 
 def _time_scale(where: str, name: str, unit: str) -> float:
@@ -97,69 +149,7 @@ def _parse_numbers(where: str, lines: list[str], columns: int) -> np.ndarray:
     except ValueError as error:
         raise InputError(where, f"holds what is no number: {error}", fix="write numbers with a decimal point") from None
     if not len(rows) or not np.isfinite(rows).all():
-        problem = (
-            "has no rows" if not len(rows) else f"line {int(np.argmin(np.isfinite(rows).all(1))) + 2} is not finite"
-        )
+        line = int(np.argmin(np.isfinite(rows).all(1))) + 2 if len(rows) else 0
+        problem = f"line {line} is not finite" if line else "has no rows"
         raise InputError(where, problem, fix="leave such lines out; gaps are then named by their time")
     return rows
-
-
-class Samples(NamedTuple):
-    """Evenly spaced samples.
-
-    values: (n,) or (n, k).  ticks: int64 (n,), when each was measured.  period: s, from one to the next.
-    """
-
-    values: Any
-    ticks: Any
-    period: float
-
-
-def samples(log: Log, path: str) -> Samples:
-    """The samples of a signal, each once; refused where some are missing from the log, or come at uneven times.
-
-    Args:
-        log: of a run or of a sensor.
-        path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; of other signals the rows are the samples.
-    """
-    values, ticks = log[path], log.ticks
-    sample = sample_path(log, path)
-    if sample is not None:
-        valid = log[f"{sample}.valid"].astype(bool) if f"{sample}.valid" in log else np.ones(len(log), bool)
-        values, ticks = values[valid], log[f"{sample}.t"][valid].astype(np.int64)
-        first = np.diff(ticks, prepend=-1) != 0
-        values, ticks = values[first], ticks[first]
-    if len(ticks) < 3:
-        raise InputError(f"signal {path!r}", f"has {len(ticks)} samples in this log", fix="log it for longer")
-    gaps = np.diff(ticks)
-    usual = _usual_gap(log, sample, gaps)
-    loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers come when they can
-    uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
-    if len(uneven):
-        _refuse_gaps(log, path, ticks, uneven, usual, sampled=sample is not None)
-    return Samples(values, ticks, float(to_seconds((ticks[-1] - ticks[0]) / (len(ticks) - 1))))
-
-
-def _usual_gap(log: Log, sample: str | None, gaps: Any) -> float:
-    """The time between samples (ticks): as the run's settings have it, or the usual one."""
-    settings = log.metadata.get("parameters", {})
-    period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
-    return float(period or np.median(gaps))
-
-
-def sample_path(log: Log, path: str) -> str | None:
-    """The path of the sample that a signal belongs to, e.g. ``sensors.imu``; None where it belongs to none."""
-    before, value, _ = path.partition(".value.")
-    return before if value and f"{before}.t" in log else None
-
-
-def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
-    at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
-    problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
-    problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} such gaps more"
-    fix = "cut the log to a stretch without gaps, or log again"
-    rows = float(np.median(np.diff(log.ticks)))
-    if sampled and rows > min(usual, np.diff(ticks).min()):
-        problem += f"; the rows of the log come each {format_time(round(rows))}, so it misses samples"
-        fix = "log rows more often than there are samples, e.g. simulate(…, log_period=ms(1))"
-    raise InputError(f"signal {path!r}", problem, fix=fix)

@@ -126,9 +126,9 @@ class Recorder:
         texts = [message_texts(log, topic.fields, slice(None)) for topic in self._topics]
         times = (log.ticks * NS_PER_TICK).tolist()
         return [
-            (channel, self._written + i, time, held[i])
+            (channel, self._written + i, time, topic[i])
             for i, time in enumerate(times)
-            for channel, held in enumerate(texts, 1)
+            for channel, topic in enumerate(texts, 1)
         ]
 
     def _event_messages(self, events: list[tuple[int, str]]) -> list[Message]:
@@ -156,13 +156,11 @@ class Recorder:
         self.read_ring()
         self.write()
         counts = {"rows": self._written, "dropped": self._ring.dropped_rows, "unwritten": self._unwritten}
-        about = {name: dump_json(value) for name, value in (counts | {"closed": final is not None}).items()}
+        run = self._run | {"log": dump_json(counts), "closed": dump_json(final is not None)}
         layout = {**self._layout, "rows": dump_json(self._written), "final": final or "{}"}
         whole = True
         try:
-            self._file.add_metadata(
-                {RUN: {**self._run, "log": dump_json(counts), "closed": about["closed"]}, LAYOUT: layout}
-            )
+            self._file.add_metadata({RUN: run, LAYOUT: layout})
             self._file.finish()
         except OSError as error:
             whole = False

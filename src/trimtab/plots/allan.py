@@ -1,13 +1,12 @@
 """A picture of Allan deviations with what was fitted to them."""
 
-import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.identify.allan import FLICKER, AllanFit, confidence_interval
-from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, new_figure, save_figure, write_title
+from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -17,7 +16,7 @@ COLUMNS, WIDTH, ROW_HEIGHT = 3, 15.0, 4.0
 def plot_allan(
     fits: Mapping[str, AllanFit],
     units: Mapping[str, str] | None = None,
-    path: str | os.PathLike[str] | None = None,
+    path: PicturePath = None,
     title: str = "Allan deviation",
 ) -> "Figure":
     """Draw each Allan deviation with its 95 % bars, the fitted model, and the parts of it that are not nothing.
@@ -25,20 +24,18 @@ def plot_allan(
     Args:
         fits: by name.
         units: of each, e.g. rad/s.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     columns = min(COLUMNS, len(fits))
     rows = -(-len(fits) // columns)
-    size = (WIDTH * columns / COLUMNS, 0.5 + rows * ROW_HEIGHT)
-    figure = new_figure(*size)
+    figure = new_figure(WIDTH * columns / COLUMNS, 0.5 + rows * ROW_HEIGHT)
     every: Any = figure.subplots(rows, columns, squeeze=False)
     for axes, (name, fit) in zip(every.flat, fits.items(), strict=False):
         _draw_fit(axes, name, fit, (units or {}).get(name, ""))
     for axes in every.flat[len(fits) :]:
         axes.set_axis_off()
-    write_title(figure, title)
-    return save_figure(figure, path)
+    return save_figure(figure, path, title)
 
 
 def _draw_fit(axes: Any, name: str, fit: AllanFit, unit: str) -> None:

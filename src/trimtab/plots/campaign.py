@@ -3,7 +3,6 @@
 Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 (1985).
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,35 +14,35 @@ from trimtab.campaign.statistics.morris import Morris
 from trimtab.campaign.statistics.requirement import success_proportion
 from trimtab.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError
-from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, new_figure, save_figure
+from trimtab.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 MOST_LINES = 400
 """So many worlds of a kind are drawn as lines at most; more would be one surface."""
+LIGHT = "#BFD9EA"
+LOOKS = 60
+"""At so many numbers of runs an estimate is drawn."""
+HUGE = 1e12
+"""What stands for infinite where matplotlib can't draw that: far outside the picture."""
+BEYOND = 4.0
+"""A histogram ends so many times the width of its middle 90 % from the median: what lies beyond is counted."""
 
 
-def plot_parallel(
-    parameters: Mapping[str, Any],
-    success: Any,
-    path: str | os.PathLike[str] | None = None,
-    title: str = "",
-) -> "Figure":
+def plot_parallel(parameters: Mapping[str, Any], success: Any, path: PicturePath = None, title: str = "") -> "Figure":
     """Draw each world as a line through its parameters, failures on top; of many, some, and says how many.
 
     Args:
         parameters: values by name, each of shape (n,): numbers, finite.
         success: of each run, shape (n,).
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
     place, low, high = _axis_positions(parameters, len(good))
-    figure = new_figure(10.0, 5.2)
-    figure.suptitle(title, fontsize="medium")
-    axes: Any = figure.add_subplot()
+    figure, axes = _new_axes(10.0, 5.2, title)
     k = np.arange(len(names))
     for chosen, colour, word, order in ((good, BLUE, "succeeded", 1), (~good, VERMILION, "failed", 2)):
         rows = thin_rows(np.flatnonzero(chosen), MOST_LINES)
@@ -100,18 +99,10 @@ def short_names(names: Sequence[str]) -> list[str]:
     return list(names)
 
 
-LIGHT = "#BFD9EA"
-LOOKS = 60
-HUGE = 1e12
-"""What stands for infinite where matplotlib can't draw that: far outside the picture."""
-BEYOND = 4.0
-"""A histogram ends so many times the width of its middle 90 % from the median: what lies beyond is counted."""
-
-
 def plot_histogram(
     values: Any,
     shares: Sequence[float] = (0.05, 0.5, 0.95),
-    path: str | os.PathLike[str] | None = None,
+    path: PicturePath = None,
     title: str = "",
     *,
     label: str = "",
@@ -123,7 +114,7 @@ def plot_histogram(
     Args:
         values: of each run, shape (n,). Runs without a finite value count as +inf: they are counted, not drawn.
         shares: which quantiles.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
         label: name and unit of the metric.
         level: confidence of each band.
@@ -137,7 +128,7 @@ def plot_histogram(
     drawn = finite[(left <= finite) & (finite <= right)]
     count = int(np.clip(np.sqrt(len(drawn)), 10, 80))
     axes.hist(drawn, bins=np.linspace(left, right, count + 1), color=LIGHT, edgecolor="white", linewidth=0.4)
-    for band, colour in zip(bands, (GREEN, BLUE, "#CC79A7", "#E69F00") * len(bands), strict=False):
+    for band, colour in zip(bands, (GREEN, BLUE, PURPLE, ORANGE) * len(bands), strict=False):
         _draw_band(axes, band, colour, left, right)
     if limit is not None:
         axes.axvline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
@@ -152,7 +143,7 @@ def plot_histogram(
 def plot_convergence(
     values: Any,
     p: float | None = None,
-    path: str | os.PathLike[str] | None = None,
+    path: PicturePath = None,
     title: str = "",
     *,
     label: str = "",
@@ -190,35 +181,33 @@ def plot_convergence(
     return save_figure(figure, path)
 
 
-def plot_sensitivity(
-    found: Sensitivity | Morris, path: str | os.PathLike[str] | None = None, title: str = ""
-) -> "Figure":
+def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, title: str = "") -> "Figure":
     """Draw what each factor matters, largest first, with intervals: total and first order, or mu* and sigma.
 
     Args:
-        found: of `sensitivity` or of `morris`.
+        effects: of `sensitivity` or of `morris`.
         path, title: as in `plot_histogram`.
     """
-    if isinstance(found, Sensitivity):
+    if isinstance(effects, Sensitivity):
         pair, label = (("total", "total order"), ("first", "first order")), "share of the variance"
     else:
         pair, label = (("mu_star", "mu*: size"), ("sigma", "sigma: spread")), "effect over the factor's range"
-    order = [found.factors.index(name) for name in found.order]
+    order = [effects.factors.index(name) for name in effects.order]
     y = np.arange(len(order))
     figure, axes = _new_axes(7.0, 1.5 + 0.34 * max(len(order), 3), title)
-    for (field, name), colour, offset in zip(pair, (BLUE, "#E69F00"), (-0.19, 0.19), strict=True):
-        value, low, high = (np.asarray(getattr(found, field + end))[order] for end in ("", "_low", "_high"))
+    for (field, name), colour, offset in zip(pair, (BLUE, ORANGE), (-0.19, 0.19), strict=True):
+        value, low, high = (np.asarray(getattr(effects, field + end))[order] for end in ("", "_low", "_high"))
         axes.barh(y + offset, value, height=0.36, color=colour, label=name)
         spread = np.maximum([value - low, high - value], 0)
         axes.errorbar(value, y + offset, xerr=spread, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
-    names = [found.factors[i] for i in order]
+    names = [effects.factors[i] for i in order]
     shown = [name if name != NOISE else "noise (random numbers)" for name in short_names(names)]
     axes.set_yticks(y, shown, fontsize=9)
     axes.set(ylim=(len(order) - 0.4, -0.6), xlabel=label)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.5)
     axes.set_axisbelow(True)
-    axes.set_title(found.note or f"{found.rows} runs, intervals {100 * found.level:g} %", fontsize=9, color=GREY)
+    axes.set_title(effects.note or f"{effects.rows} runs, intervals {100 * effects.level:g} %", fontsize=9, color=GREY)
     axes.legend(fontsize=8, loc="lower right")
     return save_figure(figure, path)
 
@@ -243,15 +232,15 @@ def _draw_band(axes: Any, band: Quantile, colour: str, left: float, right: float
 
 def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> tuple[float, float, float]:
     if p is None:
-        found = success_proportion(x, level, anytime=anytime)
-        return found.share, found.low, found.high
+        success = success_proportion(x, level, anytime=anytime)
+        return success.share, success.low, success.high
     band = quantile(x, p, level, anytime=anytime)
     return band.value, band.low, band.high
 
 
-def _estimate_limits(found: Any, limit: float | None) -> tuple[float, float]:
+def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
     """From where to where estimates and bands of the later half reach; a band without a bound goes to the edge."""
-    shown = found[len(found) // 2 :]
+    shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):
         return 0.0, 1.0

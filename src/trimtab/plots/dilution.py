@@ -1,11 +1,10 @@
 """A picture of the dilution of precision over the floor, with the beacons and the edges of their cones."""
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.plots.style import VERMILION, new_figure, save_figure
+from trimtab.plots.style import VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -16,13 +15,13 @@ LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 
 
 def plot_dilution(
-    dilution_map: "DilutionMap", path: str | os.PathLike[str] | None = None, title: str = "Dilution of precision"
+    dilution_map: "DilutionMap", path: PicturePath = None, title: str = "Dilution of precision"
 ) -> "Figure":
     """Draw a map: north up, east to the right. White: no fix. Lines: how many beacons are heard on their inner side.
 
     Args:
         dilution_map: the map.
-        path: where to save (PNG, or what the suffix says); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     from matplotlib.colors import BoundaryNorm

@@ -1,11 +1,10 @@
 """A picture of an error budget: bars for what each imperfection costs, a panel for each measure."""
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.plots.style import BLUE, VERMILION, new_figure, save_figure
+from trimtab.plots.style import BLUE, VERMILION, PicturePath, new_figure, save_figure
 from trimtab.run.error_budget import ErrorBudget
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
@@ -14,17 +13,16 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 ALONE, WITHOUT = BLUE, VERMILION
 
 
-def plot_error_budget(budget: ErrorBudget, path: str | os.PathLike[str] | None = None, title: str = "") -> "Figure":
+def plot_error_budget(budget: ErrorBudget, path: PicturePath = None, title: str = "") -> "Figure":
     """Draw the budget: for each measure the rms with an imperfection alone, and with all others but it.
 
     Args:
         budget: the budget.
-        path: where to save (PNG, or what the suffix says); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     measures, n = list(budget.units), len(budget.costs)
-    size = (1.8 + 2.0 * len(measures), 1.4 + 0.28 * max(n, 3))
-    figure = new_figure(*size)
+    figure = new_figure(1.8 + 2.0 * len(measures), 1.4 + 0.28 * max(n, 3))
     panels: Any = figure.subplots(1, len(measures), sharey=True, squeeze=False)
     y = np.arange(n)
     for axes, measure in zip(panels[0], measures, strict=True):

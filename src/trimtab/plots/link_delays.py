@@ -1,31 +1,27 @@
 """A picture of the delays of a link: a histogram of each way and of the round trip, for each load."""
 
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.live.link_test import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
-from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, style_grid, write_title
+from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, new_figure, save_figure, style_grid
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 WIDTH, ROW_HEIGHT, BINS = 13.0, 2.6, 30
 
 
-def plot_link_delays(
-    measured: Sequence[Delays], path: str | os.PathLike[str] | None = None, title: str = "Delays of a link"
-) -> "Figure":
+def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title: str = "Delays of a link") -> "Figure":
     """Draw the share of packets per ms of delay, with the fitted distribution over up and down.
 
     Args:
         measured: one row of panels each.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
-    size = (WIDTH, 0.6 + ROW_HEIGHT * len(measured))
-    figure = new_figure(*size)
+    figure = new_figure(WIDTH, 0.6 + ROW_HEIGHT * len(measured))
     every: Any = figure.subplots(len(measured), 3, squeeze=False)
     for line, delays in zip(every, measured, strict=True):
         recorded, table = link_traces(delays), latency_rows(delays)
@@ -39,8 +35,7 @@ def plot_link_delays(
             axes.axvline(table[name].mean_ms, color=GREY, lw=1, ls="--")
     for axes in every[-1]:
         axes.set_xlabel("delay (ms)", fontsize=9)
-    write_title(figure, title)
-    return save_figure(figure, path)
+    return save_figure(figure, path, title)
 
 
 def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayModel | None) -> None:

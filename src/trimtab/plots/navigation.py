@@ -1,9 +1,5 @@
-"""A picture of a run's navigation: errors within the filter's own two sigmas, and how the measurements fared.
+"""A picture of a run's navigation: errors within the filter's own two sigmas, and how the measurements fared."""
 
-Colours: Okabe and Ito, "Color universal design", 2008.
-"""
-
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.logs.consistency import gate_threshold
 from trimtab.logs.log import Log
 from trimtab.logs.navigation import Series, assess_navigation, innovations, state_series
-from trimtab.plots.style import BLUE, GREY, VERMILION, decimate, new_figure, save_figure, style_axes
+from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -21,19 +17,19 @@ ROOM = 1.6
 """The axes show so many times the band as it is late in the run: the start may lie far outside."""
 
 
-def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title: str = "Navigation") -> "Figure":
+def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation") -> "Figure":
     """Draw estimate minus truth with bands of two sigmas, biases as estimated, and NIS against its 95 % line.
 
     Args:
         log: of a run whose estimate carries sigmas and innovations.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above; the verdict stands beside it.
     """
     states, aided = state_series(log), innovations(log)
     if not states:
         problem = "the estimate in it carries no sigmas"
         raise InputError("plot_navigation", problem, fix="log all signals of a run with an aided INS")
-    found = assess_navigation(log)
+    judged = assess_navigation(log)
     states = {name: one for name, one in states.items() if len(one.t)}
     known = [n for n in states if states[n].error is not None]
     names = [*known, *(n for n in states if n not in known)]
@@ -49,11 +45,9 @@ def plot_navigation(log: Log, path: str | os.PathLike[str] | None = None, title:
     if ends and min(ends) < max(ends):
         every[0, 0].set_xlim(min(ends), max(ends))
     title = title if states else f"{title}, no estimate became valid"
-    verdict = "" if found is None else f", {found.verdict}"
+    verdict = "" if judged is None else f", {judged.verdict}"
     legend = "blue: error, or bias as estimated; grey: two sigmas; red: outside"
-    figure.suptitle(f"{title}{verdict}", fontsize=14, weight="bold", x=0.01, ha="left")
-    figure.text(0.99, 0.985, legend, fontsize=10, color=GREY, ha="right", va="top")
-    return save_figure(figure, path)
+    return save_figure(figure, path, f"{title}{verdict}", legend, title_size=14)
 
 
 def _unit(log: Log, name: str) -> str:

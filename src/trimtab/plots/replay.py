@@ -1,16 +1,15 @@
 """A picture of a replay: each estimated state and each command as recorded and as replayed, and both errors.
 
-Which rows there are follows from the logs' paths. Colours: Okabe and Ito, "Color universal design", 2008.
+Which rows there are follows from the logs' paths.
 """
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.style import BLUE, GREY, VERMILION, decimate, new_figure, save_figure, style_axes, write_title
+from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -33,23 +32,20 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
     return log[name][np.searchsorted(log.ticks, ticks)]
 
 
-def plot_replay(
-    log: Log, recorded: Log, replayed: Log, path: str | os.PathLike[str] | None = None, title: str = "Replay"
-) -> "Figure":
+def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
     """Draw the recorded signals with the replayed ones over them; beside each the errors, or the difference.
 
     Args:
         log: the whole log, which may have the truth.
         recorded, replayed: the signals at the control instants, as `run.replay` gives them.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     names = common_signals(recorded, replayed)
     if not names:
         problem = "the two have no estimated state, demand or command in common"
         raise InputError("plot_replay", problem, fix="record estimate, law and command")
-    height = TOP + len(names) * ROW_HEIGHT
-    figure = new_figure(WIDTH, height)
+    figure = new_figure(WIDTH, TOP + len(names) * ROW_HEIGHT)
     every: Any = figure.subplots(len(names), 2, sharex=True, squeeze=False)
     for (value, error), name in zip(every, names, strict=True):
         truth = interpolate_truth(log, name, recorded.ticks)
@@ -59,8 +55,7 @@ def plot_replay(
         axes.set_xlabel("time (s)", fontsize=9)
     if len(recorded) > 1:
         every[0, 0].set_xlim(recorded.t[0], recorded.t[-1])
-    write_title(figure, title, "blue: recorded; red, dashed: replayed; grey: truth", size=14)
-    return save_figure(figure, path)
+    return save_figure(figure, path, title, "blue: recorded; red, dashed: replayed; grey: truth", title_size=14)
 
 
 def _draw_values(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:

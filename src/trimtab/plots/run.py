@@ -4,7 +4,6 @@ Which panels there are follows from the log's paths, so that any vehicle, law an
 """
 
 import dataclasses
-import os
 import textwrap
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,18 @@ import numpy as np
 
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, full_path, nearest_target_value
-from trimtab.plots.style import BLUE, DPI, GREEN, GREY, SEVERAL, VERMILION, decimate, save_figure, style_grid
+from trimtab.plots.style import (
+    BLUE,
+    DPI,
+    GREEN,
+    GREY,
+    SEVERAL,
+    VERMILION,
+    PicturePath,
+    decimate,
+    save_figure,
+    style_grid,
+)
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -25,7 +35,7 @@ LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One pair of axes. kind: line, log, mode, age or flags; demanded: path drawn behind; ideal: whether to compare."""
+    """One pair of axes. kind: line, log, mode, age or flags; demand_path: drawn behind."""
 
     title: str
     paths: tuple[str, ...]
@@ -37,7 +47,7 @@ class Panel:
 def plot_run(
     real: Log,
     ideal: Log | None = None,
-    path: str | os.PathLike[str] | None = None,
+    path: PicturePath = None,
     title: str = "",
     *,
     targets: Iterable[Target] = (),

@@ -1,13 +1,12 @@
 """Pictures of a search: the margins of a search for the worst case, and the cost and gains of a tuning."""
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trimtab.campaign.search.falsify import FalsificationResult
 from trimtab.campaign.search.tune import TuningResult
-from trimtab.plots.style import BLUE, GREY, SEVERAL, VERMILION, new_figure, save_figure, style_grid, write_title
+from trimtab.plots.style import BLUE, GREY, SEVERAL, VERMILION, PicturePath, new_figure, save_figure, style_grid
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -18,26 +17,24 @@ WORST = 60
 
 
 def plot_falsify(
-    search: FalsificationResult, path: str | os.PathLike[str] | None = None, title: str = "Search for the worst case"
+    search: FalsificationResult, path: PicturePath = None, title: str = "Search for the worst case"
 ) -> "Figure":
     """Draw the search.
 
     Args:
         search: what `falsify` gave.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     names = [name.rsplit(".", 1)[-1] for name in search.names]
-    size = (WIDTH, max(FALSIFY_HEIGHT, 1.6 + 0.32 * len(names)))
-    figure = new_figure(*size)
+    figure = new_figure(WIDTH, max(FALSIFY_HEIGHT, 1.6 + 0.32 * len(names)))
     axes: Any = figure.subplots(1, 2, gridspec_kw={"width_ratios": (3, 2)})
     _draw_margins(axes[0], search)
     _draw_candidates(axes[1], search, names)
     for one in axes:
         style_grid(one)
     verdict = "failure, margin" if search.fails else "no failure, least margin"
-    write_title(figure, f"{title}: {verdict} {search.margin:.4g}")
-    return save_figure(figure, path)
+    return save_figure(figure, path, f"{title}: {verdict} {search.margin:.4g}")
 
 
 def _draw_margins(axes: Any, search: FalsificationResult) -> None:
@@ -74,12 +71,12 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
     axes.set_xlabel(f"place between the bounds: the worst, and {len(worst)} bad ones", fontsize=9)
 
 
-def plot_tune(tuning: TuningResult, path: str | os.PathLike[str] | None = None, title: str = "Tuning") -> "Figure":
+def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
     """Draw a tuning.
 
     Args:
         tuning: what `tune` gave.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     figure = new_figure(WIDTH, TUNE_HEIGHT)
@@ -104,8 +101,7 @@ def plot_tune(tuning: TuningResult, path: str | os.PathLike[str] | None = None, 
         style_grid(one)
         one.yaxis.label.set_size(9)
     verdict = "helps" if tuning.is_improvement else "does NOT help"
-    write_title(figure, f"{title}: {verdict} in runs it did not see")
-    return save_figure(figure, path)
+    return save_figure(figure, path, f"{title}: {verdict} in runs it did not see")
 
 
 def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:

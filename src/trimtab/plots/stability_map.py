@@ -1,9 +1,5 @@
-"""The picture of a stability map: successes, the traced boundary, the points that were flown, theory beside it.
+"""The picture of a stability map: successes, the traced boundary, the points that were flown, theory beside it."""
 
-Colours: Okabe and Ito, "Color universal design", 2008.
-"""
-
-import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +8,20 @@ import numpy as np
 from trimtab.campaign.search.axes import Axis
 from trimtab.campaign.search.map_theory import StabilityCriterion
 from trimtab.campaign.search.stability_map import StabilityMap
-from trimtab.plots.style import new_figure, save_figure
+from trimtab.plots.style import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
-STABLE, UNSTABLE = "#56B4E9", "#E69F00"
-LINES = {"delay margin": ("#D55E00", "--"), "jitter margin": ("#009E73", "-."), "packet loss": ("#CC79A7", ":")}
+LINES = {
+    "delay margin": (VERMILION, "--"),
+    "jitter margin": (GREEN, "-."),
+    "packet loss": (PURPLE, ":"),
+}
 
 
 def plot_stability_map(
     region: StabilityMap,
-    path: str | os.PathLike[str] | None = None,
+    path: PicturePath = None,
     title: str = "",
     *,
     theory: Iterable[StabilityCriterion] = (),
@@ -31,7 +30,7 @@ def plot_stability_map(
 
     Args:
         region: the map.
-        path: where to save (PNG, or what the suffix says); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above; the scenario's name where not given.
         theory: criteria whose lines are drawn too.
     """
@@ -40,7 +39,7 @@ def plot_stability_map(
 
     figure = new_figure(6.4, 5.2)
     axes: Any = figure.subplots()
-    colours = LinearSegmentedColormap.from_list("success", [UNSTABLE, "white", STABLE])
+    colours = LinearSegmentedColormap.from_list("success", [ORANGE, "white", SKY_BLUE])
     (x, y), share = region.flown_points.T, region.share
     means = _cell_means(region).T
     image = axes.pcolormesh(region.at_x, region.at_y, means, cmap=colours, vmin=0, vmax=1, rasterized=True)
@@ -64,12 +63,12 @@ def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
     """Draw the lines of a criterion; what the legend shows of it, if there are any."""
     from matplotlib.lines import Line2D
 
-    look: tuple[str, Any] = LINES.get(one.name, ("#0072B2", ":"))
+    look: tuple[str, Any] = LINES.get(one.name, (BLUE, ":"))
     colour, style = look
-    drawn = one.zero_lines()
-    for line in drawn:
+    lines = one.zero_lines()
+    for line in lines:
         axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
-    return [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name)] if drawn else []
+    return [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name)] if lines else []
 
 
 def _label(axis: Axis) -> str:

@@ -19,6 +19,8 @@ BLUE, VERMILION, GREY, GREEN = "#0072B2", "#D55E00", "#707070", "#009E73"
 ORANGE, PURPLE, SKY_BLUE = "#E69F00", "#CC79A7", "#56B4E9"
 SEVERAL = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "#000000")
 DPI = 100
+PicturePath = str | os.PathLike[str] | None
+"""Where a picture is saved: PNG, or what the suffix says; the file appears whole or not at all. None: nowhere."""
 BINS = 600
 """Bins to a line: about the pixels of a panel's width. Each keeps its extremes."""
 
@@ -28,13 +30,6 @@ def new_figure(width: float, height: float) -> "Figure":
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
-
-
-def write_title(figure: "Figure", title: str, note: str = "", *, size: float = 13) -> None:
-    """A title in the upper left corner, and a note in the upper right."""
-    figure.suptitle(title, fontsize=size, weight="bold", x=0.01, ha="left")
-    if note:
-        figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
 
 
 def style_grid(axes: Any) -> None:
@@ -72,8 +67,14 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
     return t[kept], x[kept]
 
 
-def save_figure(figure: "Figure", path: str | os.PathLike[str] | None) -> "Figure":
-    """Save a figure where there is a path, PNG or what the suffix says; the file appears whole or not at all."""
+def save_figure(
+    figure: "Figure", path: PicturePath, title: str = "", note: str = "", *, title_size: float = 13
+) -> "Figure":
+    """Write a title in the upper left corner, a note in the upper right, and save the figure where there is a path."""
+    if title:
+        figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
+    if note:
+        figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
     if path is None:
         return figure
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()

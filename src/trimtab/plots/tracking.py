@@ -1,17 +1,15 @@
 """A picture of how well a run tracks: wanted and flown, inputs, then each state nobody measures with its estimate.
 
 Which rows there are follows from the log's paths: a signal `law.X_wanted` beside `truth.X` makes one.
-Colours: Okabe and Ito, "Color universal design", 2008.
 """
 
-import os
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, decimate, new_figure, save_figure, style_axes, write_title
+from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
@@ -36,12 +34,12 @@ def tracking_rows(log: Log) -> list[SignalRow]:
     return sorted(rows, key=lambda row: row.is_estimated)
 
 
-def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: str = "Tracking") -> "Figure":
+def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -> "Figure":
     """Draw each wanted signal with its error; inputs between tracked and estimated ones.
 
     Args:
         log: of a run whose law logs `X_wanted` for signals X of the truth.
-        path: where to save (PNG, or what the suffix says; the file appears whole or not at all); None: nowhere.
+        path: where to save, see `PicturePath`.
         title: what to write above.
     """
     rows = tracking_rows(log)
@@ -66,8 +64,7 @@ def plot_tracking(log: Log, path: str | os.PathLike[str] | None = None, title: s
         axes.set_xlabel("time (s)", fontsize=9)
     if len(log) > 1:
         every[0, 0].set_xlim(log.t[0], log.t[-1])
-    write_title(figure, title, "blue: flown; green: wanted; red: estimated", size=14)
-    return save_figure(figure, path)
+    return save_figure(figure, path, title, "blue: flown; green: wanted; red: estimated", title_size=14)
 
 
 def _is_wanted(log: Log, path: str) -> bool:
@@ -86,17 +83,18 @@ def _has_own_estimate(log: Log, name: str) -> bool:
 
 def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     value, error = pair
-    path, unit = f"truth.{row.name}", log.unit(f"truth.{row.name}")
+    path, title = f"truth.{row.name}", row.name.replace("_", " ")
+    unit = log.unit(path)
     if row.is_estimated:
         value.plot(*decimate(log.t, log[f"estimate.state.{row.name}"]), color=VERMILION, lw=0.9)
     value.plot(*decimate(log.t, log[path]), color=BLUE, lw=1.0)
     value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
-    _style_panel(value, _title_of_name(row.name), "", unit)
+    _style_panel(value, title, "", unit)
     if not row.is_estimated:
         off = _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
         error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
         _set_vertical_range(error, log, off)
-        _style_panel(error, f"{_title_of_name(row.name)} minus wanted", _rms(log, off), unit)
+        _style_panel(error, f"{title} minus wanted", _rms(log, off), unit)
         return
     off = _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
     note = _rms(log, off)
@@ -109,7 +107,7 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
     _set_vertical_range(error, log, *shown)
     _set_vertical_range(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
-    _style_panel(error, f"{_title_of_name(row.name)}: estimate minus truth", note, unit)
+    _style_panel(error, f"{title}: estimate minus truth", note, unit)
 
 
 def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -132,10 +130,9 @@ def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool 
 
 
 def _draw_input(axes: Any, log: Log, path: str) -> None:
-    name = path.removeprefix("actuators.u.")
-    axes.plot(*decimate(log.t, log[path]), color=BLUE, lw=0.9)
-    x = log[path]
-    _style_panel(axes, _title_of_name(name), f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
+    x, title = log[path], path.removeprefix("actuators.u.").replace("_", " ")
+    axes.plot(*decimate(log.t, x), color=BLUE, lw=0.9)
+    _style_panel(axes, title, f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
@@ -144,10 +141,6 @@ def _rms(log: Log, error: np.ndarray) -> str:
     if not np.isfinite(late).all():
         return "lost"
     return f"rms {np.sqrt(np.mean(late**2)):.3g} after {log.t[len(log) // 10]:.0f} s" if len(late) else ""
-
-
-def _title_of_name(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _style_panel(axes: Any, title: str, note: str, unit: str) -> None:
