@@ -65,7 +65,9 @@ class BlockText(NamedTuple):
         return f"{name}({', '.join([*given, *([workspace] if self.workspace else [])])});"
 
 
-def function_block(function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]) -> BlockDefinition:
+def function_block(
+    function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]
+) -> BlockDefinition:
     """A pure function as a block without parameters and state, its arguments by name."""
 
     def step(p: Any, s: Any, given: dict[str, Any]) -> tuple[Any, Any]:
@@ -149,7 +151,9 @@ def _header_text(
         calls = [f"/* The results of these arguments. No memory is allocated, nothing is kept, {loops}. */\n{heads[2]}"]
     if workspace:
         size = f"enum {{ {name.upper()}_WORKSPACE = {workspace} }};\n"
-        calls.insert(0, f"/* Bytes of memory, aligned to 64, that `workspace` points to: nothing there is kept. */\n{size}")
+        calls.insert(
+            0, f"/* Bytes of memory, aligned to 64, that `workspace` points to: nothing there is kept. */\n{size}"
+        )
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"

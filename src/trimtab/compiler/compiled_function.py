@@ -1,7 +1,7 @@
 """Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
 
-
 import inspect
+import re
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,9 +9,10 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from trimtab.compiler.block import function_block
-from trimtab.compiler.folder import export_function
+from trimtab.compiler.folder import ExportedFolder, export_function
 from trimtab.compiler.function import Function
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.structs import identifier
@@ -23,24 +24,29 @@ from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
 PART = "compile"
+ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
+"""What an example may be made of."""
 
 
-def compile(function: Callable[..., Any], *example: Any, lanes: int | None = None, threads: int = 1) -> "CompiledFunction":
+def compile(
+    function: Callable[..., Any], *example: Any, lanes: int | None = None, threads: int = 1
+) -> "CompiledFunction":
     """A function of JAX, compiled to C by the machine's own compiler.
 
     Args:
         function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
             ``compile(jax.grad(f), x)``.
         example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
-        lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries, or
-            1 where a type of numbers is not carried in lanes. When it is given, that text is built at once.
+        lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
+            or 1 where a type of numbers is not carried in lanes. When it is given, that text is built at once.
         threads: how many threads share the runs of `CompiledFunction.lanes`.
 
     Returns:
         A function of the same arguments that gives the same trees, of numpy arrays.
 
     Raises:
-        InputError: a primitive without C text, naming the line that made it; arguments that are no arrays; no C compiler.
+        InputError: a primitive without C text, naming the line that made it; an example of other things than arrays;
+            no C compiler.
     """
     return CompiledFunction(function, example, lanes, threads)
 
@@ -48,8 +54,9 @@ def compile(function: Callable[..., Any], *example: Any, lanes: int | None = Non
 class CompiledFunction:
     """A compiled function: call it as the one that it was made of, with the shapes and types of the example.
 
-    Numbers of Python are taken for arrays without axes; arrays of other types where nothing is lost, such as float32 for
-    float64. Everything else is refused with InputError before anything runs. Calls from several threads may overlap.
+    Numbers of Python are taken for arrays without axes; arrays of other types where nothing is lost, such as float32
+    for float64. Everything else is refused with InputError before anything runs. Calls from several threads may
+    overlap.
 
     workspace: bytes of memory that a call needs for large arrays; 0 for small functions.
     """
@@ -60,9 +67,7 @@ class CompiledFunction:
             raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
         if not isinstance(threads, int) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
-        self.name = identifier(getattr(function, "__name__", "") or "function")
-        if not self.name.isascii() or self.name == "_lambda_":
-            self.name = "function"
+        self.name = _function_name(function)
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
         program, shapes = _trace(function, example, self.name)
@@ -114,7 +119,10 @@ class CompiledFunction:
         """
         leaves, runs = self._flatten(arguments, batch=True)
         lanes, program = self._lanes_program()
-        together = [np.ascontiguousarray(np.broadcast_to(v, (runs, *a.shape))) for v, a in zip(leaves, self._inputs, strict=True)]
+        together = [
+            np.ascontiguousarray(np.broadcast_to(v, (runs, *a.shape)))
+            for v, a in zip(leaves, self._inputs, strict=True)
+        ]
         return self._gives.unflatten(run_batch(program, together, runs, lanes, self._threads))
 
     def export(self, folder: str | Path, *, name: str | None = None) -> list[Path]:
@@ -129,9 +137,7 @@ class CompiledFunction:
         Raises:
             InputError: a folder that cannot be written.
         """
-        example = jax.tree.map(_example_numbers, self._example)
-        block = function_block(self._function, example, identifier(name) if name else self.name, self._names)
-        return export_function(Path(folder), block, self._function, example).files
+        return export_callable(self._function, self._example, Path(folder), name=name).files
 
     def _lanes_program(self) -> tuple[int, Program]:
         with self._lock:
@@ -179,22 +185,32 @@ class CompiledFunction:
         if structure != self._structure:
             raise self._refusal(f"the arguments are built as {structure}, the example as {self._structure}")
         arrays = [self._array(p, v, a, batch) for (p, v), a in zip(paths, self._inputs, strict=True)]
-        counts = {v.shape[0]: p for (p, _), v, a in zip(paths, arrays, self._inputs, strict=True) if v.ndim > len(a.shape)}
+        counts = {
+            v.shape[0]: p for (p, _), v, a in zip(paths, arrays, self._inputs, strict=True) if v.ndim > len(a.shape)
+        }
         if batch and len(counts) != 1:
-            have = ", ".join(f"{self._path(p)} has {n} runs" for n, p in counts.items()) or "no array has an axis of runs"
+            have = (
+                ", ".join(f"{self._path(p)} has {n} runs" for n, p in counts.items()) or "no array has an axis of runs"
+            )
             raise self._refusal(have, fix="give arrays an axis more, the first, of one length in all")
         return arrays, next(iter(counts), 1)
 
     def _array(self, path: Any, value: Any, wanted: ArrayType, batch: bool) -> Any:
-        if isinstance(value, jax.core.Tracer):
-            raise self._refusal(f"{self._path(path)} is traced by JAX", fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)")
+        if isinstance(value, Tracer):
+            raise self._refusal(
+                f"{self._path(path)} is traced by JAX",
+                fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)",
+            )
         try:
             found = np.asarray(value)
         except (TypeError, ValueError, OverflowError) as reason:
             raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
-            raise self._refusal(f"{self._path(path)} has shape {found.shape}, the example {shapes}", fix="compile it for these shapes as well")
+            raise self._refusal(
+                f"{self._path(path)} has shape {found.shape}, the example {shapes}",
+                fix="compile it for these shapes as well",
+            )
         if found.dtype != wanted.dtype and not _can_stand_for(value, found.dtype, wanted.dtype):
             fix = f"convert it: .astype(np.{wanted.dtype.name}), or compile it for {found.dtype} as well"
             raise self._refusal(f"{self._path(path)} holds {found.dtype}, the example {wanted.dtype}", fix=fix)
@@ -213,7 +229,7 @@ class CompiledFunction:
 
 
 def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
-    """Whether numbers of one type may be given for another: where nothing is lost, and Python's own as JAX takes them."""
+    """Whether numbers of one type may be given for another: nothing is lost; Python's own as JAX takes them."""
     if type(value) is float:
         return wanted.kind == "f"
     if type(value) is int:
@@ -222,13 +238,33 @@ def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> b
     return given.kind in "biuf" and np.can_cast(given, wanted, "safe")
 
 
-def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
-    """The jaxpr, and the shapes of what it gives."""
+def export_callable(
+    function: Callable[..., Any], example: tuple[Any, ...], folder: Path, *, name: str | None = None
+) -> ExportedFolder:
+    """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
+    name = identifier(name) if name else _function_name(function)
+    _check_example(example, name)
+    arguments = jax.tree.map(_example_numbers, example)
+    block = function_block(function, arguments, name, _argument_names(function, len(example)))
+    return export_function(folder, block, function, arguments)
+
+
+def _function_name(function: Callable[..., Any]) -> str:
+    name = identifier(getattr(function, "__name__", ""))
+    return name if name.isascii() and re.fullmatch("[a-z_][A-Za-z0-9_]*", name) and name != "_lambda_" else "function"
+
+
+def _check_example(example: tuple[Any, ...], name: str) -> None:
     for path, value in jax.tree_util.tree_flatten_with_path(example)[0]:
-        if not isinstance(value, jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex):
+        if not isinstance(value, ARRAYS):
             where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])}"
             fix = "give arrays and numbers; fix what is none with functools.partial"
             raise InputError(PART, f"{where} of the example for {name!r} is {type(value).__name__}, no array", fix=fix)
+
+
+def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
+    """The jaxpr, and the shapes of what it gives."""
+    _check_example(example, name)
     try:
         return jax.make_jaxpr(function, return_shape=True)(*example)
     except jax.errors.ConcretizationTypeError as reason:

@@ -172,14 +172,18 @@ target_link_libraries(replay NAME m)
 enable_testing()
 add_test(NAME replay COMMAND replay ${CMAKE_CURRENT_SOURCE_DIR}/vectors.csv)
 """
+
+
 def _readme_text(block: BlockText, about: dict[str, Any]) -> str:
     n, real = block.name, about["real"]
     more = ", workspace" if block.workspace else ""
-    space = f"static char workspace[{n.upper()}_WORKSPACE];  /* aligned to 64; nothing there is kept */\n" if more else ""
+    space = (
+        f"static char workspace[{n.upper()}_WORKSPACE];  /* aligned to 64; nothing there is kept */\n" if more else ""
+    )
     if block.is_function:
         title, samples = f"{n} as C", f"{about['steps']} arguments, then the results that JAX gives"
         use = f"{n}_in in; {n}_out out;\n{space}/* fill in.…: see the comments in {n}.h */\n{n}(&in, &out{more});\n"
-        flags = "what JAX computes"
+        flags, listed = "what JAX computes", "names, and how far each output may be from that of JAX"
     else:
         title = f"{about['scenario']}: {about['part']} as C"
         samples = f"{about['steps']} steps of a simulated run: inputs, then the outputs that belong to them"
@@ -192,6 +196,7 @@ for (;;) {{                     /* every {about["period_s"] * 1e3:g} ms */
 }}
 """
         flags = "what the simulation computed"
+        listed = "scenario, names, and how far each output may be from the simulated one"
     return f"""# {title}
 
 `{n}.h` and `{n}.c` are all that a vehicle needs: C99, {real} precision, no memory allocation, no variables outside
@@ -208,7 +213,7 @@ Compile with `-ffp-contract=off -fwrapv`, so that it computes {flags}.
 | `vectors.h`, `vectors.c` | its rows as structs |
 | `replay.c` | an example: flies the inputs, prints the outputs |
 | `CMakeLists.txt` | builds the library and the example |
-| `export.json` | {'' if block.is_function else 'scenario, '}names, and how far each output may be from {'that of JAX' if block.is_function else 'the simulated one'} |
+| `export.json` | {listed} |
 
 Check it:   `trimtab export --verify .`
 By hand:    `cc -std=c99 -ffp-contract=off -fwrapv {n}.c vectors.c replay.c -o replay -lm && ./replay vectors.csv`
@@ -247,7 +252,9 @@ def export_function(
         arguments = example if k == 0 else jax.tree.map(near, example)
         inputs.append(_row(dict(zip(names, arguments, strict=True))))
         outputs.append(_row(compiled(*arguments)))
-    files = write_folder(folder, text, SampleVectors(np.array(inputs), np.array(outputs)), {"version": __version__}, "f64")
+    files = write_folder(
+        folder, text, SampleVectors(np.array(inputs), np.array(outputs)), {"version": __version__}, "f64"
+    )
     return ExportedFolder(text, files)
 
 

@@ -34,7 +34,7 @@ class Function:
         self.live = prune([self.b.prologue, self.b.top], kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
     def text(self, name: str, lanes: int = 0) -> str:
-        """C, or C++ over lanes, of `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
+        """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
         return self.program_text(name, lanes).text
 
     def program_text(self, name: str, lanes: int = 0) -> "FunctionText":
@@ -136,7 +136,8 @@ def _store_output(w: Writer, i: int, a: Array, lanes: int) -> None:
     if lanes:
         value = _lane_number(f"{name}[j{offset}]", a.dtype) if wide else f"{name}[j{offset}]"
         w.write_line(
-            f"for (int32_t j = 0; j < {a.size}; j++) EACH_LANE if (l < runs) {target}[l * INT64_C({a.size}) + j] = {value};"
+            f"for (int32_t j = 0; j < {a.size}; j++) "
+            f"EACH_LANE if (l < runs) {target}[l * INT64_C({a.size}) + j] = {value};"
         )
     else:
         w.write_line(f"for (int32_t j = 0; j < {a.size}; j++) {target}[j] = {name}[j{offset}];")

@@ -1,8 +1,8 @@
 """Where large arrays of a program live: not on the stack, but in memory that the caller gives.
 
 Generated code allocates nothing. What a small program needs lies on the stack; where its arrays together are too much
-for that, the large ones get places in a workspace, whose size is known when the text is written. Two arrays share a place
-where one is no longer needed when the other begins.
+for that, the large ones get places in a workspace, whose size is known when the text is written. Two arrays share a
+place where one is no longer needed when the other begins.
 """
 
 from collections.abc import Collection, Iterable

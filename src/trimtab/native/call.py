@@ -49,8 +49,8 @@ class Program(NamedTuple):
     """A compiled function and what surrounds it.
 
     function: `void f(const void *const *in, void *const *out, void *workspace, int32_t runs)`.
-    workspace: bytes that each call needs.  takes: the tuple of arguments as a tree, or just (arguments, none of which is
-    known) where only Python can tell it.  gives: the tree of results, or None where `assemble` makes it of a flat tuple.
+    workspace: bytes that each call needs.  takes: the tuple of arguments as a tree; a first node of -1 parts leaves all
+    to `normalise`.  gives: the tree of results, or None where `assemble` makes it of a flat tuple.
     normalise: all arguments -> a flat tuple of arrays, contiguous and of the types of `inputs`; raises InputError.
     """
 
