@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from trimtab.compiler.analysis import VaryingValues
 from trimtab.compiler.ir import TYPES, Block, Buffer, Define, If, Local, Loop, Store
 
-STACK = 1 << 16
+STACK = 1 << 17
 """Bytes of arrays that a function keeps on the stack at most."""
 LARGE = 1 << 10
 """Bytes from which an array leaves the stack where all of them do not fit."""

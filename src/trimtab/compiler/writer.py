@@ -14,6 +14,7 @@ from trimtab.compiler.text import (
     helper_text,
     lane_mask,
     number_literal,
+    single_precision_lanes,
     vector_type,
 )
 from trimtab.compiler.workspace import NO_WORKSPACE, Workspace
@@ -144,6 +145,11 @@ class Writer:
         suffix = "f" if v.dtype == "f32" else ""
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
         angle = self.name(v.args[0])
+        if suffix and self.varies(v):
+            for which in wanted:
+                call = single_precision_lanes(which.removesuffix("_of"), [angle], self.note_use)
+                self.write_line(f"const {kind} {name}{PAIR[which]} = {call};")
+            return
         if len(wanted) == 2:
             self.write_line(f"{kind} {name}s, {name}c;")
             self.write_line(f"{self.note_use(f'{prefix}sincos{suffix}')}({angle}, &{name}s, &{name}c);")
