@@ -190,7 +190,10 @@ def _bitcast(o: _Operation) -> str:
 
 
 def _negation(o: _Operation) -> str:
-    return o.narrow(f"-{o.operands[0]}")
+    (a,) = o.operands
+    if o.t in ("i32", "i64") and not o.lanes:  # of the least number too, without -fwrapv
+        return f"({C_TYPES[o.t]})(0 - (u{C_TYPES[o.t]}){a})"
+    return o.narrow(f"-{a}")
 
 
 def _inversion(o: _Operation) -> str:
@@ -200,7 +203,7 @@ def _inversion(o: _Operation) -> str:
 def _absolute(o: _Operation) -> str:
     (a,) = o.operands
     if not is_float(o.t):
-        return a if o.t[0] == "u" else o.narrow(f"{a} < 0 ? -{a} : {a}")
+        return a if o.t[0] == "u" else o.narrow(f"{a} < 0 ? {_negation(o)} : {a}")
     if o.lanes and o.t == "f32":
         return f"(vf32)((vu32){a} & {o.call('splat_u32', '0x7fffffffU')})"
     if o.lanes:
