@@ -87,7 +87,9 @@ def test_types_are_those_of_the_example(dtype: Any) -> None:
 
 
 def waves(x, y):
-    wild = jnp.sin(x) * jnp.cos(y) + jnp.exp(-x * x) + jnp.arctan2(x, y) + jnp.tanh(x) + x % y + jnp.power(jnp.abs(x), y)
+    wild = (
+        jnp.sin(x) * jnp.cos(y) + jnp.exp(-x * x) + jnp.arctan2(x, y) + jnp.tanh(x) + x % y + jnp.power(jnp.abs(x), y)
+    )
     whole = x.astype(jnp.int32), x > y, jnp.isfinite(x), jnp.argmax(x), jnp.sign(x).astype(jnp.int64)
     loop = jax.lax.while_loop(lambda c: c < 5, lambda c: c + jnp.abs(x[0]) + 0.5, x[1])
     return wild, whole, loop, jnp.maximum(x, y), jnp.nextafter(x, y), jnp.cumsum(x), jnp.abs(x), jnp.round(x)

@@ -84,7 +84,12 @@ def _run(go: Any, case: Case, runs: int, workspace: int) -> list[list[Any]]:
         given = (ctypes.c_void_p * (len(together) + 1))(*[a.ctypes.data for a in together], None)
         memory = np.empty(workspace + 64, np.uint8)
         at = memory.ctypes.data
-        go(given, (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None), ctypes.c_void_p(at + -at % 64), len(some))
+        go(
+            given,
+            (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None),
+            ctypes.c_void_p(at + -at % 64),
+            len(some),
+        )
         found += [[o[i] for o in outs] for i in range(len(some))]
     return found
 
