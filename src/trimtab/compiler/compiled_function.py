@@ -242,15 +242,67 @@ def export_callable(
     function: Callable[..., Any], example: tuple[Any, ...], folder: Path, *, name: str | None = None
 ) -> ExportedFolder:
     """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
-    name = identifier(name) if name else _function_name(function)
+    name = _function_name(function) if name is None else identifier(name)
     _check_example(example, name)
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)
 
 
+C_LIBRARY = {
+    "abs",
+    "acos",
+    "acosh",
+    "asin",
+    "asinh",
+    "atan",
+    "atan2",
+    "atanh",
+    "cbrt",
+    "ceil",
+    "copysign",
+    "cos",
+    "cosh",
+}
+C_LIBRARY |= {
+    "div",
+    "erf",
+    "erfc",
+    "exit",
+    "exp",
+    "exp2",
+    "expm1",
+    "fabs",
+    "fdim",
+    "floor",
+    "fma",
+    "fmax",
+    "fmin",
+    "fmod",
+}
+C_LIBRARY |= {"free", "frexp", "hypot", "ilogb", "j0", "j1", "jn", "labs", "ldexp", "lgamma", "line", "llabs", "llrint"}
+C_LIBRARY |= {"log", "log10", "log1p", "log2", "logb", "lrint", "lround", "malloc", "memcpy", "memset", "modf", "nan"}
+C_LIBRARY |= {
+    "nearbyint",
+    "nextafter",
+    "pow",
+    "printf",
+    "remainder",
+    "remove",
+    "rename",
+    "rint",
+    "round",
+    "scalbn",
+    "signal",
+}
+C_LIBRARY |= {"sin", "sinh", "sqrt", "system", "tan", "tanh", "tgamma", "time", "trunc", "y0", "y1", "yn"}
+"""Names that a function in C cannot have, because the library has them."""
+
+
 def _function_name(function: Callable[..., Any]) -> str:
     name = identifier(getattr(function, "__name__", ""))
+    if name in C_LIBRARY:
+        name += "_"
     return name if name.isascii() and re.fullmatch("[a-z_][A-Za-z0-9_]*", name) and name != "_lambda_" else "function"
 
 

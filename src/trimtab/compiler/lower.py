@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import jax
+
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, constant, is_small, store_in_memory, type_name
 from trimtab.compiler.ir import Builder
@@ -45,8 +47,8 @@ class Site:
         self.b: Builder = lowering.b
         self.params: dict[str, Any] = equation.params
         aval = equation.outvars[0].aval if equation.outvars else None
-        self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
-        self.dtype: str = lowering.type_name(aval.dtype) if aval is not None else ""
+        self.shape: tuple[int, ...] = jaxprs.physical_shape(aval) if aval is not None else ()
+        self.dtype: str = lowering.type_name(jaxprs.physical_type(aval)) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
         """The results of another program on these operands; those that die may be changed in place."""
@@ -80,8 +82,8 @@ class Lowering:
 
     def new_array(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
-        dtype = self.type_name(aval.dtype)
-        return Array(aval.shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(aval.shape)))
+        dtype, shape = self.type_name(jaxprs.physical_type(aval)), jaxprs.physical_shape(aval)
+        return Array(shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(shape)))
 
     def lower_program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
@@ -123,6 +125,8 @@ class Lowering:
             return self.lower_program(inner, operands, dying)
         name = equation.primitive.name
         rule = self.rules.get(name)
+        if rule is None and jaxprs.implementation(equation) is not None:
+            return self._lower_foreign(equation, operands, dying)
         if rule is None:
             where = self.source_line()
             fix = (
@@ -135,6 +139,12 @@ class Lowering:
         if name not in ("cond", "scan", "while"):
             self._store_operands(equation, operands)
         return rule(site)
+
+    def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        """A primitive of another package, by what computes it outside of JAX's compiler."""
+        compute, params = jaxprs.implementation(equation), equation.params
+        shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
+        return self.lower_program(jax.make_jaxpr(lambda *x: compute(*x, **params))(*shapes), operands, dying)
 
     def _store_operands(self, equation: Any, operands: list[Array]) -> None:
         """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
