@@ -17,25 +17,18 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "sort": "jnp.partition by hand, or keep the values ordered as they come",
-    "lu": "core.linalg.solve_spd, or an unrolled solve",
-    "lu_pivots_to_permutation": "core.linalg.solve_spd, or an unrolled solve",
-    "eigh": "an unrolled formula for 2 x 2, or do it before the flight, in design/",
-    "eig": "do it before the flight, in design/",
-    "svd": "do it before the flight, in design/",
-    "qr": "core.linalg's Cholesky, or an unrolled solve",
-    "fft": "a filter written as a difference equation",
-    "conv_general_dilated": "a filter written as a difference equation",
-    "random_bits": "core.rng: the same bits in every backend",
-    "random_wrap": "core.rng: the same bits in every backend",
-    "random_seed": "core.rng: the same bits in every backend",
-    "random_unwrap": "core.rng: the same bits in every backend",
-    "threefry2x32": "core.rng: the same bits in every backend",
-    "erf_inv": "core.rng.normal2 for normal numbers",
+    "svd": "jnp.linalg.eigh(A.T @ A): its values are the squares of A's; jnp.linalg.solve(A.T @ A, A.T) for pinv",
+    "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
+    "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
+    "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
+    "random_gamma": "-jnp.log(jax.random.uniform(key, shape)), summed, for whole parameters",
+    "regularized_incomplete_beta": "a sum over jnp.linspace of its integrand",
+    "igamma": "a sum over jnp.linspace of its integrand",
+    "bessel_i0e": "the mean of jnp.exp(x * (jnp.cos(t) - 1)) over t in jnp.linspace(0, pi, n)",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
-    "io_callback": "a logged signal: flight code cannot call back into Python",
-    "debug_print": "a logged signal: flight code cannot print",
-    "debug_callback": "a logged signal: flight code cannot print",
+    "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
+    "debug_print": "a result of the function, or a logged signal: flight code cannot print",
+    "debug_callback": "a result of the function, or a logged signal: flight code cannot print",
 }
 
 

@@ -15,6 +15,7 @@ from jax import lax
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array
 from trimtab.compiler.lower import Rule, Site
+from trimtab.core.errors import InputError
 
 COUNTED = 40
 """Up to so many numbers are sorted by counting who is smaller; more by merging."""
@@ -268,7 +269,8 @@ SWEEPS = 12
 
 def _eigh(a: Any, *, lower: bool, sort_eigenvalues: bool, subset_by_index: Any, **_: Any) -> Any:
     if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
-        raise NotImplementedError("a subset of the eigenvalues")
+        problem = f"eigenvalues {subset_by_index} alone have no C text"
+        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
     return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
 
 
