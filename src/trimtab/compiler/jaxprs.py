@@ -70,7 +70,7 @@ def platform_position(equation: Any) -> int:
 
 def is_key(aval: Any) -> bool:
     """Whether an array holds keys of jax.random."""
-    return bool(jax.dtypes.issubdtype(aval.dtype, jax.dtypes.prng_key))
+    return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
 
 
 def physical_shape(aval: Any) -> tuple[int, ...]:

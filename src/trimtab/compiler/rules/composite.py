@@ -221,7 +221,7 @@ def _erf_inv(x: Any, **_: Any) -> Any:
     for c, d in zip(low[1:], high[1:], strict=True):
         p, q = c + p * z, d + q * z
     y = jnp.where(near, p, q) * safe
-    for _ in range(6 if x.dtype == np.float64 else 1):
+    for _step in range(6 if x.dtype == np.float64 else 1):
         lack = jnp.where(safe < 0.5, lax.erf(y) - safe, (1 - safe) - lax.erfc(y))
         slope = lack * (0.5 * math.sqrt(math.pi)) * jnp.exp(y * y)
         y = y - slope / (1 + y * slope)

@@ -53,7 +53,7 @@ def _conv(site: Site) -> list[Array]:
     )
     groups *= batches
     outputs, inputs = kernel.shape[0], kernel.shape[1]
-    back = np.argsort(numbers.out_spec)
+    back = [int(a) for a in np.argsort(numbers.out_spec)]
     plain = [site.shape[a] for a in numbers.out_spec]
     each = outputs // groups
 
