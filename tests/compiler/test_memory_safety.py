@@ -64,9 +64,7 @@ def test_small_programs_take_no_workspace() -> None:
     small = STACK // 8 // 4
     assert trimtab.compile(lambda x: jnp.cumsum(x)[::-1].sum(), np.zeros(small)).workspace == 0
     for carried in (np.zeros(3), np.zeros(STACK)):
-        block = BlockDefinition(
-            "b", "B.", lambda p, s, u: (s.at[0].add(u), s[1]), lambda p, c=carried: c + 0.0, (), 0.0
-        )
+        block = BlockDefinition("b", "B.", lambda p, s, u: (s.at[0].add(u), u), lambda p, c=carried: c + 0.0, (), 0.0)
         assert block_text(block).workspace == 0  # states lie where the caller keeps them
 
 
