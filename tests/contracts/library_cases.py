@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax._src.random.prng import iota_2x32_shape
+from jax.extend.random import threefry_2x32
 from jax.scipy import linalg, special
 
 from contracts.compiled import Case
@@ -23,6 +25,7 @@ def _matrices(*shape):
 def factors():
     ones = _matrices(4, 4)
     pairs = [(a, rng.normal(size=4)) for (a,) in ones]
+    pivots = [(np.array(p, np.int32),) for p in ([2, 1, 4], [0, 1, 2], [4, 4, 4])]
     singular = [(np.outer(np.arange(3.0), np.arange(3.0)),), (np.zeros((3, 3)),)]
 
     def symmetric(a):
@@ -34,6 +37,7 @@ def factors():
 
     return _even(
         Case("lu", lax.linalg.lu, [*ones, *_matrices(4, 4)], close=1e-13),
+        Case("pivots", lambda p: lax.linalg.lu_pivots_to_permutation(p, 5), pivots),
         Case("lu of large", lax.linalg.lu, _matrices(9, 9), close=1e-12, lanes=False),
         Case("singular lu", lambda a: lax.linalg.lu(a)[1:], singular),
         Case("solve", jnp.linalg.solve, pairs, close=1e-12, lanes=False),
@@ -135,7 +139,12 @@ def randoms():
         bits = jax.random.bits(key, (3,), "uint64"), jax.random.bernoulli(key, 0.3, (9,))
         return bits, jax.random.permutation(key, 7), jax.random.exponential(key, (2,))
 
+    def hashed(seed):
+        count = jnp.stack(iota_2x32_shape((5,)))
+        return threefry_2x32(jnp.stack([seed, seed + 1]).astype(jnp.uint32), count.reshape(-1))
+
     return _even(
+        Case("hashed", hashed, seeds),
         Case("typed", typed, seeds, lanes=False),
         Case("walk", walk, seeds, close=1e-14, lanes=False),
         Case("old", old, seeds, close=1e-15, lanes=False),

@@ -206,7 +206,10 @@ def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], w
 
 
 def _erf_inv(x: Any, **_: Any) -> Any:
-    """Giles's approximation for single precision (GPU Computing Gems, 2011), then steps of Halley on erf or erfc."""
+    """Giles's approximation for single precision (GPU Computing Gems, 2011), then steps of Halley on erf or erfc.
+
+    Beyond its range, first term of the tail's expansion: erfc(y) = exp(-y^2) / (y sqrt(pi)).
+    """
     low = (2.81022636e-08, 3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087)
     low += (-0.00125372503, -0.00417768164, 0.246640727, 1.50140941)
     high = (-0.000200214257, 0.000100950558, 0.00134934322, -0.00367342844, 0.00573950773)
@@ -220,8 +223,10 @@ def _erf_inv(x: Any, **_: Any) -> Any:
     p, q = jnp.full_like(z, low[0]), jnp.full_like(z, high[0])
     for c, d in zip(low[1:], high[1:], strict=True):
         p, q = c + p * z, d + q * z
-    y = jnp.where(near, p, q) * safe
-    for _step in range(6 if x.dtype == np.float64 else 1):
+    tail = -jnp.log(jnp.where(inside, 1 - a, 1.0))
+    far = jnp.sqrt(tail - 0.5 * jnp.log(math.pi * jnp.maximum(tail, 1.0)))
+    y = jnp.where(w > 16, far, jnp.where(near, p, q) * safe)
+    for _step in range(3 if x.dtype == np.float64 else 1):
         lack = jnp.where(safe < 0.5, lax.erf(y) - safe, (1 - safe) - lax.erfc(y))
         slope = lack * (0.5 * math.sqrt(math.pi)) * jnp.exp(y * y)
         y = y - slope / (1 + y * slope)
