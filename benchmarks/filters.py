@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 from paired import Program, load, machine, ratio, rounds, row, show
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.aided import Intake
@@ -89,7 +89,7 @@ def inertial(n):
         last, told = jax.lax.scan(tick, first, (jnp.arange(n), felt, headings, positions))
         return jnp.concatenate([told.ravel(), last.P1.ravel(), last.P2.ravel()])
 
-    compiled = compile_function(fly, form, *flight(n, 0))
+    compiled = compile(fly, form, *flight(n, 0))
     return partial(compiled, form)
 
 
@@ -115,7 +115,7 @@ def tracked(n):
         return jnp.concatenate([told.ravel(), P.ravel()])
 
     matrices = plain()
-    compiled = compile_function(fly, *matrices, np.zeros((n, 2)))
+    compiled = compile(fly, *matrices, np.zeros((n, 2)))
     return partial(compiled, *matrices)
 
 

@@ -25,6 +25,7 @@ HOMES = {
     "simulate": "run.simulate",
     "simulate_batch": "run.simulate",
     "Campaign": "campaign.campaign",
+    "compile": "compiler.compiled_function",
     "export_c": "export.export_c",
     "open_link": "links.open_link",
 }

@@ -1,4 +1,5 @@
 from trimtab.campaign.campaign import Campaign as Campaign
+from trimtab.compiler.compiled_function import compile as compile
 from trimtab.core.errors import InputError as InputError
 from trimtab.core.quantity import option as option
 from trimtab.core.quantity import part as part

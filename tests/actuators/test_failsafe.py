@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe, FailsafeInput
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import PlanarForce, Sample, new_sample
@@ -250,7 +250,7 @@ def test_equals_a_plain_machine(events):
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     given = at(0, "arm", command=GOOD)
-    compiled = compile_function(lambda b, t, s, i: b.step(t, s, i), failsafe, np.int64(0), failsafe.init(), given)
+    compiled = compile(lambda b, t, s, i: b.step(t, s, i), failsafe, np.int64(0), failsafe.init(), given)
     rng = np.random.default_rng(3)
     a = b = failsafe.init()
     t = 0

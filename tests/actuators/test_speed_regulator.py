@@ -9,7 +9,7 @@ import pytest
 
 from trimtab.actuators.motor import Motor, MotorInput, MotorState
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
 from trimtab.native.compiler import find_compiler
@@ -130,7 +130,7 @@ def test_a_wish_that_is_no_number_stops_the_fan():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     given = SpeedRegulatorInput(np.float64(0.0), np.int32(0))
-    compiled = compile_function(lambda r, t, s, i: r.step(t, s, i), regulator, np.int64(0), regulator.init(), given)
+    compiled = compile(lambda r, t, s, i: r.step(t, s, i), regulator, np.int64(0), regulator.init(), given)
     step = jax.jit(SpeedRegulator.step)
     rng = np.random.default_rng(5)
     a = b = regulator.init()

@@ -52,15 +52,15 @@ def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[st
 def compiled(cases: list[Case], lanes: int, *flags: str) -> list[list[Any]]:
     """Results of the compiled functions, for each set the leaves of all cases; lanes 0 for scalar C."""
     if lanes:
-        texts = [_spaced(lower_function(c.function, c.sets[0]).text(f"go{k}", lanes), k) for k, c in enumerate(cases)]
+        made = [lower_function(c.function, c.sets[0]).program_text(f"go{k}", lanes) for k, c in enumerate(cases)]
+        texts = [_spaced(m.text, k) for k, m in enumerate(made)]
         library = load_library(build_library(INCLUDES + "\n".join(texts), "c++", extra=("-O1", "-w", *flags)))
-        parts = [_run(getattr(library, f"go{k}"), c, lanes) for k, c in enumerate(cases)]
+        parts = [_run(getattr(library, f"go{k}"), c, lanes, made[k].workspace) for k, c in enumerate(cases)]
         return [[leaf for part in row for leaf in part] for row in zip(*parts, strict=True)]
     function, sets = together(cases)
-    library = load_library(
-        build_library(lower_function(function, sets[0]).text("go", 0), "c", extra=("-O1", "-w", *flags))
-    )
-    return _run(library.go, Case("all", function, sets), 1)
+    one = lower_function(function, sets[0]).program_text("go")
+    library = load_library(build_library(one.text, "c", extra=("-O1", "-w", *flags)))
+    return _run(library.go, Case("all", function, sets), 1, one.workspace)
 
 
 INCLUDES = "#include <math.h>\n#include <stdbool.h>\n#include <stdint.h>\n#include <string.h>\n"
@@ -72,7 +72,7 @@ def _spaced(text: str, k: int) -> str:
     return f"namespace program{k} {{\n{text}\n}}\n"
 
 
-def _run(go: Any, case: Case, runs: int) -> list[list[Any]]:
+def _run(go: Any, case: Case, runs: int, workspace: int) -> list[list[Any]]:
     """The leaves of the results for each set, `runs` sets in one call."""
     like = jax.tree.leaves(jax.eval_shape(case.function, *case.sets[0]))
     flat = [[np.ascontiguousarray(a) for a in jax.tree.leaves(s)] for s in case.sets]
@@ -82,7 +82,14 @@ def _run(go: Any, case: Case, runs: int) -> list[list[Any]]:
         together = [np.stack(arrays) for arrays in zip(*some, strict=True)]
         outs = [np.zeros((len(some), *a.shape), a.dtype) for a in like]
         given = (ctypes.c_void_p * (len(together) + 1))(*[a.ctypes.data for a in together], None)
-        go(given, (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None), len(some))
+        memory = np.empty(workspace + 64, np.uint8)
+        at = memory.ctypes.data
+        go(
+            given,
+            (ctypes.c_void_p * (len(outs) + 1))(*[a.ctypes.data for a in outs], None),
+            ctypes.c_void_p(at + -at % 64),
+            len(some),
+        )
         found += [[o[i] for o in outs] for i in range(len(some))]
     return found
 

@@ -9,7 +9,7 @@ import pytest
 
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.imperfections import imperfections, without
 from trimtab.core.record import declarations, part, period, record, replace, to_arrays
 from trimtab.core.signals import Motion, new_sample
@@ -91,7 +91,7 @@ def test_its_c_computes_the_same(folder, cls):
     """Exportable: the generator writes C for it, and the C gives what JAX gives."""
     one = made(cls)
     given = example(folder, one)
-    run = compile_function(lambda one, run: rollout(folder, one, given, run, STEPS), one, np.uint32(0))
+    run = compile(lambda one, run: rollout(folder, one, given, run, STEPS), one, np.uint32(0))
     for seed, (state, outputs) in enumerate(_alone(folder, cls)):
         checks.assert_near((state, outputs), run(one, np.uint32(seed)))
 

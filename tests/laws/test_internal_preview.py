@@ -9,7 +9,7 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, V0, miss, noncausal, run
 from scipy.linalg import expm
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
 from trimtab.laws.internal_states import FadingModes
@@ -95,7 +95,7 @@ def test_no_nodes_is_refused_and_so_is_no_horizon():
 def test_its_c_computes_the_same():
     f = form(intervals=10)
     climb, state = to_arrays(CLIMB), to_arrays(f.init(None))
-    compiled = compile_function(lambda f, t, s, c: f.step(t, s, c), f, np.float64(0), state, climb)
+    compiled = compile(lambda f, t, s, c: f.step(t, s, c), f, np.float64(0), state, climb)
     mine = state
     for t in (4.9, 4.905, 5.0, 5.3):
         state, zeta = compiled(f, np.float64(t), state, climb)

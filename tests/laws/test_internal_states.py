@@ -10,7 +10,7 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from scipy.optimize import brentq
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_states import QuasiStaticInternal, QuasiStaticState
 from trimtab.laws.path_command import FilteredClimb
@@ -89,7 +89,7 @@ def test_where_there_is_none_it_says_so_and_stays_finite():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     climb, state = to_arrays(CLIMB), to_arrays(FORM.init(None))
-    run = compile_function(lambda form, t, s, c: form.step(t, s, c), FORM, np.float64(0), state, climb)
+    run = compile(lambda form, t, s, c: form.step(t, s, c), FORM, np.float64(0), state, climb)
     for t in (0.0, 12.0, 40.0):
         state, zeta = run(FORM, np.float64(t), state, climb)
         np.testing.assert_allclose(zeta, FORM.step(t, state, climb)[1], rtol=1e-9, atol=1e-12)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.record import to_arrays
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
@@ -62,6 +62,6 @@ def test_before_the_step_it_is_the_trim(form, ran):
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same(form, ran):
-    compiled = compile_function(lambda form, t, c: form.step(t, (), c)[1], form, np.float64(0), CLIMB)
+    compiled = compile(lambda form, t, c: form.step(t, (), c)[1], form, np.float64(0), CLIMB)
     for k in (0, 1001, 5000):
         np.testing.assert_allclose(compiled(form, T[k], CLIMB), ran[k], rtol=1e-10, atol=1e-13)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_states import InternalTable
@@ -53,6 +53,6 @@ def test_wrong_tables_are_refused(table, changes, text):
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same(table):
-    run = compile_function(lambda table, t: table.at(t), table, np.float64(0))
+    run = compile(lambda table, t: table.at(t), table, np.float64(0))
     for t in (0.0, 2.0, 2.31, 3.999, 4.0, 9.0):
         np.testing.assert_allclose(run(table, np.float64(t)), table.at(t), rtol=1e-13, atol=1e-14)

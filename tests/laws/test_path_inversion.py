@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.record import to_arrays
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
 from trimtab.native.compiler import find_compiler
@@ -148,5 +148,5 @@ def test_is_differentiable_at_the_trim():
 def test_its_c_computes_the_same():
     arguments = [np.float64(a) for a in (86e3, 40.0, 7800.0, 0.025, 1.0, 2.0)]
     wanted = invert_path(CRAFT, *arguments)
-    got = compile_function(lambda craft, *a: tuple(invert_path(craft, *a)), CRAFT, *arguments)(CRAFT, *arguments)
+    got = compile(lambda craft, *a: tuple(invert_path(craft, *a)), CRAFT, *arguments)(CRAFT, *arguments)
     np.testing.assert_allclose(jax.tree.leaves(got), jax.tree.leaves(tuple(wanted)), rtol=1e-12)

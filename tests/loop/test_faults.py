@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.allocation import DirectActuation
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
@@ -293,7 +293,7 @@ def test_words_can_be_switched_while_it_runs():
 )
 def test_its_c_computes_the_same(part, given, carried):
     part = to_arrays(part)
-    compiled = compile_function(lambda part: _scanned.__wrapped__(part, given, carried), part)
+    compiled = compile(lambda part: _scanned.__wrapped__(part, given, carried), part)
     for word in WORDS:
         now = to_arrays(replace(part, fault=fault(word, 0.2)))
         for a, b in zip(jax.tree.leaves(_scanned(now, given, carried)), jax.tree.leaves(compiled(now)), strict=True):

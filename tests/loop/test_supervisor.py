@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.drive import NEUTRAL_COMMAND
-from trimtab.compiler.function import compile_function
+from trimtab.compiler.compiled_function import compile
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.signals import Estimate, PlanarForce, Sample
@@ -241,7 +241,7 @@ def test_automatic_arms_once_checks_pass_but_clears_nothing():
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same(sequences):
     events, out = sequences
-    compiled = compile_function(_scan, block, events[0])
+    compiled = compile(_scan, block, events[0])
     for i in np.random.default_rng(1).integers(0, len(events), 300):
         for a, b in zip(jax.tree.leaves(compiled(block, events[i])), jax.tree.leaves(out), strict=True):
             np.testing.assert_array_equal(a, b[i])

@@ -3,13 +3,14 @@
 import json
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from trimtab.commands.function_file import find_function
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, SET, WITHOUT
 from trimtab.commands.output import print_json
@@ -21,7 +22,7 @@ BOARDS = ("cortex-m4", "cortex-m7")
 
 
 @click.command()
-@click.argument("scenario", metavar="[SCENARIO]", required=False)
+@click.argument("scenario", metavar="[SCENARIO|FILE.py:FUNCTION]", required=False)
 @click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True)
 @click.option(
     "--float",
@@ -49,6 +50,14 @@ def command(
     trimtab export hovercraft/heading-bang-bang --float single --out flash/
     trimtab export hovercraft/zero-velocity --target cortex-m7 --run
     trimtab export hovercraft/spin --part loop --out whole-loop
+    trimtab export control.py:wrapped_error --out wrapped-error
+
+    FILE.py:FUNCTION may be any pure function of JAX instead of one that gives a Scenario. Its arguments' shapes and
+    types are those of the defaults of its parameters, or of a tuple of arguments named `example` beside it:
+
+    
+    example = (np.zeros(3), np.float32(1.0))      or, by function,
+    example = {"wrapped_error": (0.1, 6.2)}
     """
     if check is not None:
         sys.exit(0 if _check_export(check, as_json) else 1)
@@ -61,6 +70,9 @@ def command(
         require_tools(target)
     if out is None and not fly:
         raise InputError("export", "no folder is named", fix="--out autopilot")
+    if (function := find_function(scenario)) is not None:
+        _export_function(scenario, *function, out, as_json, fly)
+        return
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) if out is None else out
         result, files = _write_export(scenario, folder, target, **options)
@@ -108,7 +120,39 @@ def _write_export(
         "inputs": sum(m.size for m in exported.inputs),
         "outputs": sum(m.size for m in exported.outputs),
     }
+    if exported.workspace:
+        result["workspace_bytes"] = exported.workspace
     return result, list(written.files)
+
+
+def _export_function(
+    name: str, function: Callable[..., Any], example: tuple[Any, ...], out: Path | None, as_json: bool, fly: bool
+) -> None:
+    """Write any function as C, and say what was written."""
+    from trimtab.compiler.compiled_function import export_callable
+
+    if fly or out is None:
+        raise InputError(f"export {name!r}", "a function is written to a folder", fix="--out DIR, without --run")
+    exported = export_callable(function, example, out)
+    block = exported.block
+    result = {
+        "function": name,
+        "lines": block.source.count("\n"),
+        "inputs": sum(m.size for m in block.inputs),
+        "outputs": sum(m.size for m in block.outputs),
+        "workspace_bytes": block.workspace,
+        "files": [str(f) for f in exported.files],
+    }
+    if as_json:
+        print_json(result)
+        return
+    space = f", {block.workspace} bytes of workspace" if block.workspace else ""
+    click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} numbers in, {result['outputs']} out{space}")
+    _print_files(exported.files, out)
+
+
+def _print_files(files: Sequence[Any], out: Path) -> None:
+    click.echo(f"wrote {len(files)} files in {out}      check them: trimtab export --verify {out}")
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
@@ -138,6 +182,8 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
         f"{result['scenario']}: {result['part']} as C in {result['real']} precision, {result['lines']} lines, "
         f"{result['inputs']} numbers in, {result['outputs']} out"
     )
+    if "workspace_bytes" in result:
+        click.echo(f"  workspace              {result['workspace_bytes']} bytes, which the caller gives")
     if "target" in result:
         cost, worst = result["instructions_per_step"], result["worst"]
         click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")
@@ -148,7 +194,7 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
         click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, {result['stack_bytes']} of stack")
         _print_worst(worst, result["first_difference"])
     if out is not None:
-        click.echo(f"wrote {len(result['files'])} files in {out}      check them: trimtab export --verify {out}")
+        _print_files(result["files"], out)
 
 
 def _print_worst(worst: Mapping[str, Any], first: Any) -> None:

@@ -18,6 +18,7 @@ from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.structs import Member, members, struct_text
 from trimtab.compiler.text import C_TYPES, number_literal
+from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
 
 
@@ -42,7 +43,11 @@ class BlockDefinition(NamedTuple):
 
 
 class BlockText(NamedTuple):
-    """The text of a block, and what its structs hold."""
+    """The text of a block, and what its structs hold.
+
+    workspace: bytes that its functions are given as their last argument, aligned to 64; 0 where they take none.
+    is_function: it has neither parameters nor state, and is one function of this name.
+    """
 
     name: str
     header: str
@@ -50,6 +55,25 @@ class BlockText(NamedTuple):
     inputs: list[Member]
     outputs: list[Member]
     parameters: list[Member]
+    workspace: int = 0
+    is_function: bool = False
+
+    def call(self, p: str, s: str, in_: str, out: str, workspace: str) -> str:
+        """The text of a step."""
+        name = self.name if self.is_function else f"{self.name}_step"
+        given = [in_, out] if self.is_function else [p, s, in_, out]
+        return f"{name}({', '.join([*given, *([workspace] if self.workspace else [])])});"
+
+
+def function_block(
+    function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]
+) -> BlockDefinition:
+    """A pure function as a block without parameters and state, its arguments by name."""
+
+    def step(p: Any, s: Any, given: dict[str, Any]) -> tuple[Any, Any]:
+        return s, function(*(given[n] for n in names))
+
+    return BlockDefinition(name, f"{name} as C.", step, lambda p: (), (), dict(zip(names, example, strict=True)))
 
 
 def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
@@ -65,7 +89,8 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
     w = Writer({}, set())
     bodies = starting.body_lines(w), stepping.body_lines(w)
     bounded = not any(r.has_data_dependent_loop() for r in (starting, stepping))
-    header = _header_text(name, block.doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded)
+    size, alone = max(starting.workspace.size, stepping.workspace.size), not P and not S
+    header = _header_text(name, block.doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded, size)
     tables, defaults = _default_lines(P, [np.asarray(v) for v in jax.tree.leaves(block.parameters)])
     parts = [
         LICENCE_NOTE,
@@ -76,11 +101,24 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
         *w.tables,
         *tables,
     ]
-    parts.append(_step_function_text(f"{name}_defaults({name}_params *p)", defaults, ["p"]))
-    parts.append(_step_function_text(f"{name}_init(const {name}_params *p, {name}_state *s)", bodies[0], ["p", "s"]))
+    heads = _function_heads(name, size, alone)
+    unused = [["p"], ["p", "s"], ["p", "s", "in", "out"]]
+    for head, lines, silenced in zip(heads, (defaults, *bodies), unused, strict=True):
+        if head:
+            places = [n for n in silenced if not alone or n in ("in", "out")]
+            places += ["workspace"] if "*workspace" in head else []
+            parts.append(_step_function_text(head, lines, places))
+    return BlockText(name, header, "\n".join(parts), IN, OUT, P, size, alone)
+
+
+def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
+    """Declarations of defaults, init and step; of a function alone there is only the last."""
+    more = ", void *workspace" if workspace else ""
+    if alone:
+        return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
     arguments = f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out"
-    parts.append(_step_function_text(f"{name}_step({arguments})", bodies[1], ["p", "s", "in", "out"]))
-    return BlockText(name, header, "\n".join(parts), IN, OUT, P)
+    init = f"{name}_init(const {name}_params *p, {name}_state *s{more})"
+    return f"{name}_defaults({name}_params *p)", init, f"{name}_step({arguments}{more})"
 
 
 def _step_function_text(head: str, lines: list[str], unused: list[str]) -> str:
@@ -88,7 +126,9 @@ def _step_function_text(head: str, lines: list[str], unused: list[str]) -> str:
     return "\n".join([f"void {head}", "{", *lines, f"    {silence}", "}\n"])
 
 
-def _header_text(name: str, doc: str, real: str, structs: dict[str, list[Member]], bounded: bool) -> str:
+def _header_text(
+    name: str, doc: str, real: str, structs: dict[str, list[Member]], bounded: bool, workspace: int
+) -> str:
     guard = f"{name.upper()}_H"
     docs = {
         "params": "Parameters; the defaults are those of the scenario.",
@@ -97,13 +137,23 @@ def _header_text(name: str, doc: str, real: str, structs: dict[str, list[Member]
         "out": "What a step gives.",
     }
     loops = "every loop is bounded" if bounded else "some loops end on data, so its time has no bound known here"
+    alone = not structs["params"] and not structs["state"]
+    if alone:
+        structs, docs = {kind: structs[kind] for kind in ("in", "out")}, {"in": "Arguments.", "out": "Results."}
     typedefs = [struct_text(f"{name}_{kind}", m, docs[kind]) for kind, m in structs.items()]
+    heads = [f"void {head};\n" if head else "" for head in _function_heads(name, workspace, alone)]
     calls = [
-        f"/* Set all parameters to their defaults. */\nvoid {name}_defaults({name}_params *p);\n",
-        f"/* Begin: the state before the first step. */\nvoid {name}_init(const {name}_params *p, {name}_state *s);\n",
-        f"/* One step. No memory is allocated, nothing is kept outside *s, {loops}. */\nvoid {name}_step("
-        f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out);\n",
+        f"/* Set all parameters to their defaults. */\n{heads[0]}",
+        f"/* Begin: the state before the first step. */\n{heads[1]}",
+        f"/* One step. No memory is allocated, nothing is kept outside *s, {loops}. */\n{heads[2]}",
     ]
+    if alone:
+        calls = [f"/* The results of these arguments. No memory is allocated, nothing is kept, {loops}. */\n{heads[2]}"]
+    if workspace:
+        size = f"enum {{ {name.upper()}_WORKSPACE = {workspace} }};\n"
+        calls.insert(
+            0, f"/* Bytes of memory, aligned to 64, that `workspace` points to: nothing there is kept. */\n{size}"
+        )
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
@@ -158,6 +208,7 @@ class _Routine:
         values = [v for _, _, a in self.results if a.items is not None for v in a.items.ravel()]
         buffers = [a.buffer for _, _, a in self.results if a.buffer is not None]
         self.live = prune([b.prologue, b.top], values, buffers)
+        self.workspace = plan_workspace([b.prologue, b.top], results=buffers)
 
     def _state_buffer(self, place: StructPlace, m: Member) -> Buffer | None:
         """The buffer in which a member is kept between calls, if it is one."""
@@ -207,7 +258,7 @@ class _Routine:
     def body_lines(self, w: Writer) -> list[str]:
         """The body of the function."""
         blocks = [self.b.prologue, self.b.top]
-        w.live, start = self.live, len(w.lines)
+        w.live, w.workspace, start = self.live, self.workspace, len(w.lines)
         w.note_sincos(blocks)
         for base, m, array, writable in self.operands:
             if array.buffer is not None:

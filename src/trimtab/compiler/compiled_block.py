@@ -15,7 +15,7 @@ ENTRY = """
 #include <stddef.h>
 
 typedef struct {
-    NAME_params p;
+WORKSPACE    NAME_params p;
     NAME_state s;
     NAME_in in;
     NAME_out out;
@@ -32,12 +32,12 @@ void NAME_begin(NAME_memory *a)
 {
     memset(a, 0, sizeof *a);
     NAME_defaults(&a->p);
-    NAME_init(&a->p, &a->s);
+    INIT
 }
 void NAME_fast(NAME_memory *a)
 {
     vectors_set_in(a->inputs, &a->in);
-    NAME_step(&a->p, &a->s, &a->in, &a->out);
+    STEP
     vectors_get_out(&a->out, a->outputs);
 }
 """
@@ -115,7 +115,11 @@ def _library_source(text: BlockText) -> str:
     name = text.name
     source = text.source.replace(f'#include "{name}.h"\n', "")
     offsets = ", ".join(f"offsetof({name}_params, {m.path})" for m in text.parameters) or "0"
-    entry = ENTRY.replace("NAME", name).replace("OFFSETS", offsets)
+    space = f"    char workspace[{text.workspace}] __attribute__((aligned(64)));\n" if text.workspace else ""
+    init = "NAME_init(&a->p, &a->s, a->workspace);" if space else "NAME_init(&a->p, &a->s);"
+    step = text.call("&a->p", "&a->s", "&a->in", "&a->out", "a->workspace")
+    entry = ENTRY.replace("WORKSPACE", space).replace("INIT", init).replace("STEP", step)
+    entry = entry.replace("NAME", name).replace("OFFSETS", offsets)
     rows = name, text.inputs, text.outputs
     return "\n".join([text.header, row_declarations(*rows), row_functions(*rows), source, entry])
 

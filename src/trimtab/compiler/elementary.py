@@ -153,6 +153,7 @@ LANE_TYPES = """#define LANES TT_LANES
 #define EACH_LANE for (int l = 0; l < LANES; l++)
 typedef int32_t vi32 __attribute__((vector_size(4 * LANES)));
 typedef uint32_t vu32 __attribute__((vector_size(4 * LANES)));
+typedef float vf32 __attribute__((vector_size(4 * LANES)));
 """
 
 

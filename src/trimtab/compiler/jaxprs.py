@@ -49,6 +49,52 @@ def called_program(equation: Any) -> ClosedJaxpr | None:
     return None if key is None else close_jaxpr(equation.params[key])
 
 
+def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
+    """The program that solves in a custom_linear_solve, and which operands, from and to, are its constants."""
+    lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
+    first = lengths.matvec + lengths.vecmat
+    return close_jaxpr(programs.solve), first, first + lengths.solve
+
+
+def right_side_count(equation: Any) -> int:
+    """How many arrays the right side of a custom_linear_solve has."""
+    return len(equation.invars) - sum(equation.params["const_lengths"])
+
+
+def platform_position(equation: Any) -> int:
+    """Which branch of lax.platform_dependent is taken on a CPU."""
+    platforms = equation.params["platforms"]
+    chosen = [i for i, names in enumerate(platforms) if names is not None and "cpu" in names]
+    return chosen[0] if chosen else platforms.index(None)
+
+
+def is_key(aval: Any) -> bool:
+    """Whether an array holds keys of jax.random."""
+    return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
+
+
+def physical_shape(aval: Any) -> tuple[int, ...]:
+    """The shape of an array in memory: a key has an axis of words."""
+    return (*aval.shape, *aval.dtype._impl.key_shape) if is_key(aval) else aval.shape
+
+
+def physical_type(aval: Any) -> Any:
+    """The type of an array in memory."""
+    return np.dtype(np.uint32) if is_key(aval) else aval.dtype
+
+
+def key_implementation(equation: Any) -> Any:
+    """The generator of random numbers that an equation names, or whose keys it is given."""
+    return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
+
+
+def implementation(equation: Any) -> Any:
+    """What computes a primitive of another package in JAX's terms, or None where it is JAX's own."""
+    impl = equation.primitive.impl
+    own = getattr(impl, "func", impl)
+    return None if getattr(own, "__module__", "jax").split(".")[0] in ("jax", "jaxlib") else impl
+
+
 def scan_parameters(equation: Any) -> Scan:
     """Parameters of a scan."""
     p = equation.params
@@ -79,7 +125,7 @@ def source_line(equation: Any) -> str | None:
         frame = source_info_util.user_frame(equation.source_info)
     if frame is None:
         return None
-    return f"{os.path.basename(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
+    return f"{os.path.abspath(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
 
 
 INDEXED_PRIMITIVES = ("dynamic_slice", "dynamic_update_slice", "gather")

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import jax
+
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, constant, is_small, store_in_memory, type_name
 from trimtab.compiler.ir import Builder
@@ -15,25 +17,18 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "sort": "jnp.partition by hand, or keep the values ordered as they come",
-    "lu": "core.linalg.solve_spd, or an unrolled solve",
-    "lu_pivots_to_permutation": "core.linalg.solve_spd, or an unrolled solve",
-    "eigh": "an unrolled formula for 2 x 2, or do it before the flight, in design/",
-    "eig": "do it before the flight, in design/",
-    "svd": "do it before the flight, in design/",
-    "qr": "core.linalg's Cholesky, or an unrolled solve",
-    "fft": "a filter written as a difference equation",
-    "conv_general_dilated": "a filter written as a difference equation",
-    "random_bits": "core.rng: the same bits in every backend",
-    "random_wrap": "core.rng: the same bits in every backend",
-    "random_seed": "core.rng: the same bits in every backend",
-    "random_unwrap": "core.rng: the same bits in every backend",
-    "threefry2x32": "core.rng: the same bits in every backend",
-    "erf_inv": "core.rng.normal2 for normal numbers",
+    "svd": "jnp.linalg.eigh(A.T @ A): its values are the squares of A's; jnp.linalg.solve(A.T @ A, A.T) for pinv",
+    "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
+    "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
+    "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
+    "random_gamma": "-jnp.log(jax.random.uniform(key, shape)), summed, for whole parameters",
+    "regularized_incomplete_beta": "a sum over jnp.linspace of its integrand",
+    "igamma": "a sum over jnp.linspace of its integrand",
+    "bessel_i0e": "the mean of jnp.exp(x * (jnp.cos(t) - 1)) over t in jnp.linspace(0, pi, n)",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
-    "io_callback": "a logged signal: flight code cannot call back into Python",
-    "debug_print": "a logged signal: flight code cannot print",
-    "debug_callback": "a logged signal: flight code cannot print",
+    "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
+    "debug_print": "a result of the function, or a logged signal: flight code cannot print",
+    "debug_callback": "a result of the function, or a logged signal: flight code cannot print",
 }
 
 
@@ -45,8 +40,8 @@ class Site:
         self.b: Builder = lowering.b
         self.params: dict[str, Any] = equation.params
         aval = equation.outvars[0].aval if equation.outvars else None
-        self.shape: tuple[int, ...] = aval.shape if aval is not None else ()
-        self.dtype: str = lowering.type_name(aval.dtype) if aval is not None else ""
+        self.shape: tuple[int, ...] = jaxprs.physical_shape(aval) if aval is not None else ()
+        self.dtype: str = lowering.type_name(jaxprs.physical_type(aval)) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
         """The results of another program on these operands; those that die may be changed in place."""
@@ -80,8 +75,8 @@ class Lowering:
 
     def new_array(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
-        dtype = self.type_name(aval.dtype)
-        return Array(aval.shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(aval.shape)))
+        dtype, shape = self.type_name(jaxprs.physical_type(aval)), jaxprs.physical_shape(aval)
+        return Array(shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(shape)))
 
     def lower_program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
@@ -123,6 +118,8 @@ class Lowering:
             return self.lower_program(inner, operands, dying)
         name = equation.primitive.name
         rule = self.rules.get(name)
+        if rule is None and jaxprs.implementation(equation) is not None:
+            return self._lower_foreign(equation, operands, dying)
         if rule is None:
             where = self.source_line()
             fix = (
@@ -135,6 +132,12 @@ class Lowering:
         if name not in ("cond", "scan", "while"):
             self._store_operands(equation, operands)
         return rule(site)
+
+    def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        """A primitive of another package, by what computes it outside of JAX's compiler."""
+        compute, params = jaxprs.implementation(equation), equation.params
+        shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
+        return self.lower_program(jax.make_jaxpr(lambda *x: compute(*x, **params))(*shapes), operands, dying)
 
     def _store_operands(self, equation: Any, operands: list[Array]) -> None:
         """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""

@@ -3,6 +3,7 @@
 import keyword
 import math
 import re
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -38,7 +39,7 @@ class Member(NamedTuple):
         """Type of its numbers."""
         return np.dtype(TYPES[self.dtype])
 
-    def at(self, base: str, k: int) -> str:
+    def at(self, base: str, k: int | str) -> str:
         """Text of element k, e.g. s->law.timer or s->P[3]."""
         return f"{base}{self.path}" if not self.shape else f"{base}{self.path}[{k}]"
 
@@ -112,13 +113,27 @@ void vectors_get_out(const {name}_out *out, double *row);
 
 def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str:
     """Bodies of the functions between rows of numbers and the structs of a block of this name."""
-    numbers = [(m, i) for m in inputs for i in range(m.size)]
-    sets = [f"    {m.at('in->', i)} = {_from_double(m, f'row[{k}]')};" for k, (m, i) in enumerate(numbers)]
-    numbers = [(m, i) for m in outputs for i in range(m.size)]
-    gets = [f"    row[{k}] = (double){m.at('out->', i)};" for k, (m, i) in enumerate(numbers)]
+    sets = _row_lines(inputs, lambda m, i, k: f"{m.at('in->', i)} = {_from_double(m, f'row[{k}]')};")
+    gets = _row_lines(outputs, lambda m, i, k: f"row[{k}] = (double){m.at('out->', i)};")
     lines = [f"void vectors_set_in(const double *row, {name}_in *in)", "{", *sets, "}", ""]
     lines += [f"void vectors_get_out(const {name}_out *out, double *row)", "{", *gets, "}", ""]
     return "\n".join(lines)
+
+
+LOOPED = 256
+"""Arrays of more numbers than this are copied by a loop."""
+
+
+def _row_lines(held: list[Member], line: Callable[[Member, Any, Any], str]) -> list[str]:
+    """line(member, element, place in the row) for every number."""
+    lines, start = [], 0
+    for m in held:
+        if m.size > LOOPED:
+            lines.append(f"    for (int32_t i = 0; i < {m.size}; i++) {line(m, 'i', f'{start} + i')}")
+        else:
+            lines += [f"    {line(m, i, start + i)}" for i in range(m.size)]
+        start += m.size
+    return lines
 
 
 def _from_double(m: Member, text: str) -> str:

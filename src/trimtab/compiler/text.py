@@ -26,7 +26,9 @@ C_TYPES = {
     "f64": "double",
 }
 assert set(C_TYPES) == set(TYPES)
-LANE_TYPES = ("bool", "i32", "i64", "u32", "u64", "f64")
+LANE_TYPES = ("bool", "i32", "i64", "u32", "u64", "f32", "f64")
+HALF = ("i32", "u32", "f32")
+"""Types whose lanes are half as wide as those of a mask."""
 LIMITS = {t: (f"{C_TYPES[t][:-2].upper()}_MIN", f"{C_TYPES[t][:-2].upper()}_MAX") for t in C_TYPES if t[0] in "iu"}
 
 Name = Callable[[Value], str]
@@ -68,7 +70,7 @@ def check_lane_type(dtype: str) -> None:
 
 def lane_mask(mask: str, dtype: str) -> str:
     """A mask as wide as the numbers that it selects."""
-    return f"__builtin_convertvector({mask}, vi32)" if dtype in ("i32", "u32", "f32") else mask
+    return f"__builtin_convertvector({mask}, vi32)" if dtype in HALF else mask
 
 
 class _Operation(NamedTuple):
@@ -134,7 +136,12 @@ def _comparison(o: _Operation) -> str:
     text = f"{first} {COMPARE[o.value.op]} {second}"
     if not o.lanes:
         return text
-    return f"__builtin_convertvector({text}, vi64)" if o.t in ("i32", "u32") else f"(vi64)({text})"
+    return _full_mask(o, text)
+
+
+def _full_mask(o: _Operation, text: str) -> str:
+    """A comparison over lanes as a mask of 64 bits."""
+    return f"__builtin_convertvector({text}, vi64)" if o.t in HALF else f"(vi64)({text})"
 
 
 def _infix(o: _Operation) -> str:
@@ -169,7 +176,7 @@ def _conversion(o: _Operation) -> str:
     to, (a,) = o.value.dtype, o.operands
     if o.lanes:
         check_lane_type(o.t)
-    if is_float(o.t) and (o.lanes or not is_float(to)):
+    if is_float(o.t) and not is_float(to):
         return o.call(f"{to}_of_{o.t}")
     if not o.lanes:
         return f"({C_TYPES[to]}){a}"
@@ -183,7 +190,10 @@ def _bitcast(o: _Operation) -> str:
 
 
 def _negation(o: _Operation) -> str:
-    return o.narrow(f"-{o.operands[0]}")
+    (a,) = o.operands
+    if o.t in ("i32", "i64") and not o.lanes:  # of the least number too, without -fwrapv
+        return f"({C_TYPES[o.t]})(0 - (u{C_TYPES[o.t]}){a})"
+    return o.narrow(f"-{a}")
 
 
 def _inversion(o: _Operation) -> str:
@@ -193,7 +203,9 @@ def _inversion(o: _Operation) -> str:
 def _absolute(o: _Operation) -> str:
     (a,) = o.operands
     if not is_float(o.t):
-        return a if o.t[0] == "u" else o.narrow(f"{a} < 0 ? -{a} : {a}")
+        return a if o.t[0] == "u" else o.narrow(f"{a} < 0 ? {_negation(o)} : {a}")
+    if o.lanes and o.t == "f32":
+        return f"(vf32)((vu32){a} & {o.call('splat_u32', '0x7fffffffU')})"
     if o.lanes:
         return f"(vf64)((vu64){a} & {o.call('splat_u64', '0x7fffffffffffffffULL')})"
     return f"fabs{_suffix(o.t)}({a})"
@@ -213,7 +225,7 @@ def _extreme(o: _Operation) -> str:
 
 def _is_finite(o: _Operation) -> str:
     text = f"{o.operands[0]} - {o.operands[0]} == 0"
-    return f"(vi64)({text})" if o.lanes else text
+    return _full_mask(o, text) if o.lanes else text
 
 
 def _sign(o: _Operation) -> str:
@@ -226,12 +238,20 @@ def _sign(o: _Operation) -> str:
 
 
 def _nextafter(o: _Operation) -> str:
-    return o.call("nextafter_f64") if o.lanes else f"nextafter{_suffix(o.t)}({', '.join(o.operands)})"
+    return o.call(f"nextafter_{o.t}") if o.lanes else f"nextafter{_suffix(o.t)}({', '.join(o.operands)})"
 
 
 def _elementary(o: _Operation) -> str:
     name = {"rem": "fmod"}.get(o.value.op, o.value.op)
+    if o.lanes and o.t == "f32":
+        return single_precision_lanes(name, o.operands, o.use)
     return f"{o.use(f'ttv_{name}' if o.lanes else f'tt_{name}{_suffix(o.t)}')}({', '.join(o.operands)})"
+
+
+def single_precision_lanes(name: str, operands: list[str], use: Use) -> str:
+    """A call of the C library's function for float, one lane after the other: the bits are those of one number."""
+    use(f"tt_{name}f")
+    return f"{use(f'tv_{name}_f32')}({', '.join(operands)})"
 
 
 def _suffix(t: str) -> str:
@@ -340,11 +360,11 @@ def _lane_helper(name: str) -> str:
             "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
         }[kind]
         return _function_text(result, name, parameters, body)
-    if match := re.fullmatch(r"tv_([iu]\d+)_of_f64", name):
-        v = vector_type(match[1])
-        body = f"{v} r; EACH_LANE r[l] = tt_{match[1]}_of_f64(x[l]); return r;"
-        return _function_text(v, name, "vf64 x", _SATURATION_OVER_LANES if v == "vi32" else body)
-    match = re.fullmatch(r"tv_([a-z0-9]+)_([iuf]\d+)", name)
+    if match := re.fullmatch(r"tv_([iu]\d+)_of_(f\d+)", name):
+        v, source = vector_type(match[1]), match[2]
+        body = f"{v} r; EACH_LANE r[l] = tt_{match[1]}_of_{source}(x[l]); return r;"
+        return _function_text(v, name, f"v{source} x", _SATURATION_OVER_LANES if name == "tv_i32_of_f64" else body)
+    match = re.fullmatch(r"tv_([a-z0-9_]+)_([iuf]\d+)", name)
     if not match:
         raise KeyError(name)
     op, t = match.groups()
@@ -352,8 +372,10 @@ def _lane_helper(name: str) -> str:
     if op in ("max", "min") and is_float(t):
         test = f"(a {'>' if op == 'max' else '<'} b) | (a != a)"
         return _function_text(v, name, f"{v} a, {v} b", f"return ({test}) ? a : b;")
-    two = op in _TWO_OPERANDS or op == "nextafter"
-    scalar = "nextafter" if op == "nextafter" else f"tt_{op}_{t}"
+    two = op in (*_TWO_OPERANDS, "nextafter", "pow", "atan2", "fmod")
+    scalar = f"nextafter{_suffix(t)}" if op == "nextafter" else f"tt_{op}_{t}"
+    if t == "f32" and op in (*ELEMENTARY, "fmod"):
+        scalar = f"tt_{op}f"
     body = f"{v} r; EACH_LANE r[l] = {scalar}({'a[l], b[l]' if two else 'a[l]'}); return r;"
     return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
 

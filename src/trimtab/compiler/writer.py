@@ -14,8 +14,10 @@ from trimtab.compiler.text import (
     helper_text,
     lane_mask,
     number_literal,
+    single_precision_lanes,
     vector_type,
 )
+from trimtab.compiler.workspace import NO_WORKSPACE, Workspace
 
 PAIR = {"sin_of": "s", "cos_of": "c"}
 
@@ -23,11 +25,18 @@ PAIR = {"sin_of": "s", "cos_of": "c"}
 class Writer:
     """Writes blocks as text. varying: None for scalar C, else what differs between lanes.
 
-    names: texts of inputs, states and buffers, by id; live: ids of the values that are needed.
+    names: texts of inputs, states and buffers, by id; live: ids of the values that are needed; workspace: where large
+    arrays lie.
     """
 
-    def __init__(self, names: dict[int, str], live: set[int], varying: VaryingValues | None = None) -> None:
-        self.names, self.live, self.varying = names, live, varying
+    def __init__(
+        self,
+        names: dict[int, str],
+        live: set[int],
+        varying: VaryingValues | None = None,
+        workspace: Workspace = NO_WORKSPACE,
+    ) -> None:
+        self.names, self.live, self.varying, self.workspace = names, live, varying, workspace
         self.lines: list[str] = []
         self.depth, self.count = 1, 0
         self.masks: list[str] = []
@@ -91,9 +100,7 @@ class Writer:
             if isinstance(item, Define):
                 self.write_definition(item.value)
             elif isinstance(item, Local):
-                buffer = item.buffer
-                self.names[id(buffer)] = name = self.fresh("a")
-                self.write_line(f"{self.type(buffer.dtype, self.varies(buffer))} {name}[{max(buffer.size, 1)}];")
+                self.declare_buffer(item.buffer)
             elif isinstance(item, Store):
                 self.write_store(item)
             elif isinstance(item, If):
@@ -102,6 +109,20 @@ class Writer:
                 self.record(item.values)
             else:
                 self.write_loop(item)
+
+    def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
+        """An array on the stack, or where the workspace has a place for it; what has a name already lies elsewhere."""
+        if id(buffer) in self.names:
+            return self.names[id(buffer)]
+        kind = self.type(buffer.dtype, self.varies(buffer))
+        self.names[id(buffer)] = name = name or self.fresh("a")
+        if buffer in self.workspace:
+            at = self.workspace.places[id(buffer)]
+            keyword = "restrict" if self.varying is None else "__restrict"
+            self.write_line(f"{kind} *{keyword} {name} = ({kind} *)((char *)workspace + {at});")
+        else:
+            self.write_line(f"{kind} {name}[{max(buffer.size, 1)}];")
+        return name
 
     def write_definition(self, v: Value) -> None:
         """const TYPE name = expression;"""
@@ -124,6 +145,11 @@ class Writer:
         suffix = "f" if v.dtype == "f32" else ""
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
         angle = self.name(v.args[0])
+        if suffix and self.varies(v):
+            for which in wanted:
+                call = single_precision_lanes(which.removesuffix("_of"), [angle], self.note_use)
+                self.write_line(f"const {kind} {name}{PAIR[which]} = {call};")
+            return
         if len(wanted) == 2:
             self.write_line(f"{kind} {name}s, {name}c;")
             self.write_line(f"{self.note_use(f'{prefix}sincos{suffix}')}({angle}, &{name}s, &{name}c);")

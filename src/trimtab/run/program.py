@@ -111,6 +111,8 @@ def fly_runs(
         _load_entry(path)(ctypes.byref(job), threads)
     else:
         _fly_in_thread(_load_entry(path), job, threads, progress)
+    if job.done < runs:
+        raise InputError("runs", f"there is no memory to fly {runs} of them on {threads} threads", fix="fewer threads")
     return results
 
 

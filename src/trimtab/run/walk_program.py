@@ -20,6 +20,7 @@ from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer, defined_values
 from trimtab.core.time import Clock
 from trimtab.loop.structure import cast_like
@@ -120,7 +121,11 @@ class WalkProgram(NamedTuple):
     def text(self, lanes: int = 0, own: frozenset[int] = frozenset()) -> str:
         """C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
         inputs = [t for i in own for t in _array_leaves(self.inputs[i])]
-        w = Writer({}, self.live, find_varying(self.blocks, inputs, []) if lanes else None)
+        varying = find_varying(self.blocks, inputs, []) if lanes else None
+        tables = [self.inputs[i].buffer for i in own]
+        whole = [b for b in tables if b is not None and id(b) in self.live]
+        workspace = plan_workspace(self.blocks, whole, lanes=lanes, varying=varying)
+        w = Writer({}, self.live, varying, workspace)
         w.note_sincos(self.blocks)
         w.record = lambda values: _write_row(w, values)
         _write_parameters(w, self, lanes, own)
@@ -261,19 +266,33 @@ EXPORT int32_t trimtab_fly(job *j, int32_t threads)
 
 
 def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
+    space = w.workspace.size
     text = [
         preamble_text(w, lanes),
-        "#include <pthread.h>\n",
+        "#include <pthread.h>\n" + ("#include <stdlib.h>\n" if space else ""),
         f"#define RUNS {'LANES' if lanes else '1'}\n",
         f"#define EACH_RUN for (int l = 0; l < RUNS; l++)\n#define WIDTH {max(program.width, 1)}\n",
         '#define EXPORT extern "C"\n' if lanes else "#define EXPORT\n",
         JOB_TEXT,
-        FLY_TEXT,
+        FLY_TEXT.replace("first)", "first, void *workspace)", 1) if space else FLY_TEXT,
         *w.lines,
         "}",
-        WORK_TEXT,
+        _work_with_workspace(space) if space else WORK_TEXT,
     ]
     return "\n".join(text)
+
+
+def _work_with_workspace(size: int) -> str:
+    """A thread's text where flying needs memory for large arrays; one that gets none leaves the runs to others."""
+    taken = f"""    char *const memory = (char *)malloc({size} + 64);
+    if (!memory)
+        return 0;
+    void *const workspace = memory + (64 - (uintptr_t)memory % 64) % 64;
+"""
+    text = WORK_TEXT.replace("    job *j = (job *)given;\n", "    job *j = (job *)given;\n" + taken)
+    return text.replace("fly(j, first);", "fly(j, first, workspace);").replace(
+        "    }\n    return 0;", "    }\n    free(memory);\n    return 0;"
+    )
 
 
 def _array_leaves(array: Array) -> list[Any]:
@@ -303,14 +322,15 @@ def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozense
 
 
 def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, lanes: int) -> None:
-    w.names[id(array.buffer)] = name
+    assert array.buffer is not None
     if array.dtype == "f64" and not differs:
+        w.names[id(array.buffer)] = name
         w.write_line(f"const double *const {name} = shared + {start};")
         return
     varies = differs and lanes > 0
     each, to = ("EACH_RUN ", f"{name}[i][l]") if varies else ("", f"{name}[i]")
     source = _input_text(f"{start} + i", array.dtype, differs, lanes)
-    w.write_line(f"{w.type(array.dtype, True) if varies else C_TYPES[array.dtype]} {name}[{array.size}];")
+    w.declare_buffer(array.buffer, name)
     w.write_line(f"for (int32_t i = 0; i < {array.size}; i++) {each}{to} = {source};")
 
 

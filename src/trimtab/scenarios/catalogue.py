@@ -60,7 +60,7 @@ def _argument_choices(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
 
 def _find_function(name: str) -> Callable[..., Any]:
     if ":" in name:
-        return _load_outside_function(name)
+        return load_function(name)
     known = scenario_names()
     if name not in known:
         near = closest(name, known, 1)
@@ -70,7 +70,8 @@ def _find_function(name: str) -> Callable[..., Any]:
     return importlib.import_module(module).scenario
 
 
-def _load_outside_function(name: str) -> Callable[..., Any]:
+def load_function(name: str) -> Callable[..., Any]:
+    """A function outside the package: ``module:function``, or ``file.py:function``."""
     where, _, attribute = name.rpartition(":")
     module = _load_file(name, Path(where)) if where.endswith(".py") else _load_module(name, where)
     build = getattr(module, attribute or "scenario", None)

@@ -1,7 +1,7 @@
 """Which rule lowers which primitive."""
 
 from trimtab.compiler.lower import Rule
-from trimtab.compiler.rules import control, elementwise, index, linalg, reduce, shape
+from trimtab.compiler.rules import composite, control, elementwise, index, linalg, random, reduce, shape, window
 
 RULES: dict[str, Rule] = {
     **elementwise.RULES,
@@ -10,5 +10,10 @@ RULES: dict[str, Rule] = {
     **index.RULES,
     **control.RULES,
     **linalg.RULES,
+    **composite.RULES,
+    **random.RULES,
+    **window.RULES,
 }
+RULES |= {name: random.key_rule(RULES[name]) for name in random.OF_KEYS if name in RULES}
+RULES |= {name: composite.one_or_each(RULES[name], rule) for name, rule in composite.EACH.items()}
 """Primitive name -> rule."""

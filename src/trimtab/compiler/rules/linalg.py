@@ -1,4 +1,4 @@
-"""Rules for Cholesky factors and triangular solves of single matrices."""
+"""Rules for Cholesky factors and triangular solves of single matrices; batches of them: `composite`."""
 
 from collections.abc import Callable
 
@@ -7,14 +7,6 @@ import numpy as np
 from trimtab.compiler.arrays import Array, build_array, copy_array, flat_index, is_small, read_element
 from trimtab.compiler.ir import Buffer, Value
 from trimtab.compiler.lower import Rule, Site
-from trimtab.core.errors import InputError
-
-
-def _refuse_batches(site: Site) -> None:
-    if any(len(a.shape) != 2 for a in site.operands):
-        where = site.lowering.source_line()
-        problem = f"primitive {site.equation.primitive.name!r}, from {where}, has a batch of matrices"
-        raise InputError("export", problem, fix="write one call for each matrix")
 
 
 class Matrix:
@@ -34,7 +26,6 @@ class Matrix:
 
 def _cholesky(site: Site) -> list[Array]:
     """The lower factor, zeros above it; all NaN where the matrix is not positive definite, as in JAX."""
-    _refuse_batches(site)
     b, dtype, n = site.b, site.dtype, site.shape[0]
     if is_small(site.shape):
         L, ok = _unroll_cholesky(site, n)
@@ -101,7 +92,6 @@ def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 def _triangular_solve(site: Site) -> list[Array]:
     """X with op(A) X = B, or X op(A) = B: forward or backward substitution."""
-    _refuse_batches(site)
     b, dtype, p = site.b, site.dtype, site.params
     A, B = site.operands
     n, left = A.shape[0], bool(p["left_side"])

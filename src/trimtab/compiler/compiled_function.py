@@ -1,0 +1,376 @@
+"""Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
+
+import inspect
+import re
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from trimtab.compiler.block import function_block
+from trimtab.compiler.folder import ExportedFolder, export_function
+from trimtab.compiler.function import Function
+from trimtab.compiler.ir import TYPES
+from trimtab.compiler.structs import identifier
+from trimtab.core.errors import InputError
+from trimtab.core.quantity import Option, declarations, is_record
+from trimtab.native.build import build_library, load_library
+from trimtab.native.call import ArrayType, Program, TreeNode, make_callable, run_batch
+from trimtab.native.compiler import find_compiler, lane_count
+
+LANES = (1, 4, 8)
+PART = "compile"
+ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
+"""What an example may be made of."""
+
+
+def compile(
+    function: Callable[..., Any], *example: Any, lanes: int | None = None, threads: int = 1
+) -> "CompiledFunction":
+    """A function of JAX, compiled to C by the machine's own compiler.
+
+    Args:
+        function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
+            ``compile(jax.grad(f), x)``.
+        example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
+        lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
+            or 1 where a type of numbers is not carried in lanes. When it is given, that text is built at once.
+        threads: how many threads share the runs of `CompiledFunction.lanes`.
+
+    Returns:
+        A function of the same arguments that gives the same trees, of numpy arrays.
+
+    Raises:
+        InputError: a primitive without C text, naming the line that made it; an example of other things than arrays;
+            no C compiler.
+    """
+    return CompiledFunction(function, example, lanes, threads)
+
+
+class CompiledFunction:
+    """A compiled function: call it as the one that it was made of, with the shapes and types of the example.
+
+    Numbers of Python are taken for arrays without axes; arrays of other types where nothing is lost, such as float32
+    for float64. Everything else is refused with InputError before anything runs. Calls from several threads may
+    overlap.
+
+    workspace: bytes of memory that a call needs for large arrays; 0 for small functions.
+    """
+
+    def __init__(self, function: Callable[..., Any], example: tuple[Any, ...], lanes: int | None, threads: int) -> None:
+        """Trace, lower, build and load; see `compile`."""
+        if lanes is not None and lanes not in LANES:
+            raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
+        if not isinstance(threads, int) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
+        self.name = _function_name(function)
+        self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
+        self._names = _argument_names(function, len(example))
+        program, shapes = _trace(function, example, self.name)
+        self._lowered = Function(program)
+        self._structure = jax.tree.structure(example)
+        leaves, self._gives = jax.tree.flatten(shapes)
+        self._inputs = [ArrayType(a.shape, np.dtype(TYPES[a.dtype])) for a in self._lowered.inputs]
+        self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
+        self._lock = threading.Lock()
+        self._batch: tuple[int, Program] | None = None
+        text = self._lowered.program_text(self.name)
+        self.c_source, self.workspace = text.text, text.workspace
+        self._program = self._load(text.text, text.workspace, 0)
+        self._call = make_callable(self._program)
+        if lanes is not None:
+            self._lanes_program()
+
+    def _load(self, text: str, workspace: int, lanes: int) -> Program:
+        library = load_library(build_library(text, "c++" if lanes else "c"))
+        takes = _tree_nodes(self._example)
+        return Program(
+            library[self.name],
+            workspace,
+            self._inputs,
+            self._outputs,
+            takes or [TreeNode("tuple", tuple, -1)],
+            _tree_nodes(jax.tree.unflatten(self._gives, self._outputs), results=True),
+            self._normalise,
+            self._gives.unflatten,
+        )
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """The function at these arguments.
+
+        Raises InputError for arguments of another structure, shape or type than the example's.
+        """
+        if named:
+            arguments = self._place_named(arguments, named)
+        return self._call(*arguments)
+
+    def lanes(self, *arguments: Any) -> Any:
+        """The function at many arguments: each array with one axis more, the first, that counts the runs.
+
+        An array of the example's own shape is the same for all runs. Results have the same axis. It is
+        ``jax.vmap``, computed side by side in lanes and shared by threads; the bits are those of single calls.
+
+        Raises:
+            InputError: other shapes or types, or no array with an axis of runs.
+        """
+        leaves, runs = self._flatten(arguments, batch=True)
+        lanes, program = self._lanes_program()
+        together = [
+            np.ascontiguousarray(np.broadcast_to(v, (runs, *a.shape)))
+            for v, a in zip(leaves, self._inputs, strict=True)
+        ]
+        return self._gives.unflatten(run_batch(program, together, runs, lanes, self._threads))
+
+    def export(self, folder: str | Path, *, name: str | None = None) -> list[Path]:
+        """Write the function as C99 for embedded use, with the example's numbers as its test; gives the files.
+
+        `trimtab export --verify FOLDER` compiles it, runs it, and compares it with JAX.
+
+        Args:
+            folder: made where it is missing.
+            name: of the function in C; its own when None.
+
+        Raises:
+            InputError: a folder that cannot be written.
+        """
+        return export_callable(self._function, self._example, Path(folder), name=name).files
+
+    def _lanes_program(self) -> tuple[int, Program]:
+        with self._lock:
+            if self._batch is None:
+                self._batch = self._build_lanes()
+        return self._batch
+
+    def _build_lanes(self) -> tuple[int, Program]:
+        lanes = self._lanes
+        if lanes is None:
+            found = find_compiler("c++")
+            lanes = lane_count(found) if found else 1
+        if lanes == 1:
+            return 1, self._program
+        try:
+            text = self._lowered.program_text(self.name, lanes)
+        except InputError:
+            if self._lanes is not None:
+                raise
+            return 1, self._program
+        return lanes, self._load(text.text, text.workspace, lanes)
+
+    def _place_named(self, arguments: tuple[Any, ...], named: dict[str, Any]) -> tuple[Any, ...]:
+        rest = dict(named)
+        try:
+            placed = (*arguments, *(rest.pop(n) for n in self._names[len(arguments) :]))
+        except KeyError as missing:
+            raise self._refusal(f"argument {missing.args[0]!r} is missing") from None
+        if rest:
+            raise self._refusal(f"there is no argument {next(iter(rest))!r}", choices=self._names)
+        return placed
+
+    def _normalise(self, *arguments: Any) -> tuple[Any, ...]:
+        return tuple(self._flatten(arguments)[0])
+
+    def _flatten(self, arguments: tuple[Any, ...], batch: bool = False) -> tuple[list[Any], int]:
+        """Contiguous arrays of the types that the text takes, and how many runs they are of."""
+        if len(arguments) != len(self._example):
+            problem = f"it takes {len(self._example)} arguments ({', '.join(self._names)}), was given {len(arguments)}"
+            raise self._refusal(problem)
+        try:
+            paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
+        except ValueError as reason:  # such as keys of a dict that cannot be ordered
+            raise self._refusal(f"the arguments are no trees: {reason}") from None
+        if structure != self._structure:
+            raise self._refusal(f"the arguments are built as {structure}, the example as {self._structure}")
+        arrays = [self._array(p, v, a, batch) for (p, v), a in zip(paths, self._inputs, strict=True)]
+        counts = {
+            v.shape[0]: p for (p, _), v, a in zip(paths, arrays, self._inputs, strict=True) if v.ndim > len(a.shape)
+        }
+        if batch and len(counts) != 1:
+            have = (
+                ", ".join(f"{self._path(p)} has {n} runs" for n, p in counts.items()) or "no array has an axis of runs"
+            )
+            raise self._refusal(have, fix="give arrays an axis more, the first, of one length in all")
+        return arrays, next(iter(counts), 1)
+
+    def _array(self, path: Any, value: Any, wanted: ArrayType, batch: bool) -> Any:
+        if isinstance(value, Tracer):
+            raise self._refusal(
+                f"{self._path(path)} is traced by JAX",
+                fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)",
+            )
+        try:
+            found = np.asarray(value)
+        except (TypeError, ValueError, OverflowError) as reason:
+            raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
+        shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
+        if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
+            raise self._refusal(
+                f"{self._path(path)} has shape {found.shape}, the example {shapes}",
+                fix="compile it for these shapes as well",
+            )
+        if found.dtype != wanted.dtype and not _can_stand_for(value, found.dtype, wanted.dtype):
+            fix = f"convert it: .astype(np.{wanted.dtype.name}), or compile it for {found.dtype} as well"
+            raise self._refusal(f"{self._path(path)} holds {found.dtype}, the example {wanted.dtype}", fix=fix)
+        try:
+            with np.errstate(over="ignore"):
+                return np.require(found, wanted.dtype, ["C", "A"])
+        except (OverflowError, TypeError, ValueError) as reason:
+            raise self._refusal(f"{self._path(path)}: {reason}") from None
+
+    def _path(self, path: Any) -> str:
+        return f"{self._names[path[0].idx]}{jax.tree_util.keystr(path[1:])}"
+
+    def _refusal(self, problem: str, **more: Any) -> InputError:
+        more.setdefault("fix", "pass arguments like the example's, or compile it for these as well")
+        return InputError(f"compiled {self.name!r}", problem, **more)
+
+
+def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
+    """Whether numbers of one type may be given for another: nothing is lost; Python's own as JAX takes them."""
+    if type(value) is float:
+        return wanted.kind == "f"
+    if type(value) is int:
+        limits = np.iinfo(wanted) if wanted.kind in "iu" else None
+        return wanted.kind == "f" or (limits is not None and limits.min <= value <= limits.max)
+    return given.kind in "biuf" and np.can_cast(given, wanted, "safe")
+
+
+def export_callable(
+    function: Callable[..., Any], example: tuple[Any, ...], folder: Path, *, name: str | None = None
+) -> ExportedFolder:
+    """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
+    name = _function_name(function) if name is None else identifier(name)
+    _check_example(example, name)
+    arguments = jax.tree.map(_example_numbers, example)
+    block = function_block(function, arguments, name, _argument_names(function, len(example)))
+    return export_function(folder, block, function, arguments)
+
+
+C_LIBRARY = {
+    "abs",
+    "acos",
+    "acosh",
+    "asin",
+    "asinh",
+    "atan",
+    "atan2",
+    "atanh",
+    "cbrt",
+    "ceil",
+    "copysign",
+    "cos",
+    "cosh",
+}
+C_LIBRARY |= {
+    "div",
+    "erf",
+    "erfc",
+    "exit",
+    "exp",
+    "exp2",
+    "expm1",
+    "fabs",
+    "fdim",
+    "floor",
+    "fma",
+    "fmax",
+    "fmin",
+    "fmod",
+}
+C_LIBRARY |= {"free", "frexp", "hypot", "ilogb", "j0", "j1", "jn", "labs", "ldexp", "lgamma", "line", "llabs", "llrint"}
+C_LIBRARY |= {"log", "log10", "log1p", "log2", "logb", "lrint", "lround", "malloc", "memcpy", "memset", "modf", "nan"}
+C_LIBRARY |= {
+    "nearbyint",
+    "nextafter",
+    "pow",
+    "printf",
+    "remainder",
+    "remove",
+    "rename",
+    "rint",
+    "round",
+    "scalbn",
+    "signal",
+}
+C_LIBRARY |= {"sin", "sinh", "sqrt", "system", "tan", "tanh", "tgamma", "time", "trunc", "y0", "y1", "yn"}
+"""Names that a function in C cannot have, because the library has them."""
+
+
+def _function_name(function: Callable[..., Any]) -> str:
+    name = identifier(getattr(function, "__name__", ""))
+    if name in C_LIBRARY:
+        name += "_"
+    return name if name.isascii() and re.fullmatch("[a-z_][A-Za-z0-9_]*", name) and name != "_lambda_" else "function"
+
+
+def _check_example(example: tuple[Any, ...], name: str) -> None:
+    for path, value in jax.tree_util.tree_flatten_with_path(example)[0]:
+        if not isinstance(value, ARRAYS):
+            where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])}"
+            fix = "give arrays and numbers; fix what is none with functools.partial"
+            raise InputError(PART, f"{where} of the example for {name!r} is {type(value).__name__}, no array", fix=fix)
+
+
+def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
+    """The jaxpr, and the shapes of what it gives."""
+    _check_example(example, name)
+    try:
+        return jax.make_jaxpr(function, return_shape=True)(*example)
+    except jax.errors.ConcretizationTypeError as reason:
+        problem = f"{name!r} decides in Python on what is known only when it runs: {str(reason).splitlines()[0]}"
+        raise InputError(PART, problem, fix="use jnp.where, jax.lax.cond or jax.lax.fori_loop") from None
+
+
+def _argument_names(function: Callable[..., Any], count: int) -> list[str]:
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        parameters = ()
+    names = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)][:count]
+    return names + [f"argument{i}" for i in range(len(names), count)]
+
+
+def _example_numbers(leaf: Any) -> Any:
+    """An array of an example; zeros where it is only a shape."""
+    return np.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else np.asarray(leaf)
+
+
+def _tree_nodes(tree: Any, results: bool = False) -> list[TreeNode] | None:
+    """A tree of tuples, lists, dicts and records place by place, or None where there is something else in it."""
+    nodes = [] if results else None
+    try:
+        nodes = list(_walk(tree, results))
+    except TypeError:
+        return None
+    return nodes
+
+
+def _walk(tree: Any, results: bool) -> Any:
+    parts: Sequence[Any] = ()
+    if type(tree) in (tuple, list):
+        yield TreeNode(type(tree).__name__, type(tree), len(tree))
+        parts = tree
+    elif type(tree) is dict:
+        keys = sorted(tree)
+        yield TreeNode("dict", dict, len(tree), tuple(keys))
+        parts = [tree[key] for key in keys]
+    elif tree is None:
+        yield TreeNode("none", type(None))
+    elif is_record(tree) and not results:
+        declared = declarations(type(tree))
+        if any(isinstance(d, Option) for d in declared.values()):
+            raise TypeError("options are part of the structure, which only JAX compares")
+        yield TreeNode("record", type(tree), len(declared), tuple(declared))
+        parts = [getattr(tree, name) for name in declared]
+    elif isinstance(tree, ArrayType) if results else jax.tree_util.all_leaves([tree]):
+        yield TreeNode("leaf")
+    else:
+        raise TypeError("another kind of tree")
+    for part in parts:
+        yield from _walk(part, results)
+
+
+__all__ = ["CompiledFunction", "compile"]

@@ -1,0 +1,263 @@
+"""The folder of a block as C: its text, a test that anybody can run, and the samples that it is tested with."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab import __version__
+from trimtab.compiler.block import BlockDefinition, BlockText, block_text
+from trimtab.compiler.elementary import LICENCE_NOTE
+from trimtab.compiler.structs import Member, row_declarations, row_functions
+from trimtab.core.errors import InputError
+
+TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
+"""Of each output, as a part of its largest size in the vectors; the least that is told apart is TOLERANCE too."""
+
+
+class SampleVectors(NamedTuple):
+    """Steps of a simulated run: inputs (n, VECTORS_IN) and outputs (n, VECTORS_OUT), every number as float64."""
+
+    inputs: Any
+    outputs: Any
+
+
+class ExportedFolder(NamedTuple):
+    """What was exported, and the files."""
+
+    block: BlockText
+    files: list[Path]
+
+
+def write_folder(
+    folder: Path, block: BlockText, vectors: SampleVectors, about: dict[str, Any], real: str
+) -> list[Path]:
+    """Write all files; gives their paths. The folder is made where it is missing.
+
+    Raises InputError where it cannot be written.
+    """
+    names = [f"in.{n}" for n in column_names(block.inputs)] + [f"out.{n}" for n in column_names(block.outputs)]
+    rows = np.concatenate([vectors.inputs, vectors.outputs], axis=1)
+    lines = [",".join(names), *(",".join(_format_number(x) for x in row) for row in rows)]
+    tolerance = tolerances(block.outputs, vectors.outputs, real)
+    manifest = about | {
+        "name": block.name,
+        "real": "single" if real == "f32" else "double",
+        "steps": len(rows),
+        **({"workspace_bytes": block.workspace} if block.workspace else {}),
+        "inputs": column_names(block.inputs),
+        "outputs": column_names(block.outputs),
+        "tolerance": dict(zip(column_names(block.outputs), tolerance, strict=True)),
+    }
+    texts = {
+        f"{block.name}.h": block.header,
+        f"{block.name}.c": block.source,
+        "vectors.h": _vectors_header(block),
+        "vectors.c": "\n".join(
+            [LICENCE_NOTE, '#include "vectors.h"\n', row_functions(block.name, block.inputs, block.outputs)]
+        ),
+        "vectors.csv": "\n".join(lines) + "\n",
+        "replay.c": _replay_source(block),
+        "CMakeLists.txt": CMAKE.replace("NAME", block.name),
+        "export.json": json.dumps(manifest, indent=1) + "\n",
+        "README.md": _readme_text(block, manifest),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out autopilot") from None
+    return [folder / name for name in texts]
+
+
+def column_names(members: list[Member]) -> list[str]:
+    """One name for each number: a path, with the index of an element of an array."""
+    return [m.path if not m.shape else f"{m.path}[{k}]" for m in members for k in range(m.size)]
+
+
+def tolerances(members: list[Member], outputs: Any, real: str) -> list[float]:
+    """How far each output may be from the simulated one; whole numbers and truth values not at all."""
+    found, k = [], 0
+    for m in members:
+        for _ in range(m.size):
+            size = float(np.nanmax(np.abs(outputs[:, k]), initial=0.0))
+            found.append(TOLERANCE[real] * max(size, 1e-3) if m.dtype[0] == "f" else 0.0)
+            k += 1
+    return found
+
+
+def _format_number(x: float) -> str:
+    return f"{x:.17g}"
+
+
+def _vectors_header(block: BlockText) -> str:
+    return "\n".join(
+        [
+            LICENCE_NOTE,
+            "/* Rows of vectors.csv as structs: the inputs, then the outputs; every number as double. */",
+            "#ifndef VECTORS_H\n#define VECTORS_H\n",
+            f'#include "{block.name}.h"\n',
+            row_declarations(block.name, block.inputs, block.outputs),
+            "#endif\n",
+        ]
+    )
+
+
+def _replay_source(block: BlockText) -> str:
+    n = block.name
+    kinds = ("in", "out") if block.is_function else ("params", "state", "in", "out")
+    lines = [f"    static {n}_{kind} {kind};" for kind in kinds]
+    more = ""
+    if block.workspace:
+        lines.append(f"    static char memory[{block.workspace} + 64];")
+        lines.append("    void *workspace = memory + (64 - (uintptr_t)memory % 64) % 64;")
+        more = ", workspace"
+    declarations = "\n".join(lines)
+    begin = "" if block.is_function else f"    {n}_defaults(&params);\n    {n}_init(&params, &state{more});\n"
+    step = block.call("&params", "&state", "&in", "&out", "workspace")
+    return f"""{LICENCE_NOTE}
+/* Flies the inputs of vectors.csv, as a program of yours would fly what its sensors say, and prints the outputs.
+ *
+ *     ./replay vectors.csv > outputs.csv
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "{n}.h"
+#include "vectors.h"
+
+static char line[{32 * (len(column_names(block.inputs)) + len(column_names(block.outputs))) + 4096}];
+
+int main(int count, char **arguments)
+{{
+{declarations}
+    double inputs[VECTORS_IN], outputs[VECTORS_OUT];
+    FILE *file = fopen(count > 1 ? arguments[1] : "vectors.csv", "r");
+    if (!file || !fgets(line, sizeof line, file)) {{
+        fprintf(stderr, "cannot read vectors.csv: give its path\\n");
+        return 2;
+    }}
+{begin}    memset(&in, 0, sizeof in);
+    while (fgets(line, sizeof line, file)) {{
+        char *at = line;
+        for (int i = 0; i < VECTORS_IN; i++, at++)
+            inputs[i] = strtod(at, &at);
+        vectors_set_in(inputs, &in);
+        {step}
+        vectors_get_out(&out, outputs);
+        for (int i = 0; i < VECTORS_OUT; i++)
+            printf("%.17g%c", outputs[i], i + 1 < VECTORS_OUT ? ',' : '\\n');
+    }}
+    fclose(file);
+    return 0;
+}}
+"""
+
+
+CMAKE = """cmake_minimum_required(VERSION 3.13)
+project(NAME C)
+set(CMAKE_C_STANDARD 99)
+# Exact results need these: no fused multiply-adds of the compiler's own, integers that wrap.
+add_compile_options(-ffp-contract=off -fwrapv -fno-math-errno)
+add_library(NAME STATIC NAME.c)
+target_include_directories(NAME PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+add_executable(replay replay.c vectors.c)
+target_link_libraries(replay NAME m)
+enable_testing()
+add_test(NAME replay COMMAND replay ${CMAKE_CURRENT_SOURCE_DIR}/vectors.csv)
+"""
+
+
+def _readme_text(block: BlockText, about: dict[str, Any]) -> str:
+    n, real = block.name, about["real"]
+    more = ", workspace" if block.workspace else ""
+    space = (
+        f"static char workspace[{n.upper()}_WORKSPACE];  /* aligned to 64; nothing there is kept */\n" if more else ""
+    )
+    if block.is_function:
+        title, samples = f"{n} as C", f"{about['steps']} arguments, then the results that JAX gives"
+        use = f"{n}_in in; {n}_out out;\n{space}/* fill in.…: see the comments in {n}.h */\n{n}(&in, &out{more});\n"
+        flags, listed = "what JAX computes", "names, and how far each output may be from that of JAX"
+    else:
+        title = f"{about['scenario']}: {about['part']} as C"
+        samples = f"{about['steps']} steps of a simulated run: inputs, then the outputs that belong to them"
+        use = f"""{n}_params p; {n}_state s; {n}_in in; {n}_out out;
+{space}{n}_defaults(&p);              /* the scenario's parameters; change p.… as you like */
+{n}_init(&p, &s{more});
+for (;;) {{                     /* every {about["period_s"] * 1e3:g} ms */
+    /* fill in.…: see the comments in {n}.h */
+    {n}_step(&p, &s, &in, &out{more});
+}}
+"""
+        flags = "what the simulation computed"
+        listed = "scenario, names, and how far each output may be from the simulated one"
+    return f"""# {title}
+
+`{n}.h` and `{n}.c` are all that a vehicle needs: C99, {real} precision, no memory allocation, no variables outside
+the structs that you hand over, no recursion. This text may be used under any licence, or none.
+
+```c
+{use}```
+
+Compile with `-ffp-contract=off -fwrapv`, so that it computes {flags}.
+
+| file | what it is |
+|---|---|
+| `vectors.csv` | {samples} |
+| `vectors.h`, `vectors.c` | its rows as structs |
+| `replay.c` | an example: flies the inputs, prints the outputs |
+| `CMakeLists.txt` | builds the library and the example |
+| `export.json` | {listed} |
+
+Check it:   `trimtab export --verify .`
+By hand:    `cc -std=c99 -ffp-contract=off -fwrapv {n}.c vectors.c replay.c -o replay -lm && ./replay vectors.csv`
+"""
+
+
+SAMPLES = 8
+"""Rows of an exported function's test."""
+
+
+def export_function(
+    folder: Path, block: BlockDefinition, function: Callable[..., Any], example: tuple[Any, ...]
+) -> ExportedFolder:
+    """Write a function as C, with a test: the example's arguments, and others near them.
+
+    Args:
+        folder: made where it is missing.
+        block: the function as a block.
+        function: the same as JAX has it.
+        example: its arguments.
+
+    Raises:
+        InputError: a primitive without C text, a folder that cannot be written.
+    """
+    text = block_text(block)
+    rng = np.random.default_rng(1)
+
+    def near(value: Any) -> Any:
+        value = np.asarray(value)
+        return value * rng.uniform(0.9, 1.1, value.shape).astype(value.dtype) if value.dtype.kind == "f" else value
+
+    compiled = jax.jit(function)
+    inputs, outputs = [], []
+    names = list(block.input)
+    for k in range(SAMPLES):
+        arguments = example if k == 0 else jax.tree.map(near, example)
+        inputs.append(_row(dict(zip(names, arguments, strict=True))))
+        outputs.append(_row(compiled(*arguments)))
+    files = write_folder(
+        folder, text, SampleVectors(np.array(inputs), np.array(outputs)), {"version": __version__}, "f64"
+    )
+    return ExportedFolder(text, files)
+
+
+def _row(tree: Any) -> Any:
+    """All numbers of a tree, as float64 in a row."""
+    return np.concatenate([np.zeros(0), *(np.asarray(v, np.float64).ravel() for v in jax.tree.leaves(tree))])

@@ -1,0 +1,362 @@
+"""Rules for primitives that are programs of others: written in JAX, traced, and lowered as if a user had written them.
+
+Batches are loops over single problems. What is written here computes what JAX documents, to rounding.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.compiler import jaxprs
+from trimtab.compiler.arrays import Array
+from trimtab.compiler.lower import Rule, Site
+from trimtab.core.errors import InputError
+
+COUNTED = 40
+"""Up to so many numbers are sorted by counting who is smaller; more by merging."""
+
+
+def composite(program: Callable[..., Any]) -> Rule:
+    """The rule of a primitive that program(*operands, **parameters) computes."""
+
+    def rule(site: Site) -> list[Array]:
+        return inline_program(site, lambda *operands: program(*operands, **site.params))
+
+    return rule
+
+
+def inline_program(site: Site, program: Callable[..., Any]) -> list[Array]:
+    """The results of a JAX program on the operands of an equation."""
+    shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in site.equation.invars]
+    return site.inline(jax.make_jaxpr(program)(*shapes), site.operands, site.dying)
+
+
+def each_matrix(single: Callable[..., Any], axes: int, *operands: Any) -> Any:
+    """single(...) of the last axes of operands that agree in those before: one after the other."""
+    batch = operands[0].shape[:-axes]
+    if not batch:
+        return single(*operands)
+    flat = [x.reshape(math.prod(batch), *x.shape[len(batch) :]) for x in operands]
+    return jax.tree.map(lambda y: y.reshape(*batch, *y.shape[1:]), lax.map(lambda some: single(*some), tuple(flat)))
+
+
+def _lu(a: Any, **_: Any) -> Any:
+    return each_matrix(_single_lu, 2, a)
+
+
+def _single_lu(a: Any) -> Any:
+    """Factors in one matrix, the row that was exchanged at each step, and the order of the rows."""
+    m, n = a.shape
+    k = min(m, n)
+    rows, columns = jnp.arange(m), jnp.arange(n)
+
+    def step(j: Any, carried: Any) -> Any:
+        a, pivots, order = carried
+        size = jnp.where(rows >= j, jnp.abs(a[:, j]), -1.0)
+        p = jnp.argmax(size).astype(jnp.int32)
+        pivots = pivots.at[j].set(p)
+        upper, lower, first, other = a[j], a[p], order[j], order[p]
+        a = a.at[j].set(lower).at[p].set(upper)
+        order = order.at[j].set(other).at[p].set(first)
+        pivot = a[j, j]
+        factor = jnp.where((rows > j) & (pivot != 0), a[:, j] / pivot, 0.0).astype(a.dtype)
+        row = a[j]
+        eliminated = a - jnp.where(columns > j, factor[:, None] * row, 0.0)
+        return (
+            jnp.where((rows[:, None] > j) & (columns == j) & (pivot != 0), factor[:, None], eliminated),
+            pivots,
+            order,
+        )
+
+    start = a, jnp.zeros(k, jnp.int32), jnp.arange(m, dtype=jnp.int32)
+    return lax.fori_loop(0, k, step, start)
+
+
+def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
+    def single(pivots: Any) -> Any:
+        def swap(j: Any, order: Any) -> Any:
+            p = pivots[j]
+            first, other = order[j], order[p]
+            return order.at[j].set(other).at[p].set(first)
+
+        return lax.fori_loop(0, pivots.shape[0], swap, jnp.arange(permutation_size, dtype=jnp.int32))
+
+    return each_matrix(single, 1, pivots)
+
+
+def _qr(a: Any, *, full_matrices: bool, **_: Any) -> Any:
+    return each_matrix(lambda a: _single_qr(a, full_matrices), 2, a)
+
+
+def _single_qr(a: Any, full: bool) -> Any:
+    """By reflections, with the signs that LAPACK takes."""
+    m, n = a.shape
+    k = min(m, n)
+    rows = jnp.arange(m)
+
+    def step(j: Any, carried: Any) -> Any:
+        q, r = carried
+        x = jnp.where(rows >= j, r[:, j], 0.0)
+        head, rest = r[j, j], jnp.where(rows > j, r[:, j], 0.0)
+        beta = -jnp.copysign(jnp.sqrt(jnp.sum(x * x)), head)
+        none = jnp.sum(rest * rest) == 0
+        scale = jnp.where(none, 1.0, head - beta)
+        v = jnp.where(none, 0.0, jnp.where(rows == j, 1.0, rest / scale))
+        tau = jnp.where(none, 0.0, (beta - head) / jnp.where(none, 1.0, beta))
+        r = r - tau * v[:, None] * (v @ r)
+        return q - tau * (q @ v)[:, None] * v, r
+
+    q, r = lax.fori_loop(0, k, step, (jnp.eye(m, dtype=a.dtype), a))
+    r = jnp.triu(r)
+    return (q, r) if full else (q[:, :k], r[:k])
+
+
+def _cholesky_each(site: Site) -> list[Array]:
+    primitive, params = site.equation.primitive, site.params
+    return inline_program(site, lambda a: each_matrix(lambda x: primitive.bind(x, **params), 2, a))
+
+
+def _triangular_each(site: Site) -> list[Array]:
+    primitive, params = site.equation.primitive, site.params
+    return inline_program(site, lambda a, b: each_matrix(lambda x, y: primitive.bind(x, y, **params), 2, a, b))
+
+
+def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
+    def single(*rows: Any) -> Any:
+        order = _sorting_order(rows[:num_keys], reverse=False)
+        return tuple(row[order] for row in rows)
+
+    moved = [jnp.moveaxis(x, dimension, -1) for x in operands]
+    return [jnp.moveaxis(x, -1, dimension) for x in each_matrix(single, 1, *moved)]
+
+
+def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
+    def single(row: Any) -> Any:
+        order = _sorting_order((row,), reverse=True)[:k]
+        return row[order], order
+
+    found = each_matrix(single, 1, jnp.moveaxis(operand, axis, -1))
+    return [jnp.moveaxis(x, -1, axis) for x in found]
+
+
+def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
+    """Whether keys come before others: numbers in order, NaN last."""
+    before, equal = jnp.bool_(False), jnp.bool_(True)
+    for a, b in zip(x, y, strict=True):
+        less = a < b
+        same = a == b
+        if jnp.issubdtype(a.dtype, jnp.floating):
+            less = less | ((a == a) & (b != b))
+            same = same | ((a != a) & (b != b))
+        before = before | (equal & less)
+        equal = equal & same
+    return before
+
+
+def _sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
+    """int32 positions of the keys in order; of equals the first comes first."""
+    n = keys[0].shape[0]
+    places = jnp.arange(n, dtype=jnp.int32)
+
+    def before(x: Any, y: Any) -> Any:
+        return _comes_before(y, x) if reverse else _comes_before(x, y)
+
+    if n <= 1:
+        return places
+    if n <= COUNTED:
+        mine, others = tuple(k[:, None] for k in keys), tuple(k[None] for k in keys)
+        ties = ~before(mine, others) & (places[None] < places[:, None])
+        rank = jnp.sum(before(others, mine) | ties, axis=1, dtype=jnp.int32)
+        return jnp.zeros(n, jnp.int32).at[rank].set(places, mode="promise_in_bounds")
+    order, width = places, 1
+    while width < n:
+        order = _merge_runs(order, keys, before, width)
+        width *= 2
+    return order
+
+
+def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], width: int) -> Any:
+    """Runs of this width, each in order, merged two by two: each element searches its place in the other run."""
+    n = order.shape[0]
+
+    def key(place: Any) -> tuple[Any, ...]:
+        return tuple(k[place] for k in keys)
+
+    def put(i: Any, merged: Any) -> Any:
+        begin = i // (2 * width) * (2 * width)
+        middle, end = jnp.minimum(begin + width, n), jnp.minimum(begin + 2 * width, n)
+        left, mine = i < middle, key(order[i])
+        low, high = jnp.where(left, middle, begin), jnp.where(left, end, middle)
+        first = low
+        for _ in range(width.bit_length()):
+            half = (low + high) // 2
+            other = key(order[jnp.minimum(half, n - 1)])
+            later = jnp.where(left, before(other, mine), ~before(mine, other))
+            busy = low < high
+            low, high = jnp.where(busy & later, half + 1, low), jnp.where(busy & ~later, half, high)
+        own = jnp.where(left, i - begin, i - middle)
+        return merged.at[begin + own + low - first].set(order[i], mode="promise_in_bounds")
+
+    return lax.fori_loop(np.int32(0), np.int32(n), put, jnp.zeros(n, jnp.int32))
+
+
+def _erf_inv(x: Any, **_: Any) -> Any:
+    """Giles's approximation for single precision (GPU Computing Gems, 2011), then steps of Halley on erf or erfc.
+
+    Beyond its range, first term of the tail's expansion: erfc(y) = exp(-y^2) / (y sqrt(pi)).
+    """
+    low = (2.81022636e-08, 3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087)
+    low += (-0.00125372503, -0.00417768164, 0.246640727, 1.50140941)
+    high = (-0.000200214257, 0.000100950558, 0.00134934322, -0.00367342844, 0.00573950773)
+    high += (-0.0076224613, 0.00943887047, 1.00167406, 2.83297682)
+    a = jnp.abs(x)
+    inside = a < 1
+    safe = jnp.where(inside, a, 0.0)
+    w = -jnp.log1p(-safe * safe) if x.dtype == np.float32 else -jnp.log((1 - safe) * (1 + safe))
+    near = w < 5
+    z = jnp.where(near, w - 2.5, jnp.sqrt(jnp.maximum(w, 5.0)) - 3.0)
+    p, q = jnp.full_like(z, low[0]), jnp.full_like(z, high[0])
+    for c, d in zip(low[1:], high[1:], strict=True):
+        p, q = c + p * z, d + q * z
+    tail = -jnp.log(jnp.where(inside, 1 - a, 1.0))
+    far = jnp.sqrt(tail - 0.5 * jnp.log(math.pi * jnp.maximum(tail, 1.0)))
+    y = jnp.where(w > 16, far, jnp.where(near, p, q) * safe)
+    for _step in range(3 if x.dtype == np.float64 else 1):
+        lack = jnp.where(safe < 0.5, lax.erf(y) - safe, (1 - safe) - lax.erfc(y))
+        slope = lack * (0.5 * math.sqrt(math.pi)) * jnp.exp(y * y)
+        y = y - slope / (1 + y * slope)
+    whole = jnp.where(inside, y, jnp.where(a == 1, jnp.inf, jnp.nan))
+    return jnp.where(
+        safe == 0, jnp.where(inside, x * (0.5 * math.sqrt(math.pi)), whole * jnp.sign(x)), jnp.copysign(whole, x)
+    )
+
+
+LANCZOS = (676.5203681218851, -1259.1392167224028, 771.32342877765313, -176.61502916214059, 12.507343278686905)
+LANCZOS += (-0.13857109526572012, 9.9843695780195716e-6, 1.5056327351493116e-7)
+"""Of the gamma function with g = 7, from the second on; the first is 0.99999999999980993."""
+
+
+def _lgamma(x: Any, **_: Any) -> Any:
+    """By Lanczos, reflected below 1/2."""
+    below = x < 0.5
+    z = jnp.where(below, -x, x - 1)
+    total = 0.99999999999980993 + sum(c / (z + (i + 1)) for i, c in enumerate(LANCZOS))
+    t = z + 7.5
+    log_t = math.log(7.5) + jnp.log1p(z / 7.5)
+    y = 0.5 * math.log(2 * math.pi) + (z + 0.5 - t / log_t) * log_t + jnp.log(total)
+    part = jnp.abs(x) - jnp.floor(jnp.abs(x))
+    turned = jnp.log(jnp.sin(math.pi * jnp.where(part > 0.5, 1 - part, part)))
+    reflected = jnp.where(jnp.isfinite(turned), math.log(math.pi) - turned - y, -turned)
+    return jnp.where(jnp.isinf(x), jnp.inf, jnp.where(below, reflected, y))
+
+
+def _digamma(x: Any, **_: Any) -> Any:
+    """The derivative of the same."""
+    below = x < 0.5
+    z = jnp.where(below, -x, x - 1)
+    up, down = jnp.zeros_like(z), jnp.full_like(z, 0.99999999999980993)
+    for i, c in enumerate(LANCZOS):
+        up, down = up - c / ((z + (i + 1)) * (z + (i + 1))), down + c / (z + (i + 1))
+    y = math.log(7.5) + jnp.log1p(z / 7.5) + up / down - 7 / (z + 7.5)
+    part = math.pi * (x + jnp.abs(jnp.floor(x + 0.5)))
+    reflected = y - math.pi * jnp.cos(part) / jnp.sin(part)
+    return jnp.where((x <= 0) & (x == jnp.floor(x)), jnp.nan, jnp.where(below, reflected, y))
+
+
+SWEEPS = 12
+"""Of Jacobi's rotations: they converge quadratically, and need no more than nine up to 100 rows."""
+
+
+def _eigh(a: Any, *, lower: bool, sort_eigenvalues: bool, subset_by_index: Any, **_: Any) -> Any:
+    if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
+        problem = f"eigenvalues {subset_by_index} alone have no C text"
+        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
+    return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
+
+
+def _single_eigh(a: Any, lower: bool) -> Any:
+    """Eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
+    n = a.shape[0]
+    half = jnp.tril(a) if lower else jnp.triu(a)
+    a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
+
+    def rotate(k: Any, carried: Any) -> Any:
+        a, v = carried
+        p, q = k // n, k % n
+        wanted = (p < q) & (a[p, q] != 0)
+        theta = (a[q, q] - a[p, p]) / (2 * jnp.where(wanted, a[p, q], 1.0))
+        t = jnp.where(theta < 0, -1.0, 1.0) / (jnp.abs(theta) + jnp.sqrt(theta * theta + 1))
+        c = jnp.where(wanted, 1 / jnp.sqrt(t * t + 1), 1.0)
+        s = jnp.where(wanted, t, 0.0) * c
+        rows = a[p], a[q]
+        a = a.at[p].set(c * rows[0] - s * rows[1]).at[q].set(jnp.where(p == q, a[q], s * rows[0] + c * rows[1]))
+        columns, vectors = (a[:, p], a[:, q]), (v[:, p], v[:, q])
+        a = a.at[:, p].set(c * columns[0] - s * columns[1])
+        a = a.at[:, q].set(jnp.where(p == q, a[:, q], s * columns[0] + c * columns[1]))
+        v = v.at[:, p].set(c * vectors[0] - s * vectors[1])
+        return a, v.at[:, q].set(jnp.where(p == q, v[:, q], s * vectors[0] + c * vectors[1]))
+
+    turned, vectors = lax.fori_loop(
+        0, SWEEPS * n * n, lambda k, x: rotate(k % (n * n), x), (a, jnp.eye(n, dtype=a.dtype))
+    )
+    values = jnp.diagonal(turned)
+    order = _sorting_order((values,), reverse=False)
+    return vectors[:, order], values[order]
+
+
+def _threefry(k1: Any, k2: Any, x1: Any, x2: Any, **_: Any) -> Any:
+    """Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011): 20 rounds on two words."""
+    turns = ((13, 15, 26, 6), (17, 29, 16, 24))
+    keys = (k1, k2, k1 ^ k2 ^ np.uint32(0x1BD11BDA))
+    x, y = x1 + keys[0], x2 + keys[1]
+    for i in range(5):
+        for by in turns[i % 2]:
+            x = x + y
+            y = x ^ ((y << np.uint32(by)) | (y >> np.uint32(32 - by)))
+        x, y = x + keys[(i + 1) % 3], y + keys[(i + 2) % 3] + np.uint32(i + 1)
+    return x, y
+
+
+def _cumlogsumexp(x: Any, *, axis: int, reverse: bool) -> Any:
+    return lax.associative_scan(jnp.logaddexp, x, reverse=reverse, axis=axis)
+
+
+def _custom_linear_solve(site: Site) -> list[Array]:
+    program, first, last = jaxprs.linear_solution(site.equation)
+    at = len(site.operands) - jaxprs.right_side_count(site.equation)
+    return site.inline(program, [*site.operands[first:last], *site.operands[at:]])
+
+
+def _platform(site: Site) -> list[Array]:
+    return inline_program(site, lambda *_: jnp.int32(jaxprs.platform_position(site.equation)))
+
+
+RULES: dict[str, Rule] = {
+    "lu": composite(_lu),
+    "lu_pivots_to_permutation": composite(_permutation),
+    "qr": composite(_qr),
+    "sort": composite(_sort),
+    "top_k": composite(_top_k),
+    "erf_inv": composite(_erf_inv),
+    "threefry2x32": composite(_threefry),
+    "lgamma": composite(_lgamma),
+    "digamma": composite(_digamma),
+    "eigh": composite(_eigh),
+    "cumlogsumexp": composite(_cumlogsumexp),
+    "custom_linear_solve": _custom_linear_solve,
+    "platform_index": _platform,
+}
+
+
+def one_or_each(one: Rule, each: Rule) -> Rule:
+    """The rule for one matrix, or for a batch of them."""
+    return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
+
+
+EACH: dict[str, Rule] = {"cholesky": _cholesky_each, "triangular_solve": _triangular_each}
+"""Rules for batches of what `linalg` has for one matrix."""
