@@ -73,14 +73,12 @@ TT_INLINE int tt_all(int m)
 #endif
 }
 
-/* exchanges *u and *v where the highest bit is set */
+/* exchanges *u and *v where the highest bit is set; neither by a branch nor over memory, for both are foretold badly */
 TT_INLINE void tt_swap(uint64_t bit, double *u, double *v)
 {
-    double pair[2];
-    pair[bit >> 63] = *u;
-    pair[bit >> 63 ^ 1] = *v;
-    *u = pair[0];
-    *v = pair[1];
+    uint64_t apart = (tt_bits(*u) ^ tt_bits(*v)) & (0 - (bit >> 63));
+    *u = tt_from_bits(tt_bits(*u) ^ apart);
+    *v = tt_from_bits(tt_bits(*v) ^ apart);
 }
 
 TT_INLINE double tt_sqrt(double x)
