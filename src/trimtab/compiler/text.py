@@ -352,7 +352,8 @@ def _lane_helper(name: str) -> str:
     if match := re.fullmatch(r"tv_(splat|take|pick|put)_(\w+)", name):
         kind, t = match.groups()
         v, T, sign = vector_type(t), C_TYPES[t], "-(int64_t)" if t == "bool" else ""
-        splat = "return (vi64){} - (int64_t)x;" if t == "bool" else f"v{t} r; EACH_LANE r[l] = x; return r;"
+        splat = f"return x {'-' if is_float(t) else '+'} (v{t}){{}};"  # not x + 0, which loses the sign of -0
+        splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
         result, parameters, body = {
             "splat": (v, f"{T} x", splat),
             "take": (v, f"const {T} *p, vi32 i", f"{v} r; EACH_LANE r[l] = {sign}p[i[l]]; return r;"),  # of one table

@@ -359,21 +359,30 @@ def _number_text(w: Writer, v: Value) -> str:
     return f"(double)({text}[l] != 0)" if v.dtype == "bool" else f"(double){text}[l]"
 
 
+ROW_TEXT = """
+if (j->log) EACH_RUN if (first + l < j->runs) {
+    double *const to = j->log + ((first + l) * j->rows + at) * WIDTH;
+    for (int i = 0; i < WIDTH; i++) to[i] = x[i][l];
+}
+if (j->stats) for (int i = 0; i < WIDTH; i++) EACH_RUN {
+    least[i][l] = x[i][l] < least[i][l] ? x[i][l] : least[i][l];
+    most[i][l] = x[i][l] > most[i][l] ? x[i][l] : most[i][l];
+    sum[i][l] += x[i][l];
+    squares[i][l] += x[i][l] * x[i][l];
+}"""
+
+
 def _write_row(w: Writer, values: list[Value]) -> None:
     where, *numbers = values
     w.write_line(f"const int64_t at = {w.name(where)};")
-    w.write_line("if (j->log) EACH_RUN if (first + l < j->runs) {")
-    w.write_line("    double *const to = j->log + ((first + l) * j->rows + at) * WIDTH;")
+    w.write_line(f"{'double x[WIDTH][RUNS]' if w.varying is None else 'vf64 x[WIDTH]'};")
     for k, v in enumerate(numbers):
-        w.write_line(f"    to[{k}] = {_number_text(w, v)};")
-    w.write_line("}")
-    w.write_line("if (j->stats) EACH_RUN {")
-    for k, v in enumerate(numbers):
-        w.write_line(f"    const double x{k} = {_number_text(w, v)};")
-        w.write_line(f"    least[{k}][l] = x{k} < least[{k}][l] ? x{k} : least[{k}][l];")
-        w.write_line(f"    most[{k}][l] = x{k} > most[{k}][l] ? x{k} : most[{k}][l];")
-        w.write_line(f"    sum[{k}][l] += x{k}; squares[{k}][l] += x{k} * x{k};")
-    w.write_line("}")
+        if w.varies(v) and v.dtype == "f64":
+            w.write_line(f"x[{k}] = {w.name(v)};")
+        else:
+            w.write_line(f"EACH_RUN x[{k}][l] = {_number_text(w, v)};")
+    for line in ROW_TEXT.strip().splitlines():
+        w.write_line(line)
 
 
 def _write_final_values(w: Writer, program: WalkProgram) -> None:

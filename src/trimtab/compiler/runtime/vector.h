@@ -53,7 +53,11 @@ TTV_INLINE int ttv_within(vf64 a, double limit)
 template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
 {
     vf64 x = ttv_splat(a), y = ttv_splat(b), z = ttv_splat(c), r;
-#if TT_FMA
+#if TT_FMA && defined(__AVX512F__) && TT_LANES == 8 && !defined(__clang__) /* the loop below, compiled much sooner */
+    r = __builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4);
+#elif TT_FMA && defined(__FMA__) && TT_LANES == 4 && !defined(__clang__)
+    r = __builtin_ia32_vfmaddpd256(x, y, z);
+#elif TT_FMA
     for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_fma(x[i], y[i], z[i]);
 #else
     r = x * y + z;
@@ -77,8 +81,14 @@ TTV_INLINE void ttv_swap(vu64 bit, vf64 *u, vf64 *v)
 
 TTV_INLINE vf64 ttv_sqrt(vf64 x)
 {
-    vf64 r;
+    vf64 r = {};
+#if defined(__AVX512F__) && TT_LANES == 8 && !defined(__clang__)
+    r = __builtin_ia32_sqrtpd512_mask(x, r, -1, 4);
+#elif defined(__AVX__) && TT_LANES == 4 && !defined(__clang__)
+    r = __builtin_ia32_sqrtpd256(x);
+#else
     for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_sqrt(x[i]);
+#endif
     return r;
 }
 
