@@ -6,6 +6,7 @@ from typing import Any
 
 from trimtab.compiler.analysis import VaryingValues
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.pieces import NO_PIECES, Pieces
 from trimtab.compiler.text import (
     C_TYPES,
     check_lane_type,
@@ -45,6 +46,7 @@ class Writer:
         self.tables: list[str] = []
         self.record: Callable[[list[Value]], None] = lambda values: None
         self.keep: list[Any] = []  # ids are names here, so what they belong to must stay
+        self.pieces, self.piece, self.frame = NO_PIECES, 0, Frame()
 
     def varies(self, thing: Any) -> bool:
         """Whether a value or buffer differs between lanes."""
@@ -95,8 +97,17 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
-        """All statements of a block."""
-        for item in block.items:
+        """All statements of a block, those of a large program in its pieces."""
+        runs = self.pieces.runs.get(id(block)) if not self.piece else None
+        for number, items in runs or [(0, block.items)]:
+            if number:
+                self.write_piece(number, items)
+            else:
+                self.write_items(items)
+
+    def write_items(self, items: list[Any]) -> None:
+        """Statements one after the other."""
+        for item in items:
             if isinstance(item, Define):
                 self.write_definition(item.value)
             elif isinstance(item, Local):
@@ -111,33 +122,45 @@ class Writer:
                 self.write_loop(item)
 
     def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
-        """An array on the stack, or where the workspace has a place for it; what has a name already lies elsewhere."""
+        """An array on the stack or in the frame, or where the workspace has a place for it.
+
+        What has a name already lies elsewhere.
+        """
         if id(buffer) in self.names:
             return self.names[id(buffer)]
         kind = self.type(buffer.dtype, self.varies(buffer))
-        self.names[id(buffer)] = name = name or self.fresh("a")
+        name, size = name or self.fresh("a"), max(buffer.size, 1)
+        shared = id(buffer) in self.pieces.crossing
+        self.names[id(buffer)] = f"f->{name}" if shared else name
         if buffer in self.workspace:
-            at = self.workspace.places[id(buffer)]
+            place = f"({kind} *)((char *)workspace + {self.workspace.places[id(buffer)]})"
             keyword = "restrict" if self.varying is None else "__restrict"
-            self.write_line(f"{kind} *{keyword} {name} = ({kind} *)((char *)workspace + {at});")
-        else:
-            self.write_line(f"{kind} {name}[{max(buffer.size, 1)}];")
-        return name
+            self.write_line(f"f->{name} = {place};" if shared else f"{kind} *{keyword} {name} = {place};")
+        elif not shared:
+            self.write_line(f"{kind} {name}[{size}];")
+        if shared:
+            self.frame.members.append(f"{kind} *{name};" if buffer in self.workspace else f"{kind} {name}[{size}];")
+        return self.names[id(buffer)]
 
     def write_definition(self, v: Value) -> None:
         """const TYPE name = expression;"""
         varies = self.varies(v)
         if v.op in PAIR:
-            self.names[id(v)] = self.names[id(v.args[0])] + PAIR[v.op]
+            if id(v) not in self.frame.names:
+                self.names[id(v)] = self.names[id(v.args[0])] + PAIR[v.op]
             return
         name = self.names[id(v)] = self.fresh()
         kind = self.type(v.dtype, varies)
         if v.op == "sincos":
             self.write_sincos(v, name, kind)
+            for pair in self.pieces.pairs.get(id(v), []):
+                self.names[id(pair)] = name + PAIR[pair.op]
+                self.share(pair)
             return
         naming = self.vector_text if varies and v.op != "load" else self.name  # an index or table may be uniform
         right = expression(v, naming, self.note_use, self.varies if varies else None)
         self.write_line(f"const {kind} {name} = {right};")
+        self.share(v)
 
     def write_sincos(self, v: Value, name: str, kind: str) -> None:
         """Sine and cosine of one angle, or the one that is needed."""
@@ -206,12 +229,21 @@ class Writer:
                 self.write_line(f"{name} = {self.vector_text(y) if wide else self.name(y)};")
             self.depth -= 1
         self.write_line("}")
+        self.share_variables([joined for joined, _, _ in item.joins])
 
-    def declare_join(self, joined: Value) -> tuple[str, bool]:
-        """A variable that blocks assign: its name, and whether it is a vector."""
+    def declare_join(self, joined: Value, start: str = "") -> tuple[str, bool]:
+        """A variable that blocks assign, of the block or of the frame: its name, and whether it is a vector."""
         wide = self.varies(joined)
-        name = self.names[id(joined)] = self.fresh()
-        self.write_line(f"{self.type(joined.dtype, wide)} {name};")
+        name, kind = self.fresh(), self.type(joined.dtype, wide)
+        if id(joined) in self.pieces.crossing and not self.piece:
+            self.frame.members.append(f"{kind} {name};")
+            self.frame.names[id(joined)] = name
+            name = f"f->{name}"
+            if start:
+                self.write_line(f"{name} = {f'({kind}){{}}' if start == '{}' else start};")
+        else:
+            self.write_line(f"{kind} {name}{f' = {start}' if start else ''};")
+        self.names[id(joined)] = name
         return name, wide
 
     def write_masked_branch(self, item: If) -> None:
@@ -222,16 +254,16 @@ class Writer:
         self.write_line(f"const vi64 {no} = ~{test}{outer};")
         results = []
         for joined, x, y in item.joins:
-            name, _ = self.declare_join(joined)
-            self.lines[-1] = self.lines[-1].removesuffix(";") + " = {};"
-            results.append((name, x, y))
+            results.append((self.declare_join(joined, "{}")[0], x, y))
         self.write_side(yes, item.first, results, True)
         self.write_side(no, item.second, results, False)
+        self.share_variables([joined for joined, _, _ in item.joins])
 
     def write_side(self, mask: str, block: Block, results: list[Any], first: bool) -> None:
         """One side of a masked branch, with what it gives."""
         braces = bool(block.items)
         if braces:
+            self.share_mask(mask)
             self.write_line(f"if ({self.note_use('tv_any')}({mask})) {{")
             self.depth += 1
         self.masks.append(mask)
@@ -249,11 +281,8 @@ class Writer:
         """for or while; lanes that are done keep what they carry."""
         carried = []
         for variable, start, next_ in item.carries:
-            name, wide = self.declare_join(variable)
-            self.lines[-1] = (
-                self.lines[-1].removesuffix(";") + f" = {self.vector_text(start) if wide else self.name(start)};"
-            )
-            carried.append((name, wide, next_))
+            begin = self.vector_text(start) if self.varies(variable) else self.name(start)
+            carried.append((*self.declare_join(variable, begin), next_))
         apart = item.test is not None and self.varies(item.test)
         live = self.fresh("m")
         if apart:
@@ -264,11 +293,14 @@ class Writer:
         else:
             self.write_line("for (;;) {")
         self.depth += 1
+        if item.count is not None:
+            self.share(item.index)
         self.write_block(item.head)
         if apart:
             self.write_line(f"{live} &= {self.name(item.test)};")
             self.write_line(f"if (!{self.note_use('tv_any')}({live})) break;")
             self.masks.append(live)
+            self.share_mask(live)
         elif item.test is not None:
             self.write_line(f"if (!({self.name(item.test)})) break;")
         self.write_block(item.body)
@@ -277,6 +309,7 @@ class Writer:
             self.masks.pop()
         self.depth -= 1
         self.write_line("}")
+        self.share_variables([variable for variable, _, _ in item.carries])
 
     def write_assignments(self, carried: list[tuple[str, bool, Value]], mask: str | None = None) -> None:
         """Give all carried variables their next values at once."""
@@ -294,6 +327,62 @@ class Writer:
         for name, text, dtype in moves:
             self.write_line(f"{name} = {f'{lane_mask(mask, dtype)} ? {text} : {name}' if mask else text};")
 
+    def share(self, thing: Value | Buffer) -> None:
+        """Put a value, or where an array lies, into the frame if another piece needs it."""
+        if id(thing) not in self.pieces.crossing:
+            return
+        name, kind = self.names[id(thing)], self.type(thing.dtype, self.varies(thing))
+        self.frame.members.append(f"{f'const {kind} *' if isinstance(thing, Buffer) else f'{kind} '}{name};")
+        self.frame.names[id(thing)] = name
+        self.write_line(f"f->{name} = {name};")
+        if self.piece:
+            self.frame.fresh.append(thing)
+
+    def share_variables(self, variables: list[Value]) -> None:
+        """The same of what a branch or loop of this piece gives; that of the first function is in the frame already."""
+        for variable in variables if self.piece else []:
+            self.share(variable)
+
+    def share_mask(self, mask: str) -> None:
+        """Put a mask into the frame, for the pieces under it."""
+        if self.pieces.runs and not self.piece:
+            self.frame.members.append(f"vi64 {mask};")
+            self.write_line(f"f->{mask} = {mask};")
+
+    def share_inputs(self, pieces: Pieces) -> None:
+        """Write what follows in these pieces; inputs that they need are put into the frame."""
+        self.pieces = pieces
+        if pieces.runs and self.workspace.size:
+            self.frame.members.append("void *workspace;")
+            self.write_line("f->workspace = workspace;")
+        for thing in pieces.inputs:
+            self.share(thing)
+
+    def write_piece(self, number: int, items: list[Any]) -> None:
+        """A function of these statements, and its call."""
+        lines, depth, outer = self.lines, self.depth, dict[int, str]()
+        self.lines, self.depth, self.piece = [], 1, number
+        for thing in self.pieces.uses.get(number, []):
+            if id(thing) not in self.frame.names:
+                continue  # an array of the frame
+            outer[id(thing)], name = self.names[id(thing)], self.frame.names[id(thing)]
+            kind = self.type(thing.dtype, self.varies(thing))
+            self.write_line(f"const {kind} {'*const ' if isinstance(thing, Buffer) else ''}{name} = f->{name};")
+            self.names[id(thing)] = name
+        if self.masks:
+            self.write_line(f"const vi64 {self.masks[-1]} = f->{self.masks[-1]};")
+        if self.workspace.size:
+            self.write_line("void *const workspace = f->workspace;")
+        self.write_items(items)
+        head = f"static __attribute__((noinline)) void piece{number}(frame *__restrict f)\n{{"
+        self.frame.functions += [head, *self.lines, "}\n"]
+        self.lines, self.depth, self.piece = lines, depth, 0
+        self.names |= outer
+        for thing in self.frame.fresh:
+            self.names[id(thing)] = f"f->{self.frame.names[id(thing)]}"
+        self.frame.fresh.clear()
+        self.write_line(f"piece{number}(f);")
+
     def helper_texts(self) -> str:
         """Text of all helpers that were used, in an order that compiles; elementary functions are not among them."""
         ordered: dict[str, None] = {}
@@ -307,6 +396,26 @@ class Writer:
             with contextlib.suppress(KeyError):
                 texts.append(helper_text(name))
         return "\n".join(texts)
+
+
+class Frame:
+    """What pieces of a program share. members: of the struct.  names: of the values in it and of the places of inputs.
+
+    functions: text of the pieces.  fresh: what the present piece has added.
+    """
+
+    def __init__(self) -> None:
+        self.members: list[str] = []
+        self.names: dict[int, str] = {}
+        self.functions: list[str] = []
+        self.fresh: list[Value | Buffer] = []
+
+    def text(self) -> str:
+        """The struct and the functions; nothing for a program in one piece."""
+        if not self.functions:
+            return ""
+        members = [f"    {line}" for line in self.members]
+        return "\n".join(["typedef struct {", *members, "} frame;\n", *self.functions])
 
 
 def defined_values(blocks: list[Block]) -> list[Value]:

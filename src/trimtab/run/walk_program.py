@@ -17,6 +17,7 @@ from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
 from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
+from trimtab.compiler.pieces import plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
@@ -132,6 +133,7 @@ class WalkProgram(NamedTuple):
         for block in self.blocks:
             for name, buffer in _timetable_buffers(block):
                 w.names[id(buffer)] = name
+        w.share_inputs(plan_pieces(self.blocks, self.final))
         w.write_line("double least[WIDTH][RUNS], most[WIDTH][RUNS], sum[WIDTH][RUNS], squares[WIDTH][RUNS];")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN least[i][l] = INFINITY, most[i][l] = -INFINITY;")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN sum[i][l] = squares[i][l] = 0;")
@@ -274,7 +276,9 @@ def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
         f"#define EACH_RUN for (int l = 0; l < RUNS; l++)\n#define WIDTH {max(program.width, 1)}\n",
         '#define EXPORT extern "C"\n' if lanes else "#define EXPORT\n",
         JOB_TEXT,
+        w.frame.text(),
         FLY_TEXT.replace("first)", "first, void *workspace)", 1) if space else FLY_TEXT,
+        "    frame space, *const f = &space;" if w.frame.functions else "",
         *w.lines,
         "}",
         _work_with_workspace(space) if space else WORK_TEXT,
