@@ -1,7 +1,7 @@
 """Large programs in pieces: functions of bounded size, and which values and arrays go from one to another.
 
-A C compiler's time for one function grows faster than its text. What is too large is written as functions that are called
-one after the other; what several of them need lies in a frame, a struct that each is given.
+A C compiler's time for one function grows faster than its text. What is too large is written as functions that
+are called one after the other; what several of them need lies in a frame, a struct that each is given.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, St
 
 WHOLE = 6000
 """Statements that one function may have."""
-PIECE = 1500
+PIECE = 1000
 """Statements of each piece of a program that has more."""
 LEAST = 40
 """Fewer statements than this are not worth a call."""
@@ -22,8 +22,8 @@ class Pieces(NamedTuple):
     """How a program is divided. Piece 0 is the function that calls the others.
 
     runs: id of a block that is divided -> its statements in order, with the number of their piece.
-    crossing: ids of what lies in the frame.  uses: piece -> what it needs from others.  inputs: what is in the frame and
-    nobody computes.  pairs: id of a sincos -> the sine and cosine that are needed of it.
+    crossing: ids of what lies in the frame.  uses: piece -> what it needs from others.  inputs: what is in the frame
+    and nobody computes.  pairs: id of a sincos -> the sine and cosine that are needed of it.
     """
 
     runs: dict[int, list[tuple[int, list[Any]]]]
@@ -38,7 +38,7 @@ NO_PIECES = Pieces({}, set(), {}, [], {})
 
 def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer]) -> Pieces:
     """Divide a program of too many statements; results: what is read after it."""
-    if sum(_count_statements(block.items) for block in blocks) <= WHOLE:
+    if not is_large(blocks):
         return NO_PIECES
     division = _Division()
     for thing in results:
@@ -46,6 +46,11 @@ def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer]) -> Piece
     for block in blocks:
         division.divide(block)
     return division.close()
+
+
+def is_large(blocks: list[Block]) -> bool:
+    """Whether a program has more statements than one function may have."""
+    return sum(_count_statements(block.items) for block in blocks) > WHOLE
 
 
 def _inner_blocks(item: Any) -> list[Block]:
@@ -74,7 +79,8 @@ class _Division:
         self.pairs: dict[int, list[Value]] = {}
 
     def use(self, piece: int, thing: Any) -> None:
-        if isinstance(thing, Buffer) and thing.data is None or isinstance(thing, Value) and thing.op != "const":
+        known = thing.data is not None if isinstance(thing, Buffer) else thing is None or thing.op == "const"
+        if not known:
             self.used.setdefault(piece, {})[id(thing)] = thing
 
     def divide(self, block: Block) -> None:

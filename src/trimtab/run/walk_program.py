@@ -17,7 +17,7 @@ from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
 from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
-from trimtab.compiler.pieces import plan_pieces
+from trimtab.compiler.pieces import is_large, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
@@ -101,7 +101,7 @@ def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = 
 
 def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
     """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
-    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=("-pthread",))
+    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=program.extra_flags())
 
 
 class WalkProgram(NamedTuple):
@@ -141,6 +141,10 @@ class WalkProgram(NamedTuple):
             w.write_block(block)
         _write_final_values(w, self)
         return _assemble_source(w, self, lanes)
+
+    def extra_flags(self) -> tuple[str, ...]:
+        """Flags of the compiler. A large program is compiled at level 1: in half the time, and it flies as fast."""
+        return ("-pthread", "-O1") if is_large(self.blocks) else ("-pthread",)
 
 
 def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
