@@ -1,5 +1,6 @@
 """`trimtab export`: a scenario as C, the check of an exported folder, and its flight on an emulated microcontroller."""
 
+import inspect
 import json
 import sys
 import tempfile
@@ -10,13 +11,13 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.commands.function_file import find_function
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, SET, WITHOUT
 from trimtab.commands.output import print_json
 from trimtab.core.errors import InputError
 from trimtab.export.boards import TARGETS, emulate, require_tools
 from trimtab.export.verify import compare_samples, verify_folder
+from trimtab.scenarios.catalogue import load_function
 
 BOARDS = ("cortex-m4", "cortex-m7")
 
@@ -220,3 +221,31 @@ def _check_export(folder: Path, as_json: bool) -> bool:
     click.echo(f"  steps                  {verdict.steps}, stack of a step {verdict.stack_bytes} bytes")
     _print_worst(worst, verdict.first)
     return verdict.good
+
+
+def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
+    """The function ``file.py:function`` and its example arguments, or None where it is a scenario.
+
+    The example is a tuple `example` of the file, or a dict of such tuples by function; else the parameters' defaults. A
+    function of a file without either is one that gives a scenario.
+
+    Raises:
+        InputError: an `example` that is neither a tuple nor a dict of tuples.
+    """
+    if ":" not in name:
+        return None
+    function = load_function(name)
+    example = getattr(function, "__globals__", {}).get("example")
+    if isinstance(example, dict):
+        example = example.get(function.__name__)
+    if example is None:
+        parameters = inspect.signature(function).parameters.values()
+        defaults = tuple(p.default for p in parameters)
+        if not defaults or any(d is inspect.Parameter.empty or isinstance(d, str) for d in defaults):
+            return None
+        hint = inspect.signature(function).return_annotation
+        return None if "Scenario" in str(hint) else (function, defaults)
+    if not isinstance(example, tuple):
+        problem = f"`example` is a {type(example).__name__}, not a tuple of arguments"
+        raise InputError(f"export {name!r}", problem, fix="example = (0.1, 6.2)")
+    return function, example

@@ -19,7 +19,7 @@ from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
 from trimtab.native.build import build_library, load_library
-from trimtab.native.call import ArrayType, Program, TreeNode, make_callable, run_batch
+from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, make_callable, run_batch
 from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
@@ -77,7 +77,7 @@ class CompiledFunction:
         self._inputs = [ArrayType(a.shape, np.dtype(TYPES[a.dtype])) for a in self._lowered.inputs]
         self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
         self._lock = threading.Lock()
-        self._batch: tuple[int, Program] | None = None
+        self._batch: tuple[int, LoadedFunction] | None = None
         text = self._lowered.program_text(self.name)
         self.c_source, self.workspace = text.text, text.workspace
         self._program = self._load(text.text, text.workspace, 0)
@@ -85,10 +85,10 @@ class CompiledFunction:
         if lanes is not None:
             self._lanes_program()
 
-    def _load(self, text: str, workspace: int, lanes: int) -> Program:
+    def _load(self, text: str, workspace: int, lanes: int) -> LoadedFunction:
         library = load_library(build_library(text, "c++" if lanes else "c"))
         takes = _tree_nodes(self._example)
-        return Program(
+        return LoadedFunction(
             library[self.name],
             workspace,
             self._inputs,
@@ -139,13 +139,13 @@ class CompiledFunction:
         """
         return export_callable(self._function, self._example, Path(folder), name=name).files
 
-    def _lanes_program(self) -> tuple[int, Program]:
+    def _lanes_program(self) -> tuple[int, LoadedFunction]:
         with self._lock:
             if self._batch is None:
                 self._batch = self._build_lanes()
         return self._batch
 
-    def _build_lanes(self) -> tuple[int, Program]:
+    def _build_lanes(self) -> tuple[int, LoadedFunction]:
         lanes = self._lanes
         if lanes is None:
             found = find_compiler("c++")

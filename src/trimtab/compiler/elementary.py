@@ -65,7 +65,7 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None) -> str:
 @cache
 def _blocks(name: str) -> list[str]:
     """Blocks of this runtime text, parted by blank lines: first what stands before the functions, then each of them."""
-    return files("trimtab.compiler.runtime").joinpath(f"{name}.h").read_text("utf-8").strip().split("\n\n")
+    return files("trimtab.compiler").joinpath("runtime", f"{name}.h").read_text("utf-8").strip().split("\n\n")
 
 
 @cache

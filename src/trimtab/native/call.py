@@ -45,7 +45,7 @@ class ArrayType(NamedTuple):
         return int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
 
 
-class Program(NamedTuple):
+class LoadedFunction(NamedTuple):
     """A compiled function and what surrounds it.
 
     function: `void f(const void *const *in, void *const *out, void *workspace, int32_t runs)`.
@@ -123,7 +123,7 @@ def _libraries() -> tuple[Any, Any]:
     return locked, free
 
 
-def make_callable(program: Program) -> Callable[..., Any]:
+def make_callable(program: LoadedFunction) -> Callable[..., Any]:
     """A callable of Python that runs a program; safe from several threads at once."""
     locked, _ = _libraries()
     kept: list[Any] = [program]
@@ -141,7 +141,7 @@ def make_callable(program: Program) -> Callable[..., Any]:
     return locked.trimtab_callable(_pointer(made, kept), kept)
 
 
-def run_batch(program: Program, inputs: Sequence[Any], runs: int, lanes: int, threads: int) -> list[Any]:
+def run_batch(program: LoadedFunction, inputs: Sequence[Any], runs: int, lanes: int, threads: int) -> list[Any]:
     """Results of many runs, (runs, ...) each. inputs: contiguous arrays (runs, ...) of the types of the program."""
     _, free = _libraries()
     outputs = [np.empty((runs, *a.shape), a.dtype) for a in program.outputs]

@@ -15,7 +15,7 @@ from trimtab.compiler.rules.composite import inline_program
 from trimtab.compiler.rules.reduce import accumulate, neutral_element
 
 
-def _traced(site: Site, program: Callable[..., Any], operands: list[Array], avals: list[Any]) -> Array:
+def _inline_on(site: Site, program: Callable[..., Any], operands: list[Array], avals: list[Any]) -> Array:
     shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in avals]
     return site.inline(jax.make_jaxpr(program)(*shapes), operands)[0]
 
@@ -47,9 +47,9 @@ def _conv(site: Site) -> list[Array]:
             x = x.reshape(x.shape[0], -1, *x.shape[3:])
         return x
 
-    image = store_in_memory(b, _traced(site, arrange, [site.operands[0]], [left]))
+    image = store_in_memory(b, _inline_on(site, arrange, [site.operands[0]], [left]))
     kernel = store_in_memory(
-        b, _traced(site, lambda w: jnp.transpose(w, numbers.rhs_spec), [site.operands[1]], [right])
+        b, _inline_on(site, lambda w: jnp.transpose(w, numbers.rhs_spec), [site.operands[1]], [right])
     )
     groups *= batches
     outputs, inputs = kernel.shape[0], kernel.shape[1]
@@ -77,7 +77,7 @@ def _conv(site: Site) -> list[Array]:
     made = build_array(b, tuple(plain), site.dtype, element)
     aval = jax.ShapeDtypeStruct(tuple(plain), site.equation.outvars[0].aval.dtype)
     assert rank == len(plain) - 2
-    return [_traced(site, lambda x: jnp.transpose(x, back), [made], [aval])]
+    return [_inline_on(site, lambda x: jnp.transpose(x, back), [made], [aval])]
 
 
 def _reduce_window(op: str) -> Rule:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from trimtab.commands.function_file import find_function
+from trimtab.commands.export import find_function
 from trimtab.core.errors import InputError
 
 FILE = """
