@@ -174,3 +174,17 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
                     varying.add(variable, varying.values)
         elif not isinstance(item, Local | Emit):
             raise TypeError(item)
+
+
+def defined_values(blocks: list[Block]) -> list[Value]:
+    """All values that are computed in some blocks, nested ones included."""
+    values: list[Value] = []
+    for block in blocks:
+        for item in block.items:
+            if isinstance(item, Define):
+                values.append(item.value)
+            elif isinstance(item, If):
+                values += defined_values([item.first, item.second])
+            elif isinstance(item, Loop):
+                values += defined_values([item.head, item.body])
+    return values

@@ -36,6 +36,26 @@ class Pieces(NamedTuple):
 NO_PIECES = Pieces({}, set(), {}, [], {})
 
 
+class PieceFrame:
+    """What pieces of a program share. members: of the struct.  names: of the values in it and of the places of inputs.
+
+    functions: text of the pieces.  fresh: what the present piece has added.
+    """
+
+    def __init__(self) -> None:
+        self.members: list[str] = []
+        self.names: dict[int, str] = {}
+        self.functions: list[str] = []
+        self.fresh: list[Value | Buffer] = []
+
+    def text(self) -> str:
+        """The struct and the functions; nothing for a program in one piece."""
+        if not self.functions:
+            return ""
+        members = [f"    {line}" for line in self.members]
+        return "\n".join(["typedef struct {", *members, "} frame;\n", *self.functions])
+
+
 def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer]) -> Pieces:
     """Divide a program of too many statements; results: what is read after it."""
     if not is_large(blocks):

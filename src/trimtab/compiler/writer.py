@@ -4,9 +4,9 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from trimtab.compiler.analysis import VaryingValues
+from trimtab.compiler.analysis import VaryingValues, defined_values
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
-from trimtab.compiler.pieces import NO_PIECES, Pieces
+from trimtab.compiler.pieces import NO_PIECES, PieceFrame, Pieces
 from trimtab.compiler.text import (
     C_TYPES,
     check_lane_type,
@@ -46,7 +46,7 @@ class Writer:
         self.tables: list[str] = []
         self.record: Callable[[list[Value]], None] = lambda values: None
         self.keep: list[Any] = []  # ids are names here, so what they belong to must stay
-        self.pieces, self.piece, self.frame = NO_PIECES, 0, Frame()
+        self.pieces, self.piece, self.frame = NO_PIECES, 0, PieceFrame()
 
     def varies(self, thing: Any) -> bool:
         """Whether a value or buffer differs between lanes."""
@@ -396,37 +396,3 @@ class Writer:
             with contextlib.suppress(KeyError):
                 texts.append(helper_text(name))
         return "\n".join(texts)
-
-
-class Frame:
-    """What pieces of a program share. members: of the struct.  names: of the values in it and of the places of inputs.
-
-    functions: text of the pieces.  fresh: what the present piece has added.
-    """
-
-    def __init__(self) -> None:
-        self.members: list[str] = []
-        self.names: dict[int, str] = {}
-        self.functions: list[str] = []
-        self.fresh: list[Value | Buffer] = []
-
-    def text(self) -> str:
-        """The struct and the functions; nothing for a program in one piece."""
-        if not self.functions:
-            return ""
-        members = [f"    {line}" for line in self.members]
-        return "\n".join(["typedef struct {", *members, "} frame;\n", *self.functions])
-
-
-def defined_values(blocks: list[Block]) -> list[Value]:
-    """All values that are computed in some blocks, nested ones included."""
-    found: list[Value] = []
-    for block in blocks:
-        for item in block.items:
-            if isinstance(item, Define):
-                found.append(item.value)
-            elif isinstance(item, If):
-                found += defined_values([item.first, item.second])
-            elif isinstance(item, Loop):
-                found += defined_values([item.head, item.body])
-    return found

@@ -1,7 +1,4 @@
-"""A whole closed loop as C: World and Autopilot traced once, every instant of a run in one compiled function.
-
-Parameters in, every instant, rows of the log and statistics out; threads share the runs.
-"""
+"""A whole closed loop as C, from parameters to rows of the log and statistics; threads share the runs."""
 
 import functools
 from pathlib import Path
@@ -11,7 +8,7 @@ import jax
 import numpy as np
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.analysis import find_varying, prune
+from trimtab.compiler.analysis import defined_values, find_varying, prune
 from trimtab.compiler.arrays import Array, element_list, scalar
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
@@ -22,7 +19,7 @@ from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.workspace import plan_workspace
-from trimtab.compiler.writer import Writer, defined_values
+from trimtab.compiler.writer import Writer
 from trimtab.core.time import Clock
 from trimtab.loop.structure import cast_like
 from trimtab.loop.walk import Signals, instant, logged_signals, signals
@@ -101,7 +98,8 @@ def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = 
 
 def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
     """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
-    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=program.extra_flags())
+    level = ["-O1"] if is_large(program.blocks) else []  # half the time, and it flies as fast within a seventh
+    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=("-pthread", *level))
 
 
 class WalkProgram(NamedTuple):
@@ -141,10 +139,6 @@ class WalkProgram(NamedTuple):
             w.write_block(block)
         _write_final_values(w, self)
         return _assemble_source(w, self, lanes)
-
-    def extra_flags(self) -> tuple[str, ...]:
-        """Flags of the compiler. A large program is compiled at level 1: in half the time, and it flies as fast."""
-        return ("-pthread", "-O1") if is_large(self.blocks) else ("-pthread",)
 
 
 def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
@@ -375,8 +369,7 @@ if (j->log) EACH_RUN if (first + l < j->runs) {
 if (j->stats) for (int i = 0; i < WIDTH; i++) EACH_RUN {
     least[i][l] = x[i][l] < least[i][l] ? x[i][l] : least[i][l];
     most[i][l] = x[i][l] > most[i][l] ? x[i][l] : most[i][l];
-    sum[i][l] += x[i][l];
-    squares[i][l] += x[i][l] * x[i][l];
+    sum[i][l] += x[i][l], squares[i][l] += x[i][l] * x[i][l];
 }"""
 
 
