@@ -18,8 +18,8 @@ from trimtab.core.signals import Estimate
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 MS = 10_000
-ROWS = 10
-"""That a call of the compiled block gives."""
+ROWS = 500
+"""That a call of the compiled block gives: so many that copying them is a loop; a few for short tables."""
 PLANT = Hovercraft()
 
 
@@ -51,8 +51,8 @@ def integrate(law, carry, every, h):
 
 
 @functools.cache
-def compiled(advance, structure, every, h):
-    """A block that gives the next `ROWS` rows, and their structure: (state, output)."""
+def compiled(advance, structure, every, h, rows):
+    """A block that gives the next rows, and their structure: (state, output)."""
     law = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
     x = HovercraftState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -68,7 +68,7 @@ def compiled(advance, structure, every, h):
             after, output = advance(law, carry, every, h)
             return after, (carry[1], output)
 
-        return jax.lax.scan(row, carry, length=ROWS)
+        return jax.lax.scan(row, carry, length=rows)
 
     block = compile_block(BlockDefinition("ideal", "The ideal model.", step, init, law, (x, False)))
     return block, jax.eval_shape(lambda law: step(law, init(law), (x, False))[1], law)
@@ -77,17 +77,18 @@ def compiled(advance, structure, every, h):
 def fly(advance, law, starts, steps, every, h):
     """States and outputs: each leaf is (starts, rows)."""
     numbers, structure = jax.tree.flatten(law)
-    block, rows = compiled(advance, structure, every, h)
+    count = steps // every
+    size = ROWS if count % ROWS == 0 else 10
+    block, rows = compiled(advance, structure, every, h, size)
     for parameter, number in zip(block.parameters.values(), numbers, strict=True):
         parameter[...] = number
-    calls = steps // every // ROWS
-    table = np.zeros((len(starts.heading), calls, len(block.outputs)))
+    table = np.zeros((len(starts.heading), count // size, len(block.outputs)))
     for run, x in zip(table, np.stack(jax.tree.leaves(starts), axis=1), strict=True):
-        for k in range(calls):
+        for k in range(len(run)):
             block.inputs[:] = *x, k == 0
             block.step()
             run[k] = block.outputs
-    shape = len(table), calls * ROWS
+    shape = len(table), count
     columns = zip(block.writes.values(), jax.tree.leaves(rows), strict=True)
     leaves = [table[:, :, where].reshape(shape + v.shape[1:]).astype(v.dtype) for where, v in columns]
     return jax.tree.structure(rows).unflatten(leaves)
