@@ -30,3 +30,6 @@ VERBS += ("vehicle", "fly", "inject", "replay", "link-test", "live-faults", "exp
 
 main = Verbs(VERBS, help=__doc__, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 main = click.version_option(__version__, prog_name="trimtab")(main)
+
+if __name__ == "__main__":
+    main()

@@ -62,3 +62,13 @@ def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> Non
     assert (told["inputs"], told["outputs"], told["workspace_bytes"]) == (4, 3, 0)
     done = subprocess.run([*command, "--verify", str(out)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_function_without_an_example_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    path = tmp_path / "own_bare.py"
+    path.write_text("def f(x):\n    return x\n")
+    command = [sys.executable, "-m", "trimtab", "export", f"{path}:f", "--out", str(tmp_path / "c")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "argument 'x' has no default" in done.stderr
+    assert "example = (" in done.stderr

@@ -1,11 +1,12 @@
 """A program written in pieces flies the same numbers, to the bit, as the same program in one function."""
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
-from trimtab.compiler import pieces
+from trimtab.compiler import pieces, workspace
 from trimtab.core.time import ms
 from trimtab.run.inputs import flat_inputs, own_inputs, run_inputs
 from trimtab.run.program import RunResults, fly_runs, row_numbers
@@ -37,6 +38,21 @@ def test_pieces_fly_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str, la
     divided, flown = flights(name, lanes)
     assert "piece1(f);" not in whole
     assert divided.count("(f);") > 10
+    for a, b in zip(expected, flown, strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("lanes", [0, 4])
+def test_pieces_share_arrays_of_the_workspace(monkeypatch: pytest.MonkeyPatch, lanes: int) -> None:
+    whole, expected = flights("hovercraft/zero-velocity", lanes)
+    for module, bound, size in ((pieces, "WHOLE", 100), (pieces, "PIECE", 60), (pieces, "LEAST", 3)):
+        monkeypatch.setattr(module, bound, size)
+    monkeypatch.setattr(workspace, "STACK", 64)
+    monkeypatch.setattr(workspace, "LARGE", 16)
+    divided, flown = flights("hovercraft/zero-velocity", lanes)
+    assert "workspace" not in whole
+    assert "= f->workspace;" in divided, "pieces find the workspace"
+    assert re.search(r"f->\w+ = \(\w+ \*\)\(\(char \*\)workspace", divided), "and an array of it is one of several"
     for a, b in zip(expected, flown, strict=True):
         assert a.tobytes() == b.tobytes()
 

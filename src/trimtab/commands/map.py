@@ -145,7 +145,7 @@ def _map_json(diagram: StabilityMap, criteria: Criteria) -> dict[str, Any]:
         "y": {"name": diagram.y.name, "unit": diagram.y.unit, "values": diagram.at_y.tolist()},
         "flown": traced.evaluated_points,
         "full_grid": traced.of,
-        "points": np.column_stack([diagram.flown_points, diagram.share]).tolist(),
+        "points": np.column_stack([diagram.sample_points, diagram.share]).tolist(),
         "boundary_cells": boundary,
         "theory": {one.name: [line.tolist() for line in one.zero_lines()] for one in criteria},
     }

@@ -43,7 +43,7 @@ def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
-def called_program(equation: Any) -> ClosedJaxpr | None:
+def program_of_call(equation: Any) -> ClosedJaxpr | None:
     """The program that an equation merely calls, or None."""
     key = CALLS.get(equation.primitive.name)
     return None if key is None else close_jaxpr(equation.params[key])
@@ -147,7 +147,7 @@ def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
 
 def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
     """The programs inside an equation, each with the operands that it is given, one for each of its inputs."""
-    call = called_program(equation)
+    call = program_of_call(equation)
     if call is not None:
         return [(call.jaxpr, equation.invars)]
     name = equation.primitive.name

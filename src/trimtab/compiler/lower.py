@@ -113,7 +113,7 @@ class Lowering:
         return all(last.get(v, -1) <= k and doomed.get(v, True) for v in names)
 
     def _lower_equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
-        inner = jaxprs.called_program(equation)
+        inner = jaxprs.program_of_call(equation)
         if inner is not None:
             return self.lower_program(inner, operands, dying)
         name = equation.primitive.name

@@ -40,7 +40,7 @@ def plot_stability_map(
     figure = new_figure(6.4, 5.2)
     axes: Any = figure.subplots()
     colours = LinearSegmentedColormap.from_list("success", [ORANGE, "white", SKY_BLUE])
-    (x, y), share = region.flown_points.T, region.share
+    (x, y), share = region.sample_points.T, region.share
     means = _cell_means(region).T
     image = axes.pcolormesh(region.at_x, region.at_y, means, cmap=colours, vmin=0, vmax=1, rasterized=True)
     axes.scatter(x, y, s=4, c="#404040", linewidths=0)

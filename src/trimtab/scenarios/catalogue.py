@@ -35,6 +35,8 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     Args:
         name: in the catalogue, or ``module:function``, or ``file.py:function``.
         settings: text by path; those without a dot that name an argument of the function are passed to it.
+
+    Raises: InputError for an unknown name or choice, or an argument that nothing gives.
     """
     build = _find_function(name)
     offered = _argument_choices(build)
@@ -45,6 +47,12 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
             problem = f"{text!r} is not a choice of scenario {name!r}"
             raise InputError(f"--set {path}", problem, choices=choices, fix=f"--set {path}={choices[0]}")
         (arguments if path in offered else rest)[path] = text
+    for parameter in inspect.signature(build).parameters.values():
+        named = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        if named and parameter.default is parameter.empty and parameter.name not in arguments:
+            problem = f"its argument {parameter.name!r} has no default, and no setting gives it"
+            fix = f"--set {parameter.name}=…; to export a function that is no scenario:  example = (…,)  in its file"
+            raise InputError(f"scenario {name!r}", problem, fix=fix)
     return build(**arguments), rest
 
 

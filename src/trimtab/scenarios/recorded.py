@@ -37,7 +37,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     choices = log.metadata.get("choices") or {}
     own_name, settings = choices.get("scenario") or log.metadata.get("scenario"), log.metadata.get("parameters")
     if name is None and isinstance(own_name, str):
-        name = _known_name(own_name)
+        name = _current_name(own_name)
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
@@ -58,7 +58,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     return _set_values(alike, settings)
 
 
-def _known_name(name: str) -> str:
+def _current_name(name: str) -> str:
     """A recorded name; refused where it leads to no scenario any more."""
     try:
         catalogue.scenario_choices(name)

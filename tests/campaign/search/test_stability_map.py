@@ -56,7 +56,7 @@ def test_jitter_moves_it_to_shorter_delays(found):
 def test_a_point_is_the_share_of_its_flights_one_by_one(found):
     edge = np.flatnonzero((found.share > 0) & (found.share < 1))
     for n in edge[:1] if len(edge) else [len(found.share) - 1]:
-        a, b = found.flown_points[n]
+        a, b = found.sample_points[n]
         scenario = with_values(found.scenario, values_at(found.scenario, found.x, found.y, a, b))
         ok = []
         for seed in range(3):
@@ -68,10 +68,10 @@ def test_a_point_is_the_share_of_its_flights_one_by_one(found):
 
 def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
     turned = stability_map(linear, found.y, found.x, runs=3, depth=1)
-    shares = {tuple(p): s for p, s in zip(found.flown_points.tolist(), found.share, strict=True)}
+    shares = {tuple(p): s for p, s in zip(found.sample_points.tolist(), found.share, strict=True)}
     both = [
         (s, shares[b, a])
-        for (a, b), s in zip(turned.flown_points.tolist(), turned.share, strict=True)
+        for (a, b), s in zip(turned.sample_points.tolist(), turned.share, strict=True)
         if (b, a) in shares
     ]
     assert len(both) >= 9

@@ -193,14 +193,14 @@ class StabilityMap(NamedTuple):
     backend: str
 
     @property
-    def flown_points(self) -> Any:
+    def sample_points(self) -> Any:
         """What was flown, in values of the axes (n, 2)."""
         i, j = self.traced_boundary.index.T
         return np.column_stack([self.at_x[i], self.at_y[j]])
 
     @property
     def share(self) -> Any:
-        """Of successes at each of `flown_points` (n,)."""
+        """Of successes at each of `sample_points` (n,)."""
         return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
