@@ -1,12 +1,24 @@
 """Which rule lowers which primitive."""
 
 from trimtab.compiler.lower import Rule
-from trimtab.compiler.rules import composite, control, elementwise, index, linalg, random, reduce, shape, window
+from trimtab.compiler.rules import (
+    composite,
+    control,
+    elementwise,
+    index,
+    linalg,
+    product,
+    random,
+    reduce,
+    shape,
+    window,
+)
 
 RULES: dict[str, Rule] = {
     **elementwise.RULES,
     **shape.RULES,
     **reduce.RULES,
+    **product.RULES,
     **index.RULES,
     **control.RULES,
     **linalg.RULES,
