@@ -14,7 +14,7 @@ UNROLL = 48
 Index = list[Value]
 
 
-class Update(NamedTuple):
+class ElementUpdate(NamedTuple):
     """One element that is to be written: its row-major position, its number, and whether it is written at all."""
 
     position: Value
@@ -38,7 +38,7 @@ class Array:
         items: Any = None,
         buffer: Buffer | None = None,
         offset: Any = None,
-        updates: tuple[Update, ...] = (),
+        updates: tuple[ElementUpdate, ...] = (),
     ) -> None:
         self.shape, self.dtype, self.items, self.buffer, self.offset = shape, dtype, items, buffer, offset
         self.updates = updates
@@ -192,7 +192,7 @@ def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
     return target
 
 
-def write_updates(b: Builder, array: Array, updates: Iterable[Update]) -> None:
+def write_updates(b: Builder, array: Array, updates: Iterable[ElementUpdate]) -> None:
     """Write elements into an array's buffer, one after the other."""
     buffer = array.buffer
     assert buffer is not None

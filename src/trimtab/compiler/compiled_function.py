@@ -23,6 +23,8 @@ from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, make_callab
 from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
+VECTORS = 0.98
+"""Share of a single run's operations in loops over arrays from which lanes gain nothing."""
 PART = "compile"
 ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
 """What an example may be made of."""
@@ -38,7 +40,8 @@ def compile(
             ``compile(jax.grad(f), x)``.
         example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
         lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
-            or 1 where a type of numbers is not carried in lanes. When it is given, that text is built at once.
+            or 1 where a type of numbers is not carried in lanes, or a single run is vectors already, such as a product
+            of large matrices. When it is given, that text is built at once.
         threads: how many threads share the runs of `CompiledFunction.lanes`.
 
     Returns:
@@ -149,7 +152,8 @@ class CompiledFunction:
         lanes = self._lanes
         if lanes is None:
             found = find_compiler("c++")
-            lanes = lane_count(found) if found else 1
+            alone = self._lowered.vector_share() > VECTORS
+            lanes = lane_count(found) if found and not alone else 1
         if lanes == 1:
             return 1, self._program
         try:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.analysis import find_varying, prune
+from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.ir import Buffer, Builder, Local, Value
@@ -62,6 +62,10 @@ class Function:
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
         text = "\n".join([preamble_text(w, lanes), head, *w.lines, silence, "}\n"])
         return FunctionText(text, workspace.size)
+
+    def vector_share(self) -> float:
+        """The share of its operations that become vectors in a single run."""
+        return vector_share([self.b.prologue, self.b.top])
 
     def _result_names(self) -> dict[int, str]:
         """Names of the buffers that lie in the caller's arrays, because they are a result as they are."""

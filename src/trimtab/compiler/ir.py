@@ -107,12 +107,12 @@ class Emit:
 
 
 class Loop:
-    """count times (a number, or the name of one), or, where count is None, while the head block's test holds.
+    """count times (a number, its name, or a value that is the same in all lanes), or while the head block's test holds.
 
     carries are (variable, start, next).
     """
 
-    def __init__(self, count: int | str | None, index: Value, body: Block) -> None:
+    def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
         self.count, self.index, self.body = count, index, body
         self.head = Block()
         self.test: Value | None = None
@@ -202,7 +202,9 @@ class Builder:
         """Write one element."""
         self.block.items.append(Store(buffer, index, value))
 
-    def loop(self, count: int, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]) -> list[Value]:
+    def loop(
+        self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
+    ) -> list[Value]:
         """Run body(index, carried) `count` times; returns what is carried at the end."""
         made = Loop(count, Value("index", (), "i32"), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
@@ -212,7 +214,7 @@ class Builder:
         self.block.items.append(made)
         return variables
 
-    def repeat(self, count: int, body: Callable[[Value], None]) -> None:
+    def repeat(self, count: int | Value, body: Callable[[Value], None]) -> None:
         """Run body(index) `count` times."""
 
         def nothing(index: Value, carried: list[Value]) -> list[Value]:

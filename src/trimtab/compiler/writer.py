@@ -289,7 +289,9 @@ class Writer:
             self.write_line(f"vi64 {live} = {self.active_mask()};")
         if item.count is not None:
             index = self.names[id(item.index)] = self.fresh("i")
-            self.write_line(f"for (int32_t {index} = 0; {index} < {item.count}; {index}++) {{")
+            assert not self.varies(item.count), "lanes take as many turns"
+            count = self.name(item.count) if isinstance(item.count, Value) else item.count
+            self.write_line(f"for (int32_t {index} = 0; {index} < {count}; {index}++) {{")
         else:
             self.write_line("for (;;) {")
         self.depth += 1

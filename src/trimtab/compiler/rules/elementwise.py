@@ -6,14 +6,12 @@ from jax import lax
 
 from trimtab.compiler.arrays import (
     Array,
+    ElementUpdate,
     Index,
-    Update,
     apply_updates,
     build_array,
-    copy_array,
     element_list,
     read_element,
-    write_updates,
 )
 from trimtab.compiler.ir import Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
@@ -74,12 +72,11 @@ def _select(site: Site) -> list[Array]:
 
 def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
     """The buffer of both cases, with the updates of the case that is chosen."""
-    b, plain = site.b, Array(site.shape, site.dtype, buffer=cases[0].buffer)
-    target = plain if all(site.dying[1:]) else copy_array(b, plain)
+    b, updates = site.b, list[ElementUpdate]()
     for case, chosen in zip(cases, (b.op("not", test, dtype="bool"), test), strict=True):
-        for u in case.updates:
-            write_updates(b, target, [Update(u.position, u.number, b.op("and", chosen, u.inside, dtype="bool"))])
-    return target
+        updates += [u._replace(inside=b.op("and", chosen, u.inside, dtype="bool")) for u in case.updates]
+    array = Array(site.shape, site.dtype, buffer=cases[0].buffer, updates=tuple(updates))
+    return apply_updates(b, array, True) if all(site.dying[1:]) else array
 
 
 def select_case(b: Builder, which: Value, cases: list[Value]) -> Value:

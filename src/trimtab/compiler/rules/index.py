@@ -6,8 +6,8 @@ from jax import lax
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import (
     Array,
+    ElementUpdate,
     Index,
-    Update,
     apply_updates,
     build_array,
     constant,
@@ -94,7 +94,7 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
         every_index = [[b.index(i) for i in index] for index in np.ndindex(*update.shape)]
         places = [flat_index(b, array.shape, _add_indices(site, starts, index)) for index in every_index]
         numbers, inside = [read_element(b, update, index) for index in every_index], b.const(1, "bool")
-        return [_update_elements(site, [Update(i, v, inside) for i, v in zip(places, numbers, strict=True)])]
+        return [_update_elements(site, [ElementUpdate(i, v, inside) for i, v in zip(places, numbers, strict=True)])]
     update = _unshare_update(site, update, array)
     target = writable_operand(site, 0)
     buffer = target.buffer
@@ -107,7 +107,7 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
     return [target]
 
 
-def _update_elements(site: Site, updates: list[Update]) -> Array:
+def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
     """Operand 0 with a few elements written: now where nobody reads the old ones, else later."""
     array = site.operands[0]
     if is_small(array.shape) or array.offset is not None or site.dying[0]:
@@ -253,7 +253,7 @@ def _scatter(combine: str | None) -> Rule:
         if is_small(given.shape) and combine is None and updates.function is None:
             places = [updates.place(index) for index in every_index]
             numbers = [read_element(b, updates.updates, index) for index in every_index]
-            writes = [Update(where, v, inside) for (where, inside), v in zip(places, numbers, strict=True)]
+            writes = [ElementUpdate(where, v, inside) for (where, inside), v in zip(places, numbers, strict=True)]
             return [_unroll_array(site, _update_elements(site, writes))]
         target = writable_operand(site, 0)
         buffer = target.buffer

@@ -4,6 +4,7 @@ Every element is summed in the order of the index, whatever the order of the loo
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,13 @@ WIDTH = 8
 """Neighbouring elements of a result that are summed together."""
 DEPTH = 16
 """Terms that are added before a result is stored again, where there are too many to be unrolled."""
+PANEL = 1024
+"""Elements of a factor from which neighbours are copied together before they are used for row after row."""
 PACK = 4
 """Rows from which a factor is transposed first, so that the elements of one result's row lie side by side."""
+
+
+Read = Callable[[Index, Value], Value]
 
 
 class _Factor:
@@ -98,13 +104,19 @@ class _Product:
         return self.b.op("add", total, self.b.op("mul", p, q, dtype=self.site.dtype), dtype=self.site.dtype)
 
     def for_each_tile(self, body: Any) -> None:
-        """body(batch, row, column, width): indices of the first of `width` neighbours of one row of the result."""
+        """body(batch, row, head, first, width, read): for `width` neighbours of one row of the result, from `first` on.
+
+        read(along, j): what the columns' factor has for neighbour j.
+        """
         b, n = self.b, self.columns.extents[-1]
         whole = math.prod(self.rows.extents) == 1 and self.columns.is_contiguous()
         width = n if whole or n <= 2 * WIDTH else WIDTH
 
         def tiles(batch: Index, head: Index, first: Value, count: int) -> None:
-            loop_over_indices(b, self.rows.extents, lambda row: body(batch, row, head, first, count))
+            read = self.reader(batch, head, first)
+            if width < n and math.prod(self.along) * n > PANEL:
+                read = self.copy_panel(read, count)
+            loop_over_indices(b, self.rows.extents, lambda row: body(batch, row, head, first, count, read))
 
         def columns(batch: Index, head: Index) -> None:
             b.repeat(
@@ -117,7 +129,28 @@ class _Product:
         heads = self.columns.extents[:-1]
         loop_over_indices(b, self.batch, lambda batch: loop_over_indices(b, heads, lambda head: columns(batch, head)))
 
-    def sum_neighbours(self, batch: Index, row: Index, head: Index, first: Value, width: int) -> None:
+    def reader(self, batch: Index, head: Index, first: Value) -> Read:
+        """Reads the columns' factor where it lies."""
+
+        def read(along: Index, j: Value) -> Value:
+            column = [*head, self.b.op("add", first, j, dtype="i32")]
+            return self.columns.read(self.site, batch, along, column)
+
+        return read
+
+    def copy_panel(self, read: Read, width: int) -> Read:
+        """Reads a copy of these neighbours, without gaps: rows far apart push each other out of a cache."""
+        b, size = self.b, math.prod(self.along) * width
+        panel = Array((*self.along, width), self.site.dtype, buffer=b.local_buffer(self.site.dtype, size))
+
+        def copy(index: Index) -> None:
+            assert panel.buffer is not None
+            b.store(panel.buffer, flat_index(b, panel.shape, index), read(index[:-1], index[-1]))
+
+        loop_over_indices(b, panel.shape, copy)
+        return lambda along, j: read_element(b, panel, [*along, j])
+
+    def sum_neighbours(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
         """Neighbours side by side: the loop over them is the innermost, and becomes vectors."""
         b = self.b
 
@@ -131,7 +164,7 @@ class _Product:
                 place = self.position(batch, row, column(j))
                 total = self.zero if begin else b.load(self.buffer, place)
                 for p, k in zip(factors, terms, strict=True):
-                    total = self.add_term(total, p, self.columns.read(self.site, batch, k, column(j)))
+                    total = self.add_term(total, p, read(k, j))
                 b.store(self.buffer, place, total)
 
             b.repeat(width, one)
@@ -152,15 +185,14 @@ class _Product:
 
         loop_over_indices(b, self.along[:-1], add_all)
 
-    def sum_together(self, batch: Index, row: Index, head: Index, first: Value, width: int) -> None:
+    def sum_together(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
         """Neighbours that lie apart: their sums are carried together, so that none waits for another."""
         b = self.b
         columns = [[*head, b.op("add", first, b.index(j), dtype="i32")] for j in range(width)]
 
         def step(inner: Index, carried: list[Value]) -> list[Value]:
             p = self.rows.read(self.site, batch, inner, row)
-            read = [self.columns.read(self.site, batch, inner, column) for column in columns]
-            return [self.add_term(total, p, q) for total, q in zip(carried, read, strict=True)]
+            return [self.add_term(total, p, read(inner, b.index(j))) for j, total in enumerate(carried)]
 
         totals = accumulate(b, self.along, [self.zero] * width, step, unroll=DEPTH)
         for column, total in zip(columns, totals, strict=True):
