@@ -13,13 +13,13 @@ from jax.core import Tracer
 
 from trimtab.compiler.block import function_block
 from trimtab.compiler.folder import ExportedFolder, export_function
-from trimtab.compiler.function import Function
+from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
 from trimtab.native.build import build_library, load_library
-from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, make_callable, run_batch
+from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable, run_batch
 from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
@@ -83,17 +83,19 @@ class CompiledFunction:
         self._batch: tuple[int, LoadedFunction] | None = None
         text = self._lowered.program_text(self.name)
         self.c_source, self.workspace = text.text, text.workspace
-        self._program = self._load(text.text, text.workspace, 0)
+        self._program = self._load(text, 0)
         self._call = make_callable(self._program)
         if lanes is not None:
             self._lanes_program()
 
-    def _load(self, text: str, workspace: int, lanes: int) -> LoadedFunction:
-        library = load_library(build_library(text, "c++" if lanes else "c"))
+    def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
+        library = load_library(build_library(text.text, "c++" if lanes else "c"))
+        if text.tables:
+            library[f"{self.name}_tables"](array_addresses(text.tables))
         takes = _tree_nodes(self._example)
         return LoadedFunction(
             library[self.name],
-            workspace,
+            text.workspace,
             self._inputs,
             self._outputs,
             takes or [TreeNode("tuple", tuple, -1)],
@@ -162,7 +164,7 @@ class CompiledFunction:
             if self._lanes is not None:
                 raise
             return 1, self._program
-        return lanes, self._load(text.text, text.workspace, lanes)
+        return lanes, self._load(text, lanes)
 
     def _place_named(self, arguments: tuple[Any, ...], named: dict[str, Any]) -> tuple[Any, ...]:
         rest = dict(named)

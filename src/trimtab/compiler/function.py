@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from trimtab.compiler import jaxprs
 from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
-from trimtab.compiler.ir import Buffer, Builder, Local, Value
+from trimtab.compiler.ir import TYPES, Buffer, Builder, Local, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.text import C_TYPES
@@ -47,6 +49,7 @@ class Function:
         results = [a.buffer for a in self.outputs if a.buffer is not None]
         workspace = plan_workspace(blocks, operands, results, lanes, varying, names)
         w = Writer(names, self.live, varying, workspace)
+        w.data = []
         w.note_sincos(blocks)
         for i, a in enumerate(self.inputs):
             _load_input(w, i, a, lanes)
@@ -61,7 +64,10 @@ class Function:
         head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}({arguments})\n{{"
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
         text = "\n".join([preamble_text(w, lanes), head, *w.lines, silence, "}\n"])
-        return FunctionText(text, workspace.size)
+        tables = [np.asarray(buffer.data, TYPES[buffer.dtype]) for buffer in w.data]
+        if tables:
+            text += _tables_text(name, [w.names[id(buffer)] for buffer in w.data], tables, lanes)
+        return FunctionText(text, workspace.size, tables)
 
     def vector_share(self) -> float:
         """The share of its operations that become vectors in a single run."""
@@ -79,10 +85,22 @@ class Function:
 
 
 class FunctionText(NamedTuple):
-    """The text of a function, and the bytes of workspace that it needs."""
+    """The text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
+
+    tables: what `NAME_tables` is given once, before the first call.
+    """
 
     text: str
     workspace: int
+    tables: list[Any]
+
+
+def _tables_text(name: str, names: list[str], tables: list[Any], lanes: int) -> str:
+    """The function that fills the tables. Their digest is part of the text: a library belongs to its numbers."""
+    digest = sha256(b"".join(table.tobytes() for table in tables)).hexdigest()
+    copies = [f"    memcpy({table}, tables[{i}], sizeof {table});" for i, table in enumerate(names)]
+    head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}_tables(const void *const *tables)"
+    return "\n".join([f"\n/* Numbers of the tables: sha256 {digest}. */", head, "{", *copies, "}\n"])
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:

@@ -20,6 +20,8 @@ from trimtab.compiler.text import (
 )
 from trimtab.compiler.workspace import NO_WORKSPACE, Workspace
 
+LITERALS = 1024
+"""Numbers of a table that stand in the text, where larger ones may be given as data."""
 PAIR = {"sin_of": "s", "cos_of": "c"}
 
 
@@ -44,6 +46,7 @@ class Writer:
         self.used: dict[str, None] = {}
         self.constants: dict[int, str] = {}
         self.tables: list[str] = []
+        self.data: list[Buffer] | None = None  # tables whose numbers are given when the library is loaded
         self.record: Callable[[list[Value]], None] = lambda values: None
         self.keep: list[Any] = []  # ids are names here, so what they belong to must stay
         self.pieces, self.piece, self.frame = NO_PIECES, 0, PieceFrame()
@@ -92,6 +95,10 @@ class Writer:
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
+            if self.data is not None and buffer.size > LITERALS:
+                self.data.append(buffer)
+                self.tables.append(f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];")
+                return name
             numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
             self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{max(buffer.size, 1)}] = {{{numbers}}};")
         return self.names[id(buffer)]
