@@ -89,10 +89,20 @@ def test_nan_and_infinity_pass_through():
 
 
 def test_known_weights_are_turned_before_they_are_text_and_stand_there_once():
-    W = numbers(60, 59)
-    compiled = agree(lambda v, w: (W @ v) + (W @ w), numbers(59), numbers(59, seed=1))
-    assert len(re.findall(r"static const double \w+\[3540\]", compiled.c_source)) == 1
+    W = numbers(16, 60)
+    compiled = agree(lambda v, w: (W @ v) + (W @ w), numbers(60), numbers(60, seed=1))
+    assert len(re.findall(r"static const double \w+\[960\]", compiled.c_source)) == 1
     assert compiled.c_source.index(repr(float(W[1, 0]))) - compiled.c_source.index(repr(float(W[0, 0]))) < 100
+
+
+def test_weights_that_are_given_are_turned_before_a_loop():
+    W, x = numbers(64, 64), numbers(64)
+
+    def steps(W, x):
+        return jax.lax.fori_loop(0, 50, lambda _, x: jnp.tanh(W @ x), x)
+
+    source = agree(steps, W, x).c_source
+    assert source.index("< 64; ") < source.index("< 50; ")
 
 
 def test_neighbours_are_in_the_innermost_loop(monkeypatch):

@@ -145,6 +145,20 @@ class Builder:
             self.blocks.pop()
             self.known.pop()
 
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether what is written now may be computed more than once."""
+        return len(self.blocks) > 2
+
+    def before_all(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What has this key already; else what is made now, before every loop and branch that is being written."""
+        if key not in self.known[1]:
+            blocks, known = self.blocks, self.known
+            self.blocks, self.known = blocks[:2], known[:2]
+            self.known[1][key] = make()
+            self.blocks, self.known = blocks, known
+        return self.known[1][key]
+
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
         """What has this key already, here or around; else what is made now."""
         for table in reversed(self.known):

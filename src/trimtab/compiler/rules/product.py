@@ -61,23 +61,37 @@ class _Factor:
         value = read_element(site.b, self.array, [places[a] for a in range(len(places))])
         return site.b.op("convert", value, dtype=site.dtype)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether its numbers are known, or values without a place."""
+        return self.array.buffer is None or self.array.buffer.data is not None
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether nothing writes to its buffer."""
+        return self.array.buffer is not None and self.array.buffer.is_read_only and self.array.offset is None
+
     def pack(self, site: Site) -> "_Factor":
-        """The same with axes in the order batch, along, free; numbers that are known are moved here, not in C."""
+        """The same with axes in the order batch, along, free, which is done once where its numbers stay.
+
+        Numbers that are known are moved here, not in C; an input's before all loops.
+        """
         order = [*self.batch, *self.along, *self.free]
         places = [int(a) for a in np.argsort(order)]
         array, b = self.array, site.b
         shape = tuple(array.shape[a] for a in order)
+
+        def move() -> Array:
+            if array.buffer is not None and array.buffer.data is not None:
+                return constant(b, np.reshape(array.buffer.data, array.shape).transpose(order), array.dtype)
+            return build_array(b, shape, array.dtype, lambda at: read_element(b, array, [at[k] for k in places]))
+
         if array.items is not None:
             packed = Array(shape, array.dtype, array.items.transpose(order))
-        elif array.buffer is not None and array.buffer.data is not None and array.offset is None:
-            data, key = array.buffer.data, ("packed", id(array.buffer), tuple(order))
-            known = b.known[0]
-            if key not in known:
-                known[key] = constant(b, np.reshape(data, array.shape).transpose(order), array.dtype)
-                known["packed from", id(array.buffer)] = array.buffer  # its id is a key: it must stay
-            packed = known[key]
+        elif self.is_constant:
+            packed = b.before_all(("packed", array.buffer, tuple(order)), move)
         else:
-            packed = build_array(b, shape, array.dtype, lambda at: read_element(b, array, [at[k] for k in places]))
+            packed = move()
         first, last = len(self.batch), len(self.batch) + len(self.along)
         return _Factor(packed, tuple(range(first, last)), tuple(range(first)))
 
@@ -119,10 +133,10 @@ class _Product:
             loop_over_indices(b, self.rows.extents, lambda row: body(batch, row, head, first, count, read))
 
         def columns(batch: Index, head: Index) -> None:
-            b.repeat(
-                n // width,
-                lambda k: tiles(batch, head, b.op("mul", k, b.index(width), dtype="i32"), width),
-            )
+            if width < n:
+                b.repeat(n // width, lambda k: tiles(batch, head, b.op("mul", k, b.index(width), dtype="i32"), width))
+            else:
+                tiles(batch, head, b.index(0), n)
             if n % width:
                 tiles(batch, head, b.index(n - n % width), n % width)
 
@@ -208,9 +222,8 @@ def _dot_general(site: Site) -> list[Array]:
         return [_sum_each(site, x, y, along)]
     swapped = math.prod(y.extents) < PACK <= math.prod(x.extents) or not y.free
     rows, columns = (y, x) if swapped else (x, y)
-    buffer = columns.array.buffer
-    known = buffer is None or buffer.data is not None
-    if not columns.is_contiguous() and (known or math.prod(rows.extents) >= PACK):
+    often = math.prod(rows.extents) >= PACK or (columns.is_constant and site.b.is_in_loop)
+    if not columns.is_contiguous() and (columns.is_known or often):
         columns = columns.pack(site)
     product = _Product(site, rows, columns, swapped)
     product.for_each_tile(product.sum_neighbours if columns.is_contiguous() else product.sum_together)
