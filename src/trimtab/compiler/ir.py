@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.compiler.ranges import certain_result
+
 TYPES = {
     "bool": np.bool_,
     "i8": np.int8,
@@ -220,7 +222,7 @@ class Builder:
         self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
     ) -> list[Value]:
         """Run body(index, carried) `count` times; returns what is carried at the end."""
-        made = Loop(count, Value("index", (), "i32"), Block())
+        made = Loop(count, Value("index", (), "i32", attr=count), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.body):
             nexts = body(made.index, variables)
@@ -307,6 +309,9 @@ def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | N
         return args[0]
     if op == "not" and args[0].op == "not":
         return args[0].args[0]
+    certain = certain_result(op, args)
+    if certain is not None:
+        return b.const(certain, "bool") if isinstance(certain, bool) else args[certain]
     if len(args) == 2:
         return _fold_identity(b, op, args[0], args[1], dtype)
     return None

@@ -356,8 +356,8 @@ def _lane_helper(name: str) -> str:
         splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
         result, parameters, body = {
             "splat": (v, f"{T} x", splat),
-            "take": (v, f"const {T} *p, vi32 i", f"{v} r; EACH_LANE r[l] = {sign}p[i[l]]; return r;"),  # of one table
-            "pick": (v, f"const {v} *p, vi32 i", f"{v} r; EACH_LANE r[l] = p[i[l]][l]; return r;"),
+            "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # of one table
+            "pick": (v, f"const {v} *p, vi32 i", _all_lanes(v, "p[i[l]][l]")),
             "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
         }[kind]
         return _function_text(result, name, parameters, body)
@@ -379,6 +379,12 @@ def _lane_helper(name: str) -> str:
         scalar = f"tt_{op}f"
     body = f"{v} r; EACH_LANE r[l] = {scalar}({'a[l], b[l]' if two else 'a[l]'}); return r;"
     return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
+
+
+def _all_lanes(vector: str, number: str) -> str:
+    """Return a vector of a number for each lane l, put together at once: one lane after the other waits for memory."""
+    each = {n: ", ".join(number.replace("[l]", f"[{k}]") for k in range(n)) for n in (4, 8)}
+    return f"\n#if LANES == 8\n    return ({vector}){{{each[8]}}};\n#else\n    return ({vector}){{{each[4]}}};\n#endif"
 
 
 def helper_dependencies(name: str) -> list[str]:
