@@ -2,19 +2,18 @@
 
 import math
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from trimtab.compiler import jaxprs
 from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
-from trimtab.compiler.ir import TYPES, Buffer, Builder, Local, Value
+from trimtab.compiler.ir import Buffer, Builder, Local, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
+from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
@@ -37,10 +36,10 @@ class Function:
 
     def text(self, name: str, lanes: int = 0) -> str:
         """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
-        return self.program_text(name, lanes).text
+        return self.program_text(name, lanes, large_as_data=False).text
 
-    def program_text(self, name: str, lanes: int = 0) -> "FunctionText":
-        """The same, with the bytes of workspace that the caller gives, aligned to 64."""
+    def program_text(self, name: str, lanes: int = 0, large_as_data: bool = True) -> "FunctionText":
+        """The same, with the bytes of workspace that the caller gives, aligned to 64, and numbers of large tables."""
         blocks = [self.b.prologue, self.b.top]
         inputs = [thing for a in self.inputs for thing in ([a.buffer] if a.items is None else a.items.ravel())]
         varying = find_varying(blocks, inputs, []) if lanes else None
@@ -49,7 +48,7 @@ class Function:
         results = [a.buffer for a in self.outputs if a.buffer is not None]
         workspace = plan_workspace(blocks, operands, results, lanes, varying, names)
         w = Writer(names, self.live, varying, workspace)
-        w.data = []
+        w.data = [] if large_as_data else None
         w.note_sincos(blocks)
         for i, a in enumerate(self.inputs):
             _load_input(w, i, a, lanes)
@@ -61,12 +60,13 @@ class Function:
         for i, a in enumerate(self.outputs):
             _store_output(w, i, a, lanes)
         arguments = "const void *const *in, void *const *out, void *workspace, int32_t runs"
-        head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}({arguments})\n{{"
+        linkage = 'extern "C" ' if lanes else ""
+        head = f"{linkage}void {name}({arguments})\n{{"
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
         text = "\n".join([preamble_text(w, lanes), head, *w.lines, silence, "}\n"])
-        tables = [np.asarray(buffer.data, TYPES[buffer.dtype]) for buffer in w.data]
-        if tables:
-            text += _tables_text(name, [w.names[id(buffer)] for buffer in w.data], tables, lanes)
+        data = w.data or []
+        tables = [table_numbers(buffer) for buffer in data]
+        text += filling_text(name, [w.names[id(buffer)] for buffer in data], tables, linkage)
         return FunctionText(text, workspace.size, tables)
 
     def vector_share(self) -> float:
@@ -93,14 +93,6 @@ class FunctionText(NamedTuple):
     text: str
     workspace: int
     tables: list[Any]
-
-
-def _tables_text(name: str, names: list[str], tables: list[Any], lanes: int) -> str:
-    """The function that fills the tables. Their digest is part of the text: a library belongs to its numbers."""
-    digest = sha256(b"".join(table.tobytes() for table in tables)).hexdigest()
-    copies = [f"    memcpy({table}, tables[{i}], sizeof {table});" for i, table in enumerate(names)]
-    head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}_tables(const void *const *tables)"
-    return "\n".join([f"\n/* Numbers of the tables: sha256 {digest}. */", head, "{", *copies, "}\n"])
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:

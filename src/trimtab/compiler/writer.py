@@ -1,18 +1,16 @@
 """Program -> text, in either shape: statements, branches and loops; under a mask where only some lanes take part."""
 
-import contextlib
 from collections.abc import Callable
 from typing import Any
 
 from trimtab.compiler.analysis import VaryingValues, defined_values
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
 from trimtab.compiler.pieces import NO_PIECES, PieceFrame, Pieces
+from trimtab.compiler.tables import LITERALS, table_text
 from trimtab.compiler.text import (
     C_TYPES,
     check_lane_type,
     expression,
-    helper_dependencies,
-    helper_text,
     lane_mask,
     number_literal,
     single_precision_lanes,
@@ -20,8 +18,6 @@ from trimtab.compiler.text import (
 )
 from trimtab.compiler.workspace import NO_WORKSPACE, Workspace
 
-LITERALS = 1024
-"""Numbers of a table that stand in the text, where larger ones may be given as data."""
 PAIR = {"sin_of": "s", "cos_of": "c"}
 
 
@@ -95,12 +91,10 @@ class Writer:
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
-            if self.data is not None and buffer.size > LITERALS:
+            as_data = self.data is not None and buffer.size > LITERALS
+            if self.data is not None and as_data:
                 self.data.append(buffer)
-                self.tables.append(f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];")
-                return name
-            numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
-            self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{max(buffer.size, 1)}] = {{{numbers}}};")
+            self.tables.append(table_text(name, buffer, as_data))
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
@@ -391,17 +385,3 @@ class Writer:
             self.names[id(thing)] = f"f->{self.frame.names[id(thing)]}"
         self.frame.fresh.clear()
         self.write_line(f"piece{number}(f);")
-
-    def helper_texts(self) -> str:
-        """Text of all helpers that were used, in an order that compiles; elementary functions are not among them."""
-        ordered: dict[str, None] = {}
-        for name in self.used:
-            for needed in [*helper_dependencies(name), name]:
-                ordered[needed] = None
-        scalar = [n for n in ordered if n.startswith("tt_")]
-        lanes = sorted((n for n in ordered if n.startswith("tv_")), key=lambda n: "splat" not in n)
-        texts = []
-        for name in [*scalar, *lanes]:
-            with contextlib.suppress(KeyError):
-                texts.append(helper_text(name))
-        return "\n".join(texts)
