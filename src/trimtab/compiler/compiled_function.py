@@ -81,7 +81,7 @@ class CompiledFunction:
         self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
         self._lock = threading.Lock()
         self._batch: tuple[int, LoadedFunction] | None = None
-        text = self._lowered.program_text(self.name)
+        text = self._lowered.program_text(self.name, large_as_data=True)
         self.c_source, self.workspace = text.text, text.workspace
         self._program = self._load(text, 0)
         self._call = make_callable(self._program)
@@ -159,7 +159,7 @@ class CompiledFunction:
         if lanes == 1:
             return 1, self._program
         try:
-            text = self._lowered.program_text(self.name, lanes)
+            text = self._lowered.program_text(self.name, lanes, large_as_data=True)
         except InputError:
             if self._lanes is not None:
                 raise

@@ -36,9 +36,9 @@ class Function:
 
     def text(self, name: str, lanes: int = 0) -> str:
         """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
-        return self.program_text(name, lanes, large_as_data=False).text
+        return self.program_text(name, lanes).text
 
-    def program_text(self, name: str, lanes: int = 0, large_as_data: bool = True) -> "FunctionText":
+    def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
         """The same, with the bytes of workspace that the caller gives, aligned to 64, and numbers of large tables."""
         blocks = [self.b.prologue, self.b.top]
         inputs = [thing for a in self.inputs for thing in ([a.buffer] if a.items is None else a.items.ravel())]
