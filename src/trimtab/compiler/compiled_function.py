@@ -15,6 +15,7 @@ from trimtab.compiler.block import function_block
 from trimtab.compiler.folder import ExportedFolder, export_function
 from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.ir import TYPES
+from trimtab.compiler.jaxprs import is_key
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
@@ -70,6 +71,8 @@ class CompiledFunction:
             raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
         if not isinstance(threads, int) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
+        if not callable(function):
+            raise InputError(PART, f"{function!r} is no function", fix="compile(f, *example)")
         self.name = _function_name(function)
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
@@ -207,9 +210,11 @@ class CompiledFunction:
                 f"{self._path(path)} is traced by JAX",
                 fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)",
             )
+        if isinstance(value, np.ma.MaskedArray):
+            raise self._refusal(f"{self._path(path)} has masked numbers", fix="fill them: x.filled(0.0)")
         try:
             found = np.asarray(value)
-        except (TypeError, ValueError, OverflowError) as reason:
+        except Exception as reason:  # whatever an object's own __array__ raises
             raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
@@ -318,6 +323,15 @@ def _check_example(example: tuple[Any, ...], name: str) -> None:
             where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])}"
             fix = "give arrays and numbers; fix what is none with functools.partial"
             raise InputError(PART, f"{where} of the example for {name!r} is {type(value).__name__}, no array", fix=fix)
+        try:
+            kind = jax.typeof(value) if not isinstance(value, jax.ShapeDtypeStruct) else value
+        except (TypeError, ValueError, OverflowError) as reason:
+            said = str(reason).splitlines()[0]
+            fix = "give arrays of float64, float32, integers or bool, in the machine's own order of bytes"
+            raise InputError(PART, f"an array of the example for {name!r} cannot be used: {said}", fix=fix) from None
+        if is_key(kind):
+            fix = "pass jax.random.key_data(key), and begin with key = jax.random.wrap_key_data(data)"
+            raise InputError(PART, f"the example for {name!r} has a key of jax.random", fix=fix)
 
 
 def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
@@ -325,6 +339,9 @@ def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) ->
     _check_example(example, name)
     try:
         return jax.make_jaxpr(function, return_shape=True)(*example)
+    except jax.errors.TracerArrayConversionError:
+        problem = f"{name!r} calls numpy, or other code that is not JAX's, with what is known only when it runs"
+        raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None
     except jax.errors.ConcretizationTypeError as reason:
         problem = f"{name!r} decides in Python on what is known only when it runs: {str(reason).splitlines()[0]}"
         raise InputError(PART, problem, fix="use jnp.where, jax.lax.cond or jax.lax.fori_loop") from None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.compiler.ranges import certain_result
+from trimtab.core.errors import InputError
 
 TYPES = {
     "bool": np.bool_,
@@ -25,6 +26,7 @@ TYPES = {
     "f32": np.float32,
     "f64": np.float64,
 }
+LARGEST = 2**31 - 2**16  # numbers of an array: an index, and the end of a loop, must fit an int32
 NAMES = {np.dtype(t): name for name, t in TYPES.items()}
 
 
@@ -49,6 +51,9 @@ class Buffer:
     __slots__ = ("data", "dtype", "kind", "name", "size")
 
     def __init__(self, dtype: str, size: int, kind: str, name: str = "", data: Any = None) -> None:
+        if size > LARGEST:
+            problem, fix = f"an array has {size} numbers", f"work on parts of at most {LARGEST}: indices have 32 bits"
+            raise InputError("compiler", problem, fix=fix)
         self.dtype, self.size, self.kind, self.name, self.data = dtype, size, kind, name, data
 
     @property
@@ -166,17 +171,15 @@ class Builder:
         for table in reversed(self.known):
             if key in table:
                 return table[key]
-        made = self.known[-1][key] = make()
-        return made
+        return self.known[-1].setdefault(key, make())
 
     def const(self, number: Any, dtype: str) -> Value:
         """A known number."""
         exact = np.asarray(number).astype(TYPES[dtype])
-        found = self.constants.get((dtype, exact.tobytes()))
-        if found is None:
-            found = Value("const", (), dtype, const=exact[()])
-            self.constants[dtype, exact.tobytes()] = found
-        return found
+        key = dtype, exact.tobytes()
+        if key not in self.constants:
+            self.constants[key] = Value("const", (), dtype, const=exact[()])
+        return self.constants[key]
 
     def index(self, number: int) -> Value:
         """A known index."""
