@@ -99,6 +99,10 @@ REFUSED = {
 }
 
 
+FINE_AS_EXAMPLES = ("other shape", "empty", "axes", "deleted", "none", "ragged")
+"""Arrays of other shapes, trees without numbers, and trees of lists that JAX joins or not."""
+
+
 @pytest.mark.parametrize("name", SAME)
 def test_arrays_of_every_layout_are_computed_as_one(compiled, name):
     if name == "lists":

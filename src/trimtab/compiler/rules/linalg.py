@@ -164,20 +164,22 @@ def _loop_substitution(
     def turn(k: Value) -> None:
         i = k if forwards else b.op("sub", b.index(n - 1), k, dtype="i32")
 
-        def known(q: Value) -> Value:  # in the order of their index, forwards and backwards
+        def earlier(q: Value) -> Value:  # in the order of their index, forwards and backwards
             return q if forwards else b.op("add", b.op("add", i, q, dtype="i32"), b.index(1), dtype="i32")
 
         def subtract(q: Value) -> None:
-            factor = a(i, known(q))
+            factor = a(i, earlier(q))
 
             def one(j: Value) -> None:
-                X[i, j] = b.op("sub", X[i, j], b.op("mul", factor, X[known(q), j], dtype=dtype), dtype=dtype)
+                X[i, j] = b.op("sub", X[i, j], b.op("mul", factor, X[earlier(q), j], dtype=dtype), dtype=dtype)
 
             b.repeat(m, one)
 
         def subtract_all(j: Value) -> Value:
             def add(q: Value, carried: list[Value]) -> list[Value]:
-                return [b.op("sub", carried[0], b.op("mul", a(i, known(q)), X[known(q), j], dtype=dtype), dtype=dtype)]
+                return [
+                    b.op("sub", carried[0], b.op("mul", a(i, earlier(q)), X[earlier(q), j], dtype=dtype), dtype=dtype)
+                ]
 
             return b.loop(k, [X[i, j]], add)[0]
 
