@@ -20,7 +20,10 @@ PAGE = ROOT / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- made by benchmarks/table.py -->", "<!-- end -->"
 COMMANDS = [
     f"benchmarks/{name}.py"
-    for name in ("compare", "instructions", "arrays", "step", "filters", "board", "start_up", "deadlines", "campaign")
+    for name in (
+        *("compare", "instructions", "arrays", "step", "simulate", "filters"),
+        *("board", "start_up", "deadlines", "campaign"),
+    )
 ]
 PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim", "elodin")]
 HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|---|"

@@ -187,6 +187,13 @@ def test_a_flight_is_timed_with_and_without_its_log():
 
 
 @needs_compilers
+def test_simulate_is_held_against_its_flight():
+    done = python(BENCHMARKS / "simulate.py", "--rounds", "1", "--markdown")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len([line for line in done.stdout.splitlines() if "simulate / its flight" in line and "≤ 1.3" in line]) == 2
+
+
+@needs_compilers
 @pytest.mark.slow
 def test_a_campaign_is_held_against_one_call_of_the_simulator():
     done = python(BENCHMARKS / "campaign.py", "--quick", "--markdown")
