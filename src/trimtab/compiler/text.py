@@ -248,7 +248,7 @@ def _elementary(o: _Operation) -> str:
 
 
 def single_precision_lanes(name: str, operands: list[str], use: Use) -> str:
-    """A call of the C library's function for float, one lane after the other: the bits are those of one number."""
+    """A call of the function for float, one lane after the other: the bits are those of one number."""
     use(f"tt_{name}f")
     return f"{use(f'tv_{name}_f32')}({', '.join(operands)})"
 

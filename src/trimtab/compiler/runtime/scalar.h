@@ -13,11 +13,19 @@
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #endif
-#ifndef TT_FMA /* 1: fused multiply-add where the text says ma; 0: the same bits on machines that have none as well */
-#if defined(__FP_FAST_FMA) || defined(__FMA__)
+#ifndef TT_FMA /* 1: products and sums under `ma` are rounded once, on every machine the same; 0: twice, other bits */
 #define TT_FMA 1
+#endif
+#if defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__aarch64__) || defined(__GLIBC__)
+#define TT_FUSED fma /* an instruction, or a library that is known to be right */
 #else
-#define TT_FMA 0
+#define TT_FUSED tt_fused
+#endif
+#ifndef TT_SINGLE /* 1: functions of float are those of double, rounded; 0: the C library's, for an FPU without double */
+#if defined(__ARM_FP) && !(__ARM_FP & 8)
+#define TT_SINGLE 0
+#else
+#define TT_SINGLE 1
 #endif
 #endif
 #ifndef TT_INLINE
@@ -49,11 +57,11 @@ TT_INLINE double tt_splat(double x)
     return x;
 }
 
-/* a b + c */
+/* a b + c; TT_FUSED may be tt_fused() */
 TT_INLINE double tt_ma(double a, double b, double c)
 {
 #if TT_FMA
-    return fma(a, b, c);
+    return TT_FUSED(a, b, c);
 #else
     return a * b + c;
 #endif
