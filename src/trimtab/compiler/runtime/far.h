@@ -37,8 +37,8 @@ TT_INLINE uint64_t tt_mantissa(double x, int *e)
     return m >> 11;
 }
 
-/* a b + c in integers, rounded once: for machines that have no instruction for it */
-TT_COLD double tt_fused(double a, double b, double c)
+/* a b + c in integers, rounded once */
+TT_COLD double tt_fused_any(double a, double b, double c)
 {
     uint64_t high, low, h = 0, l = 0, lost = 0, sign = (tt_bits(a) ^ tt_bits(b)) >> 63, other = tt_bits(c) >> 63, tail;
     int e, k;
@@ -82,6 +82,25 @@ TT_COLD double tt_fused(double a, double b, double c)
     tail = (high & 2047) | (low != 0);
     high = (high >> 11) + (tail > 1024 || (tail == 1024 && (high >> 11 & 1) != 0));
     return tt_from_bits(sign << 63 | (((uint64_t)(e - 1) << 52) + high));
+}
+
+/* a b + c rounded once, for machines that have no instruction for it: product and sums with their errors, which are
+ * added with rounding to odd. Boldo & Melquiond, IEEE Trans. Computers 57 (2008), 462. */
+TT_OUTLINE double tt_fused(double a, double b, double c)
+{
+    double p = a * b, size = tt_abs(p), ah, bh, al, bl, e, t, tl, v, vl, z, y;
+    uint64_t half = UINT64_C(0x4000000), head = UINT64_C(0xfffffffff8000000);
+    if (!TT_DOUBLE_FPU || !((size >= 0x1p-900) & (size <= 0x1p1000) & (tt_abs(c) <= 0x1p1000) & (tt_abs(a) <= 0x1p1000)
+            & (tt_abs(b) <= 0x1p1000)))
+        return tt_fused_any(a, b, c);
+    ah = tt_from_bits((tt_bits(a) + half) & head), al = a - ah; /* halves of 26 bits */
+    bh = tt_from_bits((tt_bits(b) + half) & head), bl = b - bh;
+    e = (((ah * bh - p) + ah * bl) + al * bh) + al * bl;
+    t = c + e, y = t - c, tl = (c - (t - y)) + (e - y);
+    v = p + t, y = v - p, vl = (p - (v - y)) + (t - y);
+    z = tl + vl, y = z - tl, e = (tl - (z - y)) + (vl - y);
+    if (e != 0.0 && (tt_bits(z) & 1) == 0) z = tt_from_bits(tt_bits(z) + ((e > 0.0) == (z > 0.0) ? 1 : UINT64_MAX));
+    return v + z;
 }
 
 /* Payne-Hanek: a = q pi/2 + r for any finite a >= 1, as quarter_turn gives it */

@@ -16,25 +16,28 @@
 #ifndef TT_FMA /* 1: products and sums under `ma` are rounded once, on every machine the same; 0: twice, other bits */
 #define TT_FMA 1
 #endif
-#if defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__aarch64__) || defined(__GLIBC__)
-#define TT_FUSED fma /* an instruction, or a library that is known to be right */
+#if defined(__arm__) && !(defined(__ARM_FP) && (__ARM_FP & 8))
+#define TT_DOUBLE_FPU 0
+#else
+#define TT_DOUBLE_FPU 1
+#endif
+#if defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__aarch64__) || (defined(__ARM_FEATURE_FMA) && TT_DOUBLE_FPU)
+#define TT_FUSED fma
 #else
 #define TT_FUSED tt_fused
 #endif
-#ifndef TT_SINGLE /* 1: functions of float are those of double, rounded; 0: the C library's, for an FPU without double */
-#if defined(__ARM_FP) && !(__ARM_FP & 8)
-#define TT_SINGLE 0
-#else
-#define TT_SINGLE 1
-#endif
+#ifndef TT_SINGLE /* 1: functions of float are those of double, rounded; 0: the C library's, for want of a double FPU */
+#define TT_SINGLE TT_DOUBLE_FPU
 #endif
 #ifndef TT_INLINE
 #if defined(__GNUC__)
 #define TT_INLINE static inline __attribute__((unused))
 #define TT_COLD static __attribute__((noinline, cold, unused))
+#define TT_OUTLINE static __attribute__((noinline, unused))
 #else
 #define TT_INLINE static inline
 #define TT_COLD static
+#define TT_OUTLINE static
 #endif
 #endif
 

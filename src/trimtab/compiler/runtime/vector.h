@@ -1,6 +1,9 @@
 #ifndef TTV_INLINE
 #define TTV_INLINE static inline __attribute__((always_inline, unused))
 #endif
+#if !TT_SINGLE
+#error "lanes compute functions of float by those of double"
+#endif
 #define TTV_COLD static __attribute__((noinline, cold, unused))
 typedef double vf64 __attribute__((vector_size(8 * TT_LANES)));
 typedef int64_t vi64 __attribute__((vector_size(8 * TT_LANES)));
