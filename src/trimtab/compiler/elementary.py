@@ -133,12 +133,12 @@ def _single_precision(name: str) -> str:
     parameters, arguments = ("float x, float z", "x, z") if two else ("float x", "x")
     library = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}
     value = library.get(name, f"{SINGLE_PRECISION_NAMES[name]}({arguments})")
-    own = f"    return (float)tt_{name}({arguments});\n"
+    own = f"    return tt_single(tt_{name}({arguments}));\n"
     result, body = "float", f"    return {value};\n"
     if name == "sincos":
         result, parameters = "void", "float x, float *sine, float *cosine"
         body = "    *sine = sinf(x);\n    *cosine = cosf(x);\n"
-        own = "    double s, c;\n    tt_sincos(x, &s, &c);\n    *sine = (float)s;\n    *cosine = (float)c;\n"
+        own = "    double s, c;\n    tt_sincos(x, &s, &c);\n    *sine = tt_single(s);\n    *cosine = tt_single(c);\n"
     if name not in EXACT_FUNCTIONS:
         body = f"#if TT_SINGLE\n{own}#else\n{body}#endif\n"
     return _LINE.format(inline="TT_INLINE ", type=result, name=f"tt_{name}f", parameters=parameters, body=body)

@@ -178,7 +178,7 @@ def _conversion(o: _Operation) -> str:
     if is_float(o.t) and not is_float(to):
         return o.call(f"{to}_of_{o.t}")
     if not o.lanes:
-        return f"({C_TYPES[to]}){a}"
+        return f"tt_single({a})" if (o.t, to) == ("f64", "f32") else f"({C_TYPES[to]}){a}"
     if o.t == "bool":
         return f"{lane_mask(a, to)} ? {o.call(f'splat_{to}', '1')} : (v{to}){{}}"
     return f"__builtin_convertvector({a}, v{to})"
