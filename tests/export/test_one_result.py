@@ -136,7 +136,7 @@ PLATFORMS = {
     "aarch64": ("aarch64-linux-gnu-gcc", "-O2", "-static"),
     "cortex-m7": (),
 }
-"""Compiler and options; what is for aarch64 runs on QEMU's emulation of a user's program, the board on one of a system."""
+"""Compiler and options; a program for aarch64 runs in QEMU's user mode, the board in its system mode."""
 
 
 def replay(folder, which, steps, tmp_path):
@@ -245,7 +245,10 @@ void vectors_get_out(const autopilot_out *out, double *row);
     (folder / "vectors.c").write_text(
         """#include "vectors.h"
 void vectors_set_in(const double *row, autopilot_in *in) { in->x = row[0]; in->y = row[1]; }
-void vectors_get_out(const autopilot_out *out, double *row) { for (int k = 0; k < VECTORS_OUT; k++) row[k] = out->y[k]; }
+void vectors_get_out(const autopilot_out *out, double *row)
+{
+    for (int k = 0; k < VECTORS_OUT; k++) row[k] = out->y[k];
+}
 """
     )
     return [*values, "sincos", "sincos", "sincosf", "sincosf"]

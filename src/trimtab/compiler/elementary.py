@@ -1,8 +1,8 @@
 """Text of the elementary functions that generated code calls: the same bits in scalar C99 and in vectors of C++.
 
 `runtime/elementary.h` and `special.h` hold each function once, over the tokens F64 (number), U64 (its bits), M64 (truth
-value), INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and `ttv_name`
-for TT_LANES of them. `far.h` has what is computed one number at a time in both.
+value), INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and
+`ttv_name` for TT_LANES of them. `far.h` has what is computed one number at a time in both.
 
 What stands before generated functions: includes, lane types, and the helpers that they use.
 """
