@@ -216,7 +216,7 @@ def test_accuracy_of_the_error_function(call, variant):
     rng = np.random.default_rng(2)
     x = np.concatenate([np.linspace(-6, 28, 9000), np.linspace(0.7, 1.1, 2000), spread(rng, 1e-320, 6, 2000)])
     x = np.concatenate([x, [0.0, -0.0, 0.75, 1.0, 26.5, 28.0, 1e300, np.inf, -np.inf, np.nan]])
-    for name, bound in (("erf", 1.6), ("erfc", 4.2)):  # half a unit of each is the rounding of what it is held against
+    for name, bound in (("erf", 1.6), ("erfc", 1.8)):  # half a unit of each is the rounding of what it is held against
         exact = getattr(libm, f"{name}l")
         exact.restype, exact.argtypes = ctypes.c_longdouble, [ctypes.c_longdouble]
         error = ulps(call(variant, name, x)[: x.size], np.array([exact(v) for v in x]))

@@ -20,24 +20,26 @@ INLINE F64 FN(log_double)(F64 x, F64 shift, F64 *low)
     return h;
 }
 
-/* exp(h + l), for |h| <= 1000 and l below one unit in its last place or two, as a number times 2^k */
-INLINE F64 FN(exp_double)(F64 h, F64 l, U64 *k)
+/* exp(h + l), for |h| <= 1000 and l of few units in its last place: the sum of two doubles, times 2^k */
+INLINE F64 FN(exp_double)(F64 h, F64 l, F64 *low, U64 *k)
 {
     F64 r, e;
     *k = FN(exp_reduce)(h, &r, &e);
     l = l + e;
-    F64 s = r + l;
-    return FN(exp_small)(s, (r - s) + l);
+    F64 s = r + l, t = 1.0 + s, c = ((1.0 - t) + s) + FN(ma)(0.5 * s, s, FN(exp_rest)(s, (r - s) + l)), y = t + c;
+    *low = (t - y) + c;
+    return y;
 }
 
 /* x^y 2^(shift y) for x normal and above 0, y finite */
 INLINE F64 FN(pow_near)(F64 x, F64 y, F64 shift)
 {
     F64 l, h = FN(log_double)(x, shift, &l), p = y * h, q = FN(ma)(y, l, -FN(residual)(p, y, h));
+    F64 low;
     U64 k;
     q = FN(abs)(p) <= 800.0 ? q : FN(splat)(0.0);
     p = p > 800.0 ? 800.0 : p;
-    F64 m = FN(exp_double)(p < -800.0 ? -800.0 : p, q, &k);
+    F64 m = FN(exp_double)(p < -800.0 ? -800.0 : p, q, &low, &k);
     return FN(scale)(m, k);
 }
 
@@ -90,21 +92,23 @@ INLINE F64 FN(erfc_tail)(F64 a)
 {
     F64 b = a > 28.0 ? 28.0 : a;
     b = b < 0.5 ? 0.5 : b;
-    F64 t = (b - 4.0) / (b + 4.0), t2 = t * t, t4 = t2 * t2, h = b * b;
-    F64 p0 = FN(ma)(t2, FN(ma)(t, 0x1.16ecefcfa5313p-4, 0x1.f7f5df66fd532p-7), FN(ma)(t, -0x1.1df1ad154a28ep-3, 0x1.3ba5916e9fd7fp+0));
-    F64 p1 = FN(ma)(t2, FN(ma)(t, 0x1.3079edf649f8fp-5, -0x1.0fb06dfe6e8a2p-4),
-        FN(ma)(t, 0x1.7fee004e13b37p-4, -0x1.9ddb23c3e7acdp-4));
-    F64 p2 = FN(ma)(t2, FN(ma)(t, -0x1.a1df38dc01681p-13, -0x1.8d4aa2083ce7bp-11),
-        FN(ma)(t, 0x1.49c6729b2b5dfp-8, -0x1.0962387d020acp-6));
-    F64 p3 = FN(ma)(t2, FN(ma)(t, 0x1.7f0384639b587p-18, -0x1.78a56508d2e12p-17),
-        FN(ma)(t, -0x1.9956576ddff19p-16, 0x1.3be0e04ac4323p-13));
-    F64 p4 = FN(ma)(t2, FN(ma)(t, 0x1.c0151d8d75665p-24, 0x1.1eb66d2c8e3d8p-24),
-        FN(ma)(t, -0x1.b8a8de198499bp-21, 0x1.41facfa33d424p-22));
-    F64 p5 = FN(ma)(t, -0x1.58b4277890b87p-27, -0x1.a09ca665f27e9p-27);
-    F64 g = FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, p5, p4), p3), p2), p1), p0);
+    F64 t = (b - 4.0) / (b + 4.0), t2 = t * t, t4 = t2 * t2, h = b * b, lack, low;
+    F64 p0 = FN(ma)(t2, FN(ma)(t, 0x1.16ecefcfa5218p-4, 0x1.f7f5df66fd764p-7), t * -0x1.1df1ad154a28dp-3);
+    F64 p1 = FN(ma)(t2, FN(ma)(t, 0x1.3079edf5ca414p-5, -0x1.0fb06dfe4ff07p-4),
+        FN(ma)(t, 0x1.7fee004e16a7cp-4, -0x1.9ddb23c3e8d74p-4));
+    F64 p2 = FN(ma)(t2, FN(ma)(t, -0x1.a1df619d30976p-13, -0x1.8d4a9bfa67a62p-11),
+        FN(ma)(t, 0x1.49c672c9eb09fp-8, -0x1.096238835cd8fp-6));
+    F64 p3 = FN(ma)(t2, FN(ma)(t, 0x1.7ec70dc27818dp-18, -0x1.789141fd04ff0p-17),
+        FN(ma)(t, -0x1.9950cf16a1535p-16, 0x1.3be070039b096p-13));
+    F64 p4 = FN(ma)(t2, FN(ma)(t, 0x1.a87bd2f1460f5p-24, 0x1.2f826ab97fd73p-24),
+        FN(ma)(t, -0x1.b58082196913ep-21, 0x1.3d9cc7db728e7p-22));
+    F64 p5 = FN(ma)(t, -0x1.0d25bb4a084d8p-27, -0x1.d797cbe8edee2p-27);
+    F64 p = FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, FN(ma)(t4, p5, p4), p3), p2), p1), p0);
+    F64 g = 0x1.3ba5916e9fd7fp+0 + p, gl = ((0x1.3ba5916e9fd7fp+0 - g) + p) - 0x1.a79fe122ee30ap-55, d = 1.0 + (b + b);
     U64 k;
-    F64 m = FN(exp_double)(-h, FN(residual)(h, b, b), &k);
-    return FN(scale)(m * g / (1.0 + 2.0 * b), k);
+    F64 m = FN(exp_double)(-h, FN(residual)(h, b, b), &low, &k);
+    F64 q = FN(quotient)(g, gl, d, (1.0 - d) + (b + b), &lack), y = m * q;
+    return FN(scale)(y + (FN(ma)(m, lack, low * q) - FN(residual)(y, m, q)), k);
 }
 
 /* erf x for |x| <= 1 */
