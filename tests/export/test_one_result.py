@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trimtab.compiler.c_functions import helper_text
 from trimtab.compiler.elementary import FUNCTIONS, elementary_text
-from trimtab.compiler.text import helper_text
 from trimtab.core.time import timetable
 from trimtab.export.boards import EXACT, emulate
 from trimtab.export.export_c import export_c

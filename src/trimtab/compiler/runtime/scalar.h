@@ -41,13 +41,14 @@
 #endif
 #endif
 /* x as float. gcc's vectoriser of straight lines (SLP; gcc 12, x86) leaves the rounding out of two such beside each other
- * that are taken as double again: the empty instruction keeps it from them. */
+ * that are taken as double again: the empty instruction keeps it from them. TT_NO_SLP: it is off anyway. */
 TT_INLINE float tt_single(double x)
 {
     float y = (float)x;
-#if defined(__GNUC__) && !defined(__clang__) && defined(__SSE2__)
+#if defined(TT_NO_SLP) || !defined(__GNUC__) || defined(__clang__)
+#elif defined(__SSE2__)
     __asm__("" : "+x"(y));
-#elif defined(__GNUC__) && !defined(__clang__) && defined(__aarch64__)
+#elif defined(__aarch64__)
     __asm__("" : "+w"(y));
 #endif
     return y;
