@@ -31,7 +31,7 @@ from trimtab.scenarios import catalogue
 
 HASHES = Path(__file__).parents[1] / "golden" / "hashes.json"
 NAMES = list(catalogue.scenario_names())
-QUICK = ("hovercraft/zero-velocity", "navigation/platform-encoder")
+QUICK = ("hovercraft/zero-velocity", "navigation/still")
 EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 STEPS = 300
 RUNS = 65
