@@ -134,6 +134,7 @@ class Builder:
         self.blocks: list[Block] = [self.prologue, self.top]
         self.known: list[dict[Any, Any]] = [{}, {}]
         self.constants: dict[Any, Value] = {}
+        self.indices: dict[int, Value] = {}
         self.hoist = hoist
 
     @property
@@ -183,7 +184,9 @@ class Builder:
 
     def index(self, number: int) -> Value:
         """A known index."""
-        return self.const(number, "i32")
+        if number not in self.indices:
+            self.indices[number] = self.const(number, "i32")
+        return self.indices[number]
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
         """A computed value: folded, found again, or new."""

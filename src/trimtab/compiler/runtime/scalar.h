@@ -24,9 +24,11 @@
 #if defined(__GNUC__)
 #define TT_INLINE static inline __attribute__((unused))
 #define TT_COLD static __attribute__((noinline, cold, unused))
+#define TT_CALLED static __attribute__((noinline, unused))
 #else
 #define TT_INLINE static inline
 #define TT_COLD static
+#define TT_CALLED static
 #endif
 #endif
 
