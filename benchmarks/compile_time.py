@@ -119,7 +119,7 @@ def main() -> int:
                 continue  # a choice of numbers alone
             texts.add(text)
             other = whole_text(flight, lanes) if a.whole else ""
-            compiler, whole = compare(text, other, lanes, build_level(flight.program.blocks), a.rounds)
+            compiler, whole = compare(text, other, lanes, build_level(flight.program.blocks, lanes), a.rounds)
             total = flight.seconds + compiler
             if total > target:
                 missed.append(f"{name}, {lanes or 1} lanes")

@@ -3,7 +3,7 @@ in straight lines, each coupled to its neighbours. trimtab, one run and lanes, b
 
     python benchmarks/growth.py                                  some minutes
     python benchmarks/growth.py --sizes 100 200 400 --peers 400  quicker
-    python benchmarks/growth.py --plot docs/figures/growth.svg   and the picture of the documentation
+    python benchmarks/growth.py --plot docs/growth.svg   and the picture of the documentation
 
 Times are CPU seconds, compilers' included, so that others' load counts little: from the function to the loaded library,
 with the tracing. CasADi (extra `bench`) writes C, which is compiled by the same compiler with the flags of trimtab's.
@@ -54,7 +54,7 @@ def signals(x: Any, m: Any = jnp) -> list[Any]:
     return [-0.5 * v[k] + m.sin(v[k - 1]) * m.tanh(v[(k + 1) % n]) + 0.1 * m.exp(-v[k] * v[k]) for k in range(n)]
 
 
-def stacked(x: Any) -> Any:
+def rates(x: Any) -> Any:
     """The same as an array."""
     return jnp.stack(signals(x))
 
@@ -71,9 +71,9 @@ def pointer(a: Any) -> Any:
 
 def by_trimtab(x: Any, lanes: int) -> tuple[Any, int]:
     """What trimtab computes, and the bytes of its text."""
-    function = lower_function(stacked, (x,))
+    function = lower_function(rates, (x,))
     made = function.program_text("growth", lanes)
-    library = build_library(made.text, "c++" if lanes else "c", extra=build_level(function.blocks))
+    library = build_library(made.text, "c++" if lanes else "c", extra=build_level(function.blocks, lanes))
     out, memory = np.empty(x.size), np.empty(made.workspace // 8 + 8)
     space = ctypes.c_void_p(memory.ctypes.data + -memory.ctypes.data % 64)
     load_library(library).growth((ctypes.c_void_p * 1)(x.ctypes.data), (ctypes.c_void_p * 1)(out.ctypes.data), space, 1)
@@ -82,7 +82,7 @@ def by_trimtab(x: Any, lanes: int) -> tuple[Any, int]:
 
 def by_jax(x: Any) -> tuple[Any, int]:
     """What jax.jit computes; its text is XLA's."""
-    lowered = jax.jit(stacked).lower(x)
+    lowered = jax.jit(rates).lower(x)
     return np.asarray(lowered.compile()(x)), len(lowered.as_text())
 
 
@@ -131,6 +131,7 @@ def draw(found: dict[str, dict[int, Measured]], path: Path) -> None:
     import matplotlib
 
     matplotlib.use("agg")
+    matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")

@@ -94,7 +94,7 @@ class CompiledFunction:
 
     def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
         library = load_library(
-            build_library(text.text, "c++" if lanes else "c", extra=build_level(self._lowered.blocks))
+            build_library(text.text, "c++" if lanes else "c", extra=build_level(self._lowered.blocks, lanes))
         )
         if text.tables:
             library[f"{self.name}_tables"](array_addresses(text.tables))

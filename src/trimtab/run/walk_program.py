@@ -98,7 +98,7 @@ def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = 
 
 def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
     """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
-    extra = ("-pthread", *build_level(program.blocks))
+    extra = ("-pthread", *build_level(program.blocks, lanes))
     return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=extra)
 
 
