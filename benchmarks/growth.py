@@ -148,7 +148,7 @@ def draw(found: dict[str, dict[int, Measured]], path: Path) -> None:
         axis.grid(True, which="both", alpha=0.3)
     axes[0].legend()
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
     print(f"wrote {path}")
 
 
