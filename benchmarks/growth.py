@@ -28,7 +28,6 @@ from paired import machine, row
 from references import CC, sh
 
 from trimtab.compiler.function import lower_function
-from trimtab.compiler.pieces import build_level
 from trimtab.native.build import FLAGS, build_library, load_library
 from trimtab.native.compiler import find_compiler, lane_count
 
@@ -71,9 +70,8 @@ def pointer(a: Any) -> Any:
 
 def by_trimtab(x: Any, lanes: int) -> tuple[Any, int]:
     """What trimtab computes, and the bytes of its text."""
-    function = lower_function(rates, (x,))
-    made = function.program_text("growth", lanes)
-    library = build_library(made.text, "c++" if lanes else "c", extra=build_level(function.blocks, lanes))
+    made = lower_function(rates, (x,)).program_text("growth", lanes)
+    library = build_library(made.text, "c++" if lanes else "c", extra=made.flags)
     out, memory = np.empty(x.size), np.empty(made.workspace // 8 + 8)
     space = ctypes.c_void_p(memory.ctypes.data + -memory.ctypes.data % 64)
     load_library(library).growth((ctypes.c_void_p * 1)(x.ctypes.data), (ctypes.c_void_p * 1)(out.ctypes.data), space, 1)

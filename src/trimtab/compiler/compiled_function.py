@@ -16,7 +16,6 @@ from trimtab.compiler.folder import ExportedFolder, export_function
 from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.jaxprs import is_key
-from trimtab.compiler.pieces import build_level
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
@@ -93,9 +92,7 @@ class CompiledFunction:
             self._lanes_program()
 
     def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
-        library = load_library(
-            build_library(text.text, "c++" if lanes else "c", extra=build_level(self._lowered.blocks, lanes))
-        )
+        library = load_library(build_library(text.text, "c++" if lanes else "c", extra=text.flags))
         if text.tables:
             library[f"{self.name}_tables"](array_addresses(text.tables))
         takes = _tree_nodes(self._example)

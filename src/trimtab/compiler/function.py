@@ -12,7 +12,7 @@ from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.ir import Buffer, Builder, Local, Value
 from trimtab.compiler.lower import Lowering
-from trimtab.compiler.pieces import PieceFrame, plan_pieces
+from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
@@ -71,7 +71,7 @@ class Function:
         data = w.data or []
         tables = [table_numbers(buffer) for buffer in data]
         text += filling_text(name, [w.names[id(buffer)] for buffer in data], tables, linkage)
-        return FunctionText(text, size, tables)
+        return FunctionText(text, size, tables, build_level(blocks, lanes))
 
     def vector_share(self) -> float:
         """The share of its operations that become vectors in a single run."""
@@ -91,12 +91,13 @@ class Function:
 class FunctionText(NamedTuple):
     """The text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
 
-    tables: what `NAME_tables` is given once, before the first call.
+    tables: what `NAME_tables` is given once, before the first call.  flags: for the compiler, beyond the usual ones.
     """
 
     text: str
     workspace: int
     tables: list[Any]
+    flags: tuple[str, ...] = ()
 
 
 def _array_contents(arrays: list[Array]) -> list[Any]:

@@ -134,7 +134,6 @@ class Builder:
         self.blocks: list[Block] = [self.prologue, self.top]
         self.known: list[dict[Any, Any]] = [{}, {}]
         self.constants: dict[Any, Value] = {}
-        self.indices: dict[int, Value] = {}
         self.hoist = hoist
 
     @property
@@ -184,9 +183,7 @@ class Builder:
 
     def index(self, number: int) -> Value:
         """A known index."""
-        if number not in self.indices:
-            self.indices[number] = self.const(number, "i32")
-        return self.indices[number]
+        return self.constants.get(number) or self.constants.setdefault(number, self.const(number, "i32"))
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
         """A computed value: folded, found again, or new."""
