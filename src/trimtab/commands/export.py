@@ -123,6 +123,8 @@ def _write_export(
     }
     if exported.workspace:
         result["workspace_bytes"] = exported.workspace
+    if exported.frame:
+        result["frame_bytes"] = exported.frame
     return result, list(written.files)
 
 
@@ -142,12 +144,14 @@ def _export_function(
         "inputs": sum(m.size for m in block.inputs),
         "outputs": sum(m.size for m in block.outputs),
         "workspace_bytes": block.workspace,
+        "frame_bytes": block.frame,
         "files": [str(f) for f in exported.files],
     }
     if as_json:
         print_json(result)
         return
     space = f", {block.workspace} bytes of workspace" if block.workspace else ""
+    space += f", {block.frame} bytes of stack between its pieces" if block.frame else ""
     click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} numbers in, {result['outputs']} out{space}")
     _print_files(exported.files, out)
 
@@ -185,6 +189,8 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
     )
     if "workspace_bytes" in result:
         click.echo(f"  workspace              {result['workspace_bytes']} bytes, which the caller gives")
+    if "frame_bytes" in result:
+        click.echo(f"  frame                  {result['frame_bytes']} bytes of stack for what its pieces share")
     if "target" in result:
         cost, worst = result["instructions_per_step"], result["worst"]
         click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")

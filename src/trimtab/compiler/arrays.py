@@ -10,6 +10,8 @@ from trimtab.compiler.ir import NAMES, TYPES, Buffer, Builder, Value
 
 UNROLL = 48
 """Arrays of more elements than this are kept in buffers, and handled by loops."""
+ROW = 24
+"""So are those with a longer axis: vectors of beacons, which loops handle as fast with a fraction of the text."""
 
 Index = list[Value]
 
@@ -56,7 +58,7 @@ def type_name(dtype: Any) -> str:
 
 def is_small(shape: tuple[int, ...]) -> bool:
     """Whether an array of this shape is unrolled."""
-    return math.prod(shape) <= UNROLL
+    return math.prod(shape) <= UNROLL and max(shape, default=0) <= ROW
 
 
 def scalars(values: Sequence[Value], shape: tuple[int, ...], dtype: str) -> Array:
@@ -82,6 +84,11 @@ def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
 
 def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
     """The row-major position of an index."""
+    if all(i.op == "const" for i in index):
+        at = 0
+        for extent, i in zip(shape, index, strict=True):
+            at = at * extent + int(i.const)
+        return b.index(at)
     position = b.index(0)
     for extent, i in zip(shape, index, strict=True):
         position = b.op("mul", position, b.index(extent), dtype="i32")

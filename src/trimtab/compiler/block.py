@@ -13,9 +13,10 @@ from trimtab.compiler import jaxprs
 from trimtab.compiler.analysis import prune
 from trimtab.compiler.arrays import Array, copy_array, copy_into, is_small, scalars
 from trimtab.compiler.c_functions import helper_texts
-from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, elementary_names, elementary_text
+from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, used_elementary_text
 from trimtab.compiler.ir import Block, Buffer, Builder, If, Local, Loop, Value
 from trimtab.compiler.lower import Lowering
+from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.structs import Member, members, struct_text
 from trimtab.compiler.text import C_TYPES, number_literal
@@ -48,6 +49,8 @@ class BlockText(NamedTuple):
 
     workspace: bytes that its functions are given as their last argument, aligned to 64; 0 where they take none.
     is_function: it has neither parameters nor state, and is one function of this name.
+    frame: bytes of stack for what the pieces of a large function share; 0 where it is small, or part of the workspace.
+    flags: for the compiler, beyond the usual ones.
     """
 
     name: str
@@ -58,6 +61,8 @@ class BlockText(NamedTuple):
     parameters: list[Member]
     workspace: int = 0
     is_function: bool = False
+    frame: int = 0
+    flags: tuple[str, ...] = ()
 
     def call(self, p: str, s: str, in_: str, out: str, workspace: str) -> str:
         """The text of a step."""
@@ -88,28 +93,40 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
     sources = [StructPlace("p->", P), StructPlace("s->", S, True), StructPlace("in->", IN)]
     stepping = _Routine(each, sources, [StructPlace("s->", S), StructPlace("out->", OUT)], real)
     w = Writer({}, set())
-    bodies = starting.body_lines(w), stepping.body_lines(w)
+    alone = not P and not S
+    bodies = [
+        starting.write_body(w, f"{name}_init", [(f"const {name}_params *", "p"), (f"{name}_state *", "s")]),
+        stepping.write_body(w, name if alone else f"{name}_step", _step_arguments(name, alone)),
+    ]
     bounded = not any(r.has_data_dependent_loop() for r in (starting, stepping))
-    size, alone = max(starting.workspace.size, stepping.workspace.size), not P and not S
-    header = _header_text(name, block.doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded, size)
+    size, frame = max(body.workspace for body in bodies), max(body.frame for body in bodies)
+    header = _header_text(name, block.doc, real, {"params": P, "state": S, "in": IN, "out": OUT}, bounded, size, frame)
     tables, defaults = _default_lines(P, [np.asarray(v) for v in jax.tree.leaves(block.parameters)])
     parts = [
         LICENCE_NOTE,
         f'#include "{name}.h"\n',
         INCLUDES,
-        elementary_text(0, elementary_names(w)),
+        used_elementary_text(w),
         helper_texts(w.used),
         *w.tables,
         *tables,
     ]
     heads = _function_heads(name, size, alone)
     unused = [["p"], ["p", "s"], ["p", "s", "in", "out"]]
-    for head, lines, silenced in zip(heads, (defaults, *bodies), unused, strict=True):
+    parts += [body.pieces for body in bodies if body.pieces]
+    for head, lines, silenced in zip(heads, (defaults, *(body.lines for body in bodies)), unused, strict=True):
         if head:
             places = [n for n in silenced if not alone or n in ("in", "out")]
             places += ["workspace"] if "*workspace" in head else []
             parts.append(_step_function_text(head, lines, places))
-    return BlockText(name, header, "\n".join(parts), IN, OUT, P, size, alone)
+    level = max((build_level(r.blocks) for r in (starting, stepping)), default=())
+    return BlockText(name, header, "\n".join(parts), IN, OUT, P, size, alone, frame, level)
+
+
+def _step_arguments(name: str, alone: bool) -> list[tuple[str, str]]:
+    """Types and names of what a step is given, without the workspace."""
+    own = [] if alone else [(f"const {name}_params *", "p"), (f"{name}_state *", "s")]
+    return [*own, (f"const {name}_in *", "in"), (f"{name}_out *", "out")]
 
 
 def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
@@ -117,7 +134,7 @@ def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, s
     more = ", void *workspace" if workspace else ""
     if alone:
         return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
-    arguments = f"const {name}_params *p, {name}_state *s, const {name}_in *in, {name}_out *out"
+    arguments = ", ".join(f"{kind}{argument}" for kind, argument in _step_arguments(name, False))
     init = f"{name}_init(const {name}_params *p, {name}_state *s{more})"
     return f"{name}_defaults({name}_params *p)", init, f"{name}_step({arguments}{more})"
 
@@ -128,7 +145,7 @@ def _step_function_text(head: str, lines: list[str], unused: list[str]) -> str:
 
 
 def _header_text(
-    name: str, doc: str, real: str, structs: dict[str, list[Member]], bounded: bool, workspace: int
+    name: str, doc: str, real: str, structs: dict[str, list[Member]], bounded: bool, workspace: int, frame: int
 ) -> str:
     guard = f"{name.upper()}_H"
     docs = {
@@ -155,6 +172,9 @@ def _header_text(
         calls.insert(
             0, f"/* Bytes of memory, aligned to 64, that `workspace` points to: nothing there is kept. */\n{size}"
         )
+    if frame:
+        size = f"enum {{ {name.upper()}_FRAME = {frame} }};\n"
+        calls.insert(0, f"/* Bytes of stack that a step takes for what its functions share. */\n{size}")
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
@@ -184,6 +204,15 @@ class StructPlace(NamedTuple):
     writable: bool = False
 
 
+class _Body(NamedTuple):
+    """The text of a routine. pieces: functions that it calls.  workspace, frame: bytes, as of a block's text."""
+
+    pieces: str
+    lines: list[str]
+    workspace: int
+    frame: int
+
+
 class _Routine:
     """One function of a block: its jaxpr lowered, where its operands come from, and where its results go."""
 
@@ -208,8 +237,9 @@ class _Routine:
         self._write_states([(place, m, a) for place, m, a in pairs if self._state_buffer(place, m)])
         values = [v for _, _, a in self.results if a.items is not None for v in a.items.ravel()]
         buffers = [a.buffer for _, _, a in self.results if a.buffer is not None]
-        self.live = prune([b.prologue, b.top], values, buffers)
-        self.workspace = plan_workspace([b.prologue, b.top], results=buffers)
+        self.blocks, self.needed = [b.prologue, b.top], [*values, *buffers]
+        self.live = prune(self.blocks, values, buffers)
+        self.workspace = plan_workspace(self.blocks, results=buffers)
 
     def _state_buffer(self, place: StructPlace, m: Member) -> Buffer | None:
         """The buffer in which a member is kept between calls, if it is one."""
@@ -254,11 +284,11 @@ class _Routine:
 
     def has_data_dependent_loop(self) -> bool:
         """Whether some loop runs as long as a condition holds."""
-        return _has_while_loop([self.b.prologue, self.b.top])
+        return _has_while_loop(self.blocks)
 
-    def body_lines(self, w: Writer) -> list[str]:
-        """The body of the function."""
-        blocks = [self.b.prologue, self.b.top]
+    def write_body(self, w: Writer, function: str, arguments: list[tuple[str, str]]) -> _Body:
+        """The body of the function of this name and these arguments."""
+        blocks = self.blocks
         w.live, w.workspace, start = self.live, self.workspace, len(w.lines)
         w.note_sincos(blocks)
         for base, m, array, writable in self.operands:
@@ -275,6 +305,8 @@ class _Routine:
         for base, m, array in self.results:
             if array.buffer is not None:
                 w.names[id(array.buffer)] = f"{base}{m.path}"
+        given = [*arguments, *([("void *", "workspace")] if self.workspace.size else [])]
+        w.divide(plan_pieces(blocks, self.needed), PieceFrame(function, 0, given))
         for block in blocks:
             w.write_block(block)
         for base, m, array in self.results:
@@ -282,7 +314,8 @@ class _Routine:
                 for k, v in enumerate(array.items.ravel()):
                     text = w.name(v)
                     w.write_line(f"{m.at(base, k)} = {text};")
-        return w.lines[start:]
+        frame, workspace = w.frame.place(self.workspace.size)
+        return _Body(w.frame.text(), [*([frame] if frame else []), *w.lines[start:]], workspace, w.frame.stack)
 
 
 def _has_while_loop(blocks: list[Block]) -> bool:

@@ -5,11 +5,14 @@ Each is named tt_NAME for one number and tv_NAME over lanes.
 
 import contextlib
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 from trimtab.compiler.ir import is_float
 from trimtab.compiler.text import C_TYPES, ELEMENTARY, LIMITS, float_suffix, vector_type
 
+INLINED = 24
+"""Calls of a function that a program has at most, for it to be written out at each: else it is called."""
+EXCHANGES = ("tv_gather", "tv_scatter")
 _TWO_OPERANDS = {
     "div": "return b == 0 ? (T)-1 : SIGNED b == (T)-1 ? (T)(0u - (U)a) : ELSE (T)(a / b);",
     "rem": "return b == 0 ? a : SIGNED b == (T)-1 ? (T)0 : ELSE (T)(a % b);",
@@ -80,9 +83,11 @@ def _lane_helper(name: str) -> str:
     """What only lanes need; else a comparison of vectors, or the scalar helper for each lane."""
     if name == "tv_any":
         return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
-    if match := re.fullmatch(r"tv_(splat|take|pick|put)_(\w+)", name):
+    if match := re.fullmatch(r"tv_(splat|take|pick|put|gather|scatter)_(\w+)", name):
         kind, t = match.groups()
-        v, T, sign = vector_type(t), C_TYPES[t], "-(int64_t)" if t == "bool" else ""
+        v, T, each = vector_type(t), C_TYPES[t], "int64_t step, int32_t runs"  # of the caller's runs
+        sign, truth = ("-(int64_t)", " != 0") if t == "bool" else ("", "")
+        run = f"{sign}p[(l < runs ? l : 0) * step]"
         splat = f"return x {'-' if is_float(t) else '+'} (v{t}){{}};"  # not x + 0, which loses the sign of -0
         splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
         result, parameters, body = {
@@ -90,6 +95,8 @@ def _lane_helper(name: str) -> str:
             "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # of one table
             "pick": (v, f"const {v} *p, vi32 i", _all_lanes(v, "p[i[l]][l]")),
             "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
+            "gather": (v, f"const {T} *p, {each}", f"{v} r; EACH_LANE r[l] = {run}; return r;"),
+            "scatter": ("void", f"{T} *p, {each}, {v} x", f"EACH_LANE if (l < runs) p[l * step] = x[l]{truth};"),
         }[kind]
         return _function_text(result, name, parameters, body)
     if match := re.fullmatch(r"tv_([iu]\d+)_of_(f\d+)", name):
@@ -120,7 +127,7 @@ def _all_lanes(vector: str, number: str) -> str:
 
 def helper_dependencies(name: str) -> list[str]:
     """Helpers that a helper over lanes calls itself."""
-    if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put)", name):
+    if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put|gather|scatter)", name):
         return []
     if name == "tv_i32_of_f64":
         return ["tv_splat_f64"]
@@ -136,8 +143,11 @@ def _function_text(result: str, name: str, parameters: str, body: str) -> str:
     return f"static inline {result} {name}({parameters})\n{{\n    {body}\n}}\n"
 
 
-def helper_texts(used: Iterable[str]) -> str:
-    """Text of all helpers among these names, in an order that compiles; elementary functions are not among them."""
+def helper_texts(used: Mapping[str, int]) -> str:
+    """Text of all helpers among these names, in an order that compiles; elementary functions are not among them.
+
+    used: name -> how often it is called.
+    """
     ordered: dict[str, None] = {}
     for name in used:
         for needed in [*helper_dependencies(name), name]:
@@ -147,5 +157,6 @@ def helper_texts(used: Iterable[str]) -> str:
     texts = []
     for name in [*scalar, *lanes]:
         with contextlib.suppress(KeyError):
-            texts.append(helper_text(name))
+            text, many = helper_text(name), used.get(name, 0) > INLINED and name.startswith(EXCHANGES)
+            texts.append(text.replace("static inline", "TT_CALLED", 1) if many else text)
     return "\n".join(texts)

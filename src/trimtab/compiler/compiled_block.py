@@ -63,7 +63,7 @@ class CompiledBlock:
 
     def __init__(self, text: BlockText) -> None:
         """Compile and load the text of a block."""
-        library, name = load_library(build_library(_library_source(text))), text.name
+        library, name = load_library(build_library(_library_source(text), extra=text.flags)), text.name
         self.text = text
         size, parameter = library[f"{name}_size"], library[f"{name}_parameter"]
         size.restype = ctypes.c_int64

@@ -92,7 +92,7 @@ class CompiledFunction:
             self._lanes_program()
 
     def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
-        library = load_library(build_library(text.text, "c++" if lanes else "c"))
+        library = load_library(build_library(text.text, "c++" if lanes else "c", extra=text.flags))
         if text.tables:
             library[f"{self.name}_tables"](array_addresses(text.tables))
         takes = _tree_nodes(self._example)

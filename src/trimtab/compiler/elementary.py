@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.resources import files
 
-from trimtab.compiler.c_functions import helper_texts
+from trimtab.compiler.c_functions import INLINED, helper_texts
 from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
 
@@ -38,11 +38,12 @@ FAR = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2, "pow": 2}
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
 
-def elementary_text(lanes: int = 0, names: Iterable[str] | None = None) -> str:
+def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: Iterable[str] = ()) -> str:
     """C text that defines the elementary functions: `tt_sin` for double, `tt_sinf` for float, `ttv_sin` for vectors.
 
     lanes: 0 for C99 (also valid C++), 4 or 8 for C++ that has the vectors `vf64`, `vi64`, `vu64` in addition; the text
     defines TT_LANES itself. names: those wanted ("sin", "sinf", ...), all by default; what they need comes with them.
+    called: those, such as "tt_sin" or "ttv_sin", that are called, not inlined.
     """
     if lanes not in LANES:
         raise InputError("elementary", f"lanes = {lanes}", choices=map(str, LANES))
@@ -61,7 +62,13 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None) -> str:
     if lanes:
         double += [n for n in ("splat", "abs", "copysign", "is_finite", "all", "any") if n not in double]
         text += [f"#define TT_LANES {lanes}", _blocks("vector")[0], *_with_dependencies(double, "ttv")]
-    return "\n\n".join(text) + "\n"
+    return _forbid_inlining("\n\n".join(text) + "\n", called)
+
+
+def _forbid_inlining(text: str, functions: Iterable[str]) -> str:
+    for name in functions:
+        text = re.sub(rf"^TTV?_INLINE (?=\w+ {name}\()", "TT_CALLED ", text, flags=re.M)
+    return text
 
 
 @cache
@@ -159,7 +166,7 @@ typedef float vf32 __attribute__((vector_size(4 * LANES)));
 
 def preamble_text(writer: Writer, lanes: int = 0) -> str:
     """Text that goes before functions written by this writer; lanes 0 for scalar C."""
-    parts = [LICENCE_NOTE, INCLUDES, elementary_text(lanes, elementary_names(writer))]
+    parts = [LICENCE_NOTE, INCLUDES, used_elementary_text(writer, lanes)]
     if lanes:
         parts.append(LANE_TYPES)
     parts.append(helper_texts(writer.used))
@@ -167,8 +174,9 @@ def preamble_text(writer: Writer, lanes: int = 0) -> str:
     return "\n".join(parts)
 
 
-def elementary_names(writer: Writer) -> list[str]:
-    """The elementary functions that were used, e.g. "sincos" for tt_sincos and ttv_sincos."""
+def used_elementary_text(writer: Writer, lanes: int = 0) -> str:
+    """The elementary functions that this writer used, e.g. sincos for tt_sincos and ttv_sincos."""
     known = {*FUNCTIONS, *(f"{name}f" for name in SINGLE_PRECISION_NAMES)}
     names = [n.split("_", 1)[1] for n in writer.used if n.startswith(("tt_", "ttv_"))]
-    return [n for n in dict.fromkeys(names) if n in known]
+    called = [n for n, count in writer.used.items() if count > INLINED]
+    return elementary_text(lanes, [n for n in dict.fromkeys(names) if n in known], called)

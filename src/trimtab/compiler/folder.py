@@ -48,6 +48,7 @@ def write_folder(
         "real": "single" if real == "f32" else "double",
         "steps": len(rows),
         **({"workspace_bytes": block.workspace} if block.workspace else {}),
+        **({"frame_bytes": block.frame} if block.frame else {}),
         "inputs": column_names(block.inputs),
         "outputs": column_names(block.outputs),
         "tolerance": dict(zip(column_names(block.outputs), tolerance, strict=True)),

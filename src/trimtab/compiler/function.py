@@ -12,6 +12,7 @@ from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.ir import Buffer, Builder, Local, Value
 from trimtab.compiler.lower import Lowering
+from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
@@ -32,7 +33,8 @@ class Function:
         ]
         self.outputs = lowering.lower_program(jaxpr, self.inputs, [False] * len(self.inputs))
         kept = [v for a in self.outputs if a.items is not None for v in a.items.ravel()]
-        self.live = prune([self.b.prologue, self.b.top], kept, [a.buffer for a in self.outputs if a.buffer is not None])
+        self.blocks = [self.b.prologue, self.b.top]
+        self.live = prune(self.blocks, kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
     def text(self, name: str, lanes: int = 0) -> str:
         """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
@@ -40,9 +42,8 @@ class Function:
 
     def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
         """The same, with the bytes of workspace that the caller gives, aligned to 64, and numbers of large tables."""
-        blocks = [self.b.prologue, self.b.top]
-        inputs = [thing for a in self.inputs for thing in ([a.buffer] if a.items is None else a.items.ravel())]
-        varying = find_varying(blocks, inputs, []) if lanes else None
+        blocks = self.blocks
+        varying = find_varying(blocks, _array_contents(self.inputs), []) if lanes else None
         names = {} if lanes else self._result_names()
         operands = [a.buffer for a in self.inputs if a.buffer is not None] if lanes else []
         results = [a.buffer for a in self.outputs if a.buffer is not None]
@@ -55,23 +56,26 @@ class Function:
         for i, a in enumerate(self.outputs):
             if a.buffer is not None and id(a.buffer) in w.names and w.names[id(a.buffer)] == f"out{i}":
                 w.write_line(f"{C_TYPES[a.dtype]} *restrict out{i} = out[{i}];")
+        given = [("void *", "workspace")] if workspace.size else []
+        w.divide(plan_pieces(blocks, _array_contents(self.outputs), names), PieceFrame(name, lanes, given))
         for block in blocks:
             w.write_block(block)
         for i, a in enumerate(self.outputs):
             _store_output(w, i, a, lanes)
+        frame, size = w.frame.place(workspace.size)
         arguments = "const void *const *in, void *const *out, void *workspace, int32_t runs"
         linkage = 'extern "C" ' if lanes else ""
         head = f"{linkage}void {name}({arguments})\n{{"
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
-        text = "\n".join([preamble_text(w, lanes), head, *w.lines, silence, "}\n"])
+        text = "\n".join([preamble_text(w, lanes), w.frame.text(), head, frame, *w.lines, silence, "}\n"])
         data = w.data or []
         tables = [table_numbers(buffer) for buffer in data]
         text += filling_text(name, [w.names[id(buffer)] for buffer in data], tables, linkage)
-        return FunctionText(text, workspace.size, tables)
+        return FunctionText(text, size, tables, build_level(blocks, lanes))
 
     def vector_share(self) -> float:
         """The share of its operations that become vectors in a single run."""
-        return vector_share([self.b.prologue, self.b.top])
+        return vector_share(self.blocks)
 
     def _result_names(self) -> dict[int, str]:
         """Names of the buffers that lie in the caller's arrays, because they are a result as they are."""
@@ -87,12 +91,22 @@ class Function:
 class FunctionText(NamedTuple):
     """The text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
 
-    tables: what `NAME_tables` is given once, before the first call.
+    tables: what `NAME_tables` is given once, before the first call.  flags: for the compiler, beyond the usual ones.
     """
 
     text: str
     workspace: int
     tables: list[Any]
+    flags: tuple[str, ...] = ()
+
+
+def _array_contents(arrays: list[Array]) -> list[Any]:
+    """Values and buffers that arrays consist of, offsets among them."""
+    return [
+        thing
+        for a in arrays
+        for thing in ([a.buffer, *([] if a.offset is None else [a.offset])] if a.items is None else a.items.ravel())
+    ]
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
@@ -123,9 +137,8 @@ def _load_input(w: Writer, i: int, a: Array, lanes: int) -> None:
             continue
         name = w.names[id(v)] = f"in{i}_{j}"
         if lanes:
-            minus = "-(int64_t)" if a.dtype == "bool" else ""
-            w.write_line(f"{w.type(a.dtype, True)} {name};")
-            w.write_line(f"EACH_LANE {name}[l] = {minus}{source}[(l < runs ? l : 0) * {a.size} + {j}];")
+            read = f"{w.note_use(f'tv_gather_{a.dtype}')}({source} + {j}, {a.size}, runs)"
+            w.write_line(f"const {w.type(a.dtype, True)} {name} = {read};")
         else:
             w.write_line(f"const {T} {name} = {source}[{j}];")
 
@@ -136,9 +149,8 @@ def _store_output(w: Writer, i: int, a: Array, lanes: int) -> None:
     if a.items is not None:
         for j, v in enumerate(a.items.ravel()):
             if lanes:
-                w.write_line(
-                    f"EACH_LANE if (l < runs) {target}[l * {a.size} + {j}] = {_lane_number(w.vector_text(v), a.dtype)};"
-                )
+                write = w.note_use(f"tv_scatter_{a.dtype}")
+                w.write_line(f"{write}({target} + {j}, {a.size}, runs, {w.vector_text(v)});")
             else:
                 w.write_line(f"{target}[{j}] = {w.name(v)};")
         return

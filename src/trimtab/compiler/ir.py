@@ -183,7 +183,7 @@ class Builder:
 
     def index(self, number: int) -> Value:
         """A known index."""
-        return self.const(number, "i32")
+        return self.constants.get(number) or self.constants.setdefault(number, self.const(number, "i32"))
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
         """A computed value: folded, found again, or new."""

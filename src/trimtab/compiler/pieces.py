@@ -4,18 +4,30 @@ A C compiler's time for one function grows faster than its text. What is too lar
 are called one after the other; what several of them need lies in a frame, a struct that each is given.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
-from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.ir import TYPES, Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
 
 WHOLE = 6000
 """Statements that one function may have."""
-PIECE = 1000
+PIECE = 400
 """Statements of each piece of a program that has more."""
 LEAST = 40
 """Fewer statements than this are not worth a call."""
+STACK = 1 << 14
+"""Bytes of values between pieces that a function keeps on the stack at most."""
+ALIGNMENT = 64
 PAIRED = ("sin_of", "cos_of")
+PIECE_TEXT = """\
+#ifndef TT_PIECE
+#if defined(__GNUC__)
+#define TT_PIECE static __attribute__((noinline))
+#else
+#define TT_PIECE static
+#endif
+#endif
+"""
 
 
 class Pieces(NamedTuple):
@@ -37,30 +49,82 @@ NO_PIECES = Pieces({}, set(), {}, [], {})
 
 
 class PieceFrame:
-    """What pieces of a program share. members: of the struct.  names: of the values in it and of the places of inputs.
+    """What the pieces of a function share: a struct on its stack or, where that is too much, in the workspace.
 
-    functions: text of the pieces.  fresh: what the present piece has added.
+    function: whose pieces they are.  lanes: runs side by side, 0 for one.  arguments: (type, name) of what each piece
+    is given besides the frame.  names: of the values in the struct and of the places of inputs.  functions: text of
+    the pieces.  fresh: what the present piece has added.
     """
 
-    def __init__(self) -> None:
-        self.members: list[str] = []
+    def __init__(self, function: str = "", lanes: int = 0, arguments: Sequence[tuple[str, str]] = ()) -> None:
+        self.function, self.lanes, self.arguments = function, lanes, arguments
+        self.members: list[tuple[int, int, str]] = []  # bytes of an element, of the whole, text
         self.names: dict[int, str] = {}
         self.functions: list[str] = []
         self.fresh: list[Value | Buffer] = []
+
+    def add_value(self, kind: str, name: str, dtype: str, varies: bool) -> None:
+        """A member for a value, or mask, of this type."""
+        size = _byte_count(dtype, self.lanes if varies else 0)
+        self.members.append((size, size, f"{kind} {name};"))
+
+    def add_array(self, kind: str, name: str, buffer: Buffer, varies: bool) -> None:
+        """A member for an array itself."""
+        each, count = _byte_count(buffer.dtype, self.lanes if varies else 0), max(buffer.size, 1)
+        self.members.append((each, each * count, f"{kind} {name}[{count}];"))
+
+    def add_pointer(self, kind: str, name: str) -> None:
+        """A member for the place of an array; kind: of the pointer."""
+        self.members.append((8, 8, f"{kind}{name};"))
+
+    @property
+    def size(self) -> int:
+        """Bytes of the struct, where a pointer has eight; 0 for a program in one piece."""
+        return -(-sum(size for _, size, _ in self.members) // ALIGNMENT) * ALIGNMENT if self.functions else 0
+
+    @property
+    def stack(self) -> int:
+        """Bytes of it that lie on the stack: all or none."""
+        return self.size if self.size <= STACK else 0
 
     def text(self) -> str:
         """The struct and the functions; nothing for a program in one piece."""
         if not self.functions:
             return ""
-        members = [f"    {line}" for line in self.members]
-        return "\n".join(["typedef struct {", *members, "} frame;\n", *self.functions])
+        members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # nothing is padded
+        return "\n".join([PIECE_TEXT, "typedef struct {", *members, f"}} {self.function}_frame;\n", *self.functions])
+
+    def place(self, workspace: int) -> tuple[str, int]:
+        """The line that says where it lies, and the bytes of workspace with it, which are so many without."""
+        if not self.functions:
+            return "", workspace
+        kind = f"{self.function}_frame"
+        if self.stack:
+            return f"    {kind} space, *const f = &space;", workspace
+        return f"    {kind} *const f = ({kind} *)((char *)workspace + {workspace});", workspace + self.size
+
+    def piece_text(self, number: int, lines: list[str]) -> tuple[str, str]:
+        """A piece, and its call."""
+        name, keyword = f"{self.function}_piece{number}", "__restrict" if self.lanes else "restrict"
+        given = ", ".join([f"{self.function}_frame *{keyword} f", *(f"{kind}{name}" for kind, name in self.arguments)])
+        silence = " ".join(f"(void){name};" for name in ["f", *(name for _, name in self.arguments)])
+        text = [f"TT_PIECE void {name}({given})\n{{", *lines, f"    {silence}", "}\n"]
+        return "\n".join(text), f"{name}({', '.join(['f', *(name for _, name in self.arguments)])});"
 
 
-def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer]) -> Pieces:
-    """Divide a program of too many statements; results: what is read after it."""
+def _byte_count(dtype: str, lanes: int) -> int:
+    return 8 * lanes if dtype == "bool" and lanes else TYPES[dtype]().itemsize * max(lanes, 1)
+
+
+def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer], elsewhere: Collection[int] = ()) -> Pieces:
+    """Divide a program of too many statements.
+
+    results: what is read after it.
+    elsewhere: ids of the buffers that begin in it, but lie where the caller keeps them.
+    """
     if not is_large(blocks):
         return NO_PIECES
-    division = _Division()
+    division = _Division(elsewhere)
     for thing in results:
         division.use(0, thing)
     for block in blocks:
@@ -71,6 +135,14 @@ def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer]) -> Piece
 def is_large(blocks: list[Block]) -> bool:
     """Whether a program has more statements than one function may have."""
     return sum(_count_statements(block.items) for block in blocks) > WHOLE
+
+
+def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:
+    """The compiler's flag for a large program: half the time and less, and it runs as fast within a seventh.
+
+    Vectors gain so little by -O1 that -Og is enough for them.
+    """
+    return ("-Og" if lanes else "-O1",) if is_large(blocks) else ()
 
 
 def _inner_blocks(item: Any) -> list[Block]:
@@ -86,13 +158,13 @@ def _count_statements(items: list[Any]) -> int:
 def _must_stay(item: Any) -> bool:
     """Whether a statement needs what only the first function has: the timetable, the log."""
     if isinstance(item, Define):
-        return item.value.op == "load" and bool(item.value.attr.name)
+        return item.value.op == "load" and item.value.attr.name.isidentifier()  # else behind an argument
     return isinstance(item, Emit) or any(_must_stay(i) for block in _inner_blocks(item) for i in block.items)
 
 
 class _Division:
-    def __init__(self) -> None:
-        self.count = 0
+    def __init__(self, elsewhere: Collection[int]) -> None:
+        self.count, self.elsewhere = 0, elsewhere
         self.runs: dict[int, list[tuple[int, list[Any]]]] = {}
         self.owner: dict[int, int] = {}
         self.used: dict[int, dict[int, Any]] = {}
@@ -142,7 +214,8 @@ class _Division:
         if isinstance(item, Define):
             self.note_definition(piece, item.value)
         elif isinstance(item, Local):
-            self.owner[id(item.buffer)] = piece
+            if id(item.buffer) not in self.elsewhere:
+                self.owner[id(item.buffer)] = piece
         elif isinstance(item, Store):
             for thing in (item.buffer, item.index, item.value):
                 self.use(piece, thing)

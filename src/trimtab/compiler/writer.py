@@ -39,7 +39,7 @@ class Writer:
         self.lines: list[str] = []
         self.depth, self.count = 1, 0
         self.masks: list[str] = []
-        self.used: dict[str, None] = {}
+        self.used: dict[str, int] = {}  # helpers and elementary functions, and how often each is called
         self.constants: dict[int, str] = {}
         self.tables: list[str] = []
         self.data: list[Buffer] | None = None  # tables whose numbers are given when the library is loaded
@@ -62,7 +62,7 @@ class Writer:
 
     def note_use(self, name: str) -> str:
         """Note that a helper or an elementary function is called."""
-        self.used[name] = None
+        self.used[name] = self.used.get(name, 0) + 1
         return name
 
     def type(self, dtype: str, varies: bool) -> str:
@@ -139,8 +139,10 @@ class Writer:
             self.write_line(f"f->{name} = {place};" if shared else f"{kind} *{keyword} {name} = {place};")
         elif not shared:
             self.write_line(f"{kind} {name}[{size}];")
-        if shared:
-            self.frame.members.append(f"{kind} *{name};" if buffer in self.workspace else f"{kind} {name}[{size}];")
+        if shared and buffer in self.workspace:
+            self.frame.add_pointer(f"{kind} *", name)
+        elif shared:
+            self.frame.add_array(kind, name, buffer, self.varies(buffer))
         return self.names[id(buffer)]
 
     def write_definition(self, v: Value) -> None:
@@ -237,7 +239,7 @@ class Writer:
         wide = self.varies(joined)
         name, kind = self.fresh(), self.type(joined.dtype, wide)
         if id(joined) in self.pieces.crossing and not self.piece:
-            self.frame.members.append(f"{kind} {name};")
+            self.frame.add_value(kind, name, joined.dtype, wide)
             self.frame.names[id(joined)] = name
             name = f"f->{name}"
             if start:
@@ -334,12 +336,22 @@ class Writer:
         """Put a value, or where an array lies, into the frame if another piece needs it."""
         if id(thing) not in self.pieces.crossing:
             return
-        name, kind = self.names[id(thing)], self.type(thing.dtype, self.varies(thing))
-        self.frame.members.append(f"{f'const {kind} *' if isinstance(thing, Buffer) else f'{kind} '}{name};")
+        name, kind = self.names[id(thing)], self.share_type(thing)
+        if isinstance(thing, Buffer):
+            self.frame.add_pointer(kind, name)
+        else:
+            self.frame.add_value(kind, name, thing.dtype, self.varies(thing))
         self.frame.names[id(thing)] = name
         self.write_line(f"f->{name} = {name};")
         if self.piece:
             self.frame.fresh.append(thing)
+
+    def share_type(self, thing: Value | Buffer) -> str:
+        """C type of what lies in the frame: a value, or a pointer to an array."""
+        kind = self.type(thing.dtype, self.varies(thing))
+        if isinstance(thing, Value):
+            return kind
+        return f"const {kind} *" if thing.is_read_only and not self.varies(thing) else f"{kind} *"
 
     def share_variables(self, variables: list[Value]) -> None:
         """The same of what a branch or loop of this piece gives; that of the first function is in the frame already."""
@@ -349,17 +361,15 @@ class Writer:
     def share_mask(self, mask: str) -> None:
         """Put a mask into the frame, for the pieces under it."""
         if self.pieces.runs and not self.piece:
-            self.frame.members.append(f"vi64 {mask};")
+            self.frame.add_value("vi64", mask, "bool", True)
             self.write_line(f"f->{mask} = {mask};")
 
-    def share_inputs(self, pieces: Pieces) -> None:
-        """Write what follows in these pieces; inputs that they need are put into the frame."""
-        self.pieces = pieces
-        if pieces.runs and self.workspace.size:
-            self.frame.members.append("void *workspace;")
-            self.write_line("f->workspace = workspace;")
+    def divide(self, pieces: Pieces, frame: PieceFrame) -> None:
+        """Write what follows in these pieces; inputs that they need, and aren't given, are put into their frame."""
+        self.pieces, self.piece, self.frame = pieces, 0, frame
         for thing in pieces.inputs:
-            self.share(thing)
+            if self.names[id(thing)].isidentifier():  # else behind an argument, as in s->x
+                self.share(thing)
 
     def write_piece(self, number: int, items: list[Any]) -> None:
         """A function of these statements, and its call."""
@@ -367,21 +377,21 @@ class Writer:
         self.lines, self.depth, self.piece = [], 1, number
         for thing in self.pieces.uses.get(number, []):
             if id(thing) not in self.frame.names:
-                continue  # an array of the frame
+                continue  # an array of the frame, or what is behind an argument
             outer[id(thing)], name = self.names[id(thing)], self.frame.names[id(thing)]
-            kind = self.type(thing.dtype, self.varies(thing))
-            self.write_line(f"const {kind} {'*const ' if isinstance(thing, Buffer) else ''}{name} = f->{name};")
+            kind = self.share_type(thing)
+            self.write_line(
+                f"{kind}const {name} = f->{name};" if kind[-1] == "*" else f"const {kind} {name} = f->{name};"
+            )
             self.names[id(thing)] = name
         if self.masks:
             self.write_line(f"const vi64 {self.masks[-1]} = f->{self.masks[-1]};")
-        if self.workspace.size:
-            self.write_line("void *const workspace = f->workspace;")
         self.write_items(items)
-        head = f"static __attribute__((noinline)) void piece{number}(frame *__restrict f)\n{{"
-        self.frame.functions += [head, *self.lines, "}\n"]
+        text, call = self.frame.piece_text(number, self.lines)
+        self.frame.functions.append(text)
         self.lines, self.depth, self.piece = lines, depth, 0
         self.names |= outer
         for thing in self.frame.fresh:
             self.names[id(thing)] = f"f->{self.frame.names[id(thing)]}"
         self.frame.fresh.clear()
-        self.write_line(f"piece{number}(f);")
+        self.write_line(call)

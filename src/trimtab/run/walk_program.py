@@ -14,7 +14,7 @@ from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
 from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
 from trimtab.compiler.lower import Lowering
-from trimtab.compiler.pieces import is_large, plan_pieces
+from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
@@ -98,8 +98,8 @@ def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = 
 
 def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
     """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
-    level = ["-O1"] if is_large(program.blocks) else []  # half the time, and it flies as fast within a seventh
-    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=("-pthread", *level))
+    extra = ("-pthread", *build_level(program.blocks, lanes))
+    return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=extra)
 
 
 class WalkProgram(NamedTuple):
@@ -131,7 +131,8 @@ class WalkProgram(NamedTuple):
         for block in self.blocks:
             for name, buffer in _timetable_buffers(block):
                 w.names[id(buffer)] = name
-        w.share_inputs(plan_pieces(self.blocks, self.final))
+        arguments = [("void *", "workspace")] if workspace.size else []
+        w.divide(plan_pieces(self.blocks, self.final), PieceFrame("fly", lanes, arguments))
         w.write_line("double least[WIDTH][RUNS], most[WIDTH][RUNS], sum[WIDTH][RUNS], squares[WIDTH][RUNS];")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN least[i][l] = INFINITY, most[i][l] = -INFINITY;")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN sum[i][l] = squares[i][l] = 0;")
@@ -266,7 +267,7 @@ EXPORT int32_t trimtab_fly(job *j, int32_t threads)
 
 
 def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
-    space = w.workspace.size
+    frame, space = w.frame.place(w.workspace.size)
     text = [
         preamble_text(w, lanes),
         "#include <pthread.h>\n" + ("#include <stdlib.h>\n" if space else ""),
@@ -276,7 +277,7 @@ def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
         JOB_TEXT,
         w.frame.text(),
         FLY_TEXT.replace("first)", "first, void *workspace)", 1) if space else FLY_TEXT,
-        "    frame space, *const f = &space;" if w.frame.functions else "",
+        frame,
         *w.lines,
         "}",
         _work_with_workspace(space) if space else WORK_TEXT,

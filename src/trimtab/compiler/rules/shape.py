@@ -1,10 +1,20 @@
 """Rules for primitives that only move elements: small arrays cost nothing, large ones a loop."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, Index, build_array, element_array, is_small, read_element
+from trimtab.compiler.arrays import (
+    Array,
+    Index,
+    build_array,
+    element_array,
+    flat_index,
+    is_small,
+    loop_over_indices,
+    read_element,
+)
 from trimtab.compiler.ir import Value
 from trimtab.compiler.lower import Rule, Site
 
@@ -15,6 +25,8 @@ def _rearrange(site: Site, array: Array, shape: tuple[int, ...], from_: Callable
 
 def _strided_index(site: Site, i: Value, start: int, step: int = 1) -> Value:
     b = site.b
+    if i.op == "const":
+        return b.index(int(i.const) * step + start)
     return b.op("add", b.op("mul", i, b.index(step), dtype="i32"), b.index(start), dtype="i32")
 
 
@@ -73,20 +85,24 @@ def concatenate_arrays(site: Site, parts: list[Array], axis: int) -> Array:
     if is_small(site.shape):
         joined = np.concatenate([element_array(site.b, p) for p in parts], axis)
         return Array(site.shape, site.dtype, joined)
-    made = build_array(site.b, site.shape, site.dtype, lambda index: _read_part(site, parts, axis, index))
-    return made
+    b, made, start = site.b, site.lowering.b.local_buffer(site.dtype, math.prod(site.shape)), 0
 
+    def write_part(part: Array, start: int) -> Callable[[Index], None]:
+        def write(index: Index) -> None:
+            to = [_strided_index(site, i, start) if a == axis else i for a, i in enumerate(index)]
+            b.store(made, flat_index(b, site.shape, to), read_element(b, part, index))
 
-def _read_part(site: Site, parts: list[Array], axis: int, index: Index) -> Value:
-    """The element of the part that an index falls into; only that part is read."""
-    parts = [p for p in parts if p.shape[axis]]
-    start = parts[0].shape[axis]
-    if len(parts) == 1:
-        return read_element(site.b, parts[0], index)
-    b, i = site.b, index[axis]
-    rest = [_strided_index(site, i, -start) if a == axis else j for a, j in enumerate(index)]
-    test = b.op("lt", i, b.index(start), dtype="bool")
-    return b.branch(test, lambda: read_element(b, parts[0], index), lambda: _read_part(site, parts[1:], axis, rest))
+        return write
+
+    for part in parts:
+        write = write_part(part, start)
+        if part.items is None:
+            loop_over_indices(b, part.shape, write)
+        else:
+            for index in np.ndindex(*part.shape):
+                write([b.index(i) for i in index])
+        start += part.shape[axis]
+    return Array(site.shape, site.dtype, buffer=made)
 
 
 def _stack(site: Site) -> list[Array]:

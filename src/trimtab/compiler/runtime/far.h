@@ -86,7 +86,7 @@ TT_COLD double tt_fused_any(double a, double b, double c)
 
 /* a b + c rounded once, for machines that have no instruction for it: product and sums with their errors, which are
  * added with rounding to odd. Boldo & Melquiond, IEEE Trans. Computers 57 (2008), 462. */
-TT_OUTLINE double tt_fused(double a, double b, double c)
+TT_CALLED double tt_fused(double a, double b, double c)
 {
     double p = a * b, size = tt_abs(p), ah, bh, al, bl, e, t, tl, v, vl, z, y;
     uint64_t half = UINT64_C(0x4000000), head = UINT64_C(0xfffffffff8000000);

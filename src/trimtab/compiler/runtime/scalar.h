@@ -33,11 +33,11 @@
 #if defined(__GNUC__)
 #define TT_INLINE static inline __attribute__((unused))
 #define TT_COLD static __attribute__((noinline, cold, unused))
-#define TT_OUTLINE static __attribute__((noinline, unused))
+#define TT_CALLED static __attribute__((noinline, unused))
 #else
 #define TT_INLINE static inline
 #define TT_COLD static
-#define TT_OUTLINE static
+#define TT_CALLED static
 #endif
 #endif
 /* x as float. gcc's vectoriser of straight lines (SLP; gcc 12, x86) leaves the rounding out of two such beside each other
