@@ -1,5 +1,6 @@
 """Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
 
+import functools
 import inspect
 import re
 import threading
@@ -318,7 +319,7 @@ def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) ->
     """The jaxpr, and the shapes of what it gives."""
     _check_example(example, name)
     try:
-        return jax.make_jaxpr(lambda *x: function(*x), return_shape=True)(*example)  # a network may have no hash
+        return jax.make_jaxpr(functools.partial(function), return_shape=True)(*example)  # a network may have no hash
     except jax.errors.ConcretizationTypeError as reason:
         problem = f"{name!r} decides in Python on what is known only when it runs: {str(reason).splitlines()[0]}"
         raise InputError(PART, problem, fix="use jnp.where, jax.lax.cond or jax.lax.fori_loop") from None

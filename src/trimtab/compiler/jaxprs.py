@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax._src import source_info_util
+from jax._src.lax import special
+from jax._src.random import core as random_core
 from jax.extend.core import ClosedJaxpr, Literal
 
 jax.config.update("jax_enable_x64", True)
@@ -66,6 +68,28 @@ def platform_position(equation: Any) -> int:
     platforms = equation.params["platforms"]
     chosen = [i for i, names in enumerate(platforms) if names is not None and "cpu" in names]
     return chosen[0] if chosen else platforms.index(None)
+
+
+SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "random_gamma_grad", "regularized_incomplete_beta")
+SPECIAL_FUNCTIONS += ("bessel_i0e",)
+"""Primitives that JAX compiles by a program of its own."""
+
+
+def special_function(name: str) -> Any:
+    """What JAX compiles a special function to, a program of arrays of one shape."""
+    program = getattr(special, f"{name}_impl")
+    return program if name == "bessel_i0e" else lambda *x: program(*x, dtype=x[0].dtype)
+
+
+def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
+    """JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
+    return random_core._gamma_impl(key, shape, log_space=log_space)
+
+
+def raises_of_equinox(equation: Any) -> bool:
+    """Whether a pure_callback is what equinox.error_if makes, which does nothing else than raise an error."""
+    called = getattr(equation.params["callback"], "callback_func", None)
+    return getattr(called, "__module__", None) == "equinox._errors"
 
 
 def is_key(aval: Any) -> bool:

@@ -10,6 +10,7 @@ class Case(NamedTuple):
     """A function and its arguments.
 
     name: unique in its file.  function: pure, of arrays and trees of them.  arguments: drawn anew by each call.
+    sensitive: jax.jit's own results move by more than 1e-13 where an input moves in its last place.
     refused: the primitive or type that the refusal names, where there is no C text; empty where it compiles.
     """
 
@@ -17,6 +18,7 @@ class Case(NamedTuple):
     function: Callable[..., Any]
     arguments: Callable[[np.random.Generator], tuple[Any, ...]]
     refused: str = ""
+    sensitive: bool = False
 
 
 def normal(*shapes: tuple[int, ...]) -> Callable[[np.random.Generator], tuple[Any, ...]]:

@@ -1,7 +1,19 @@
 """Which rule lowers which primitive."""
 
 from trimtab.compiler.lower import Rule
-from trimtab.compiler.rules import composite, control, elementwise, index, linalg, random, reduce, shape, window
+from trimtab.compiler.rules import (
+    composite,
+    control,
+    elementwise,
+    factors,
+    index,
+    linalg,
+    random,
+    reduce,
+    shape,
+    special,
+    window,
+)
 
 RULES: dict[str, Rule] = {
     **elementwise.RULES,
@@ -11,6 +23,8 @@ RULES: dict[str, Rule] = {
     **control.RULES,
     **linalg.RULES,
     **composite.RULES,
+    **factors.RULES,
+    **special.RULES,
     **random.RULES,
     **window.RULES,
 }

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array
+from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
 from trimtab.core.errors import InputError
 
@@ -87,33 +87,6 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
         return lax.fori_loop(0, pivots.shape[0], swap, jnp.arange(permutation_size, dtype=jnp.int32))
 
     return each_matrix(single, 1, pivots)
-
-
-def _qr(a: Any, *, full_matrices: bool, **_: Any) -> Any:
-    return each_matrix(lambda a: _single_qr(a, full_matrices), 2, a)
-
-
-def _single_qr(a: Any, full: bool) -> Any:
-    """By reflections, with the signs that LAPACK takes."""
-    m, n = a.shape
-    k = min(m, n)
-    rows = jnp.arange(m)
-
-    def step(j: Any, carried: Any) -> Any:
-        q, r = carried
-        x = jnp.where(rows >= j, r[:, j], 0.0)
-        head, rest = r[j, j], jnp.where(rows > j, r[:, j], 0.0)
-        beta = -jnp.copysign(jnp.sqrt(jnp.sum(x * x)), head)
-        none = jnp.sum(rest * rest) == 0
-        scale = jnp.where(none, 1.0, head - beta)
-        v = jnp.where(none, 0.0, jnp.where(rows == j, 1.0, rest / scale))
-        tau = jnp.where(none, 0.0, (beta - head) / jnp.where(none, 1.0, beta))
-        r = r - tau * v[:, None] * (v @ r)
-        return q - tau * (q @ v)[:, None] * v, r
-
-    q, r = lax.fori_loop(0, k, step, (jnp.eye(m, dtype=a.dtype), a))
-    r = jnp.triu(r)
-    return (q, r) if full else (q[:, :k], r[:k])
 
 
 def _cholesky_each(site: Site) -> list[Array]:
@@ -336,10 +309,22 @@ def _platform(site: Site) -> list[Array]:
     return inline_program(site, lambda *_: jnp.int32(jaxprs.platform_position(site.equation)))
 
 
+def _error_value(site: Site) -> list[Array]:
+    """Where equinox.error_if would raise, what it gives with EQX_ON_ERROR=nan: NaN, the largest integer, True."""
+    if not jaxprs.raises_of_equinox(site.equation):
+        raise site.lowering.refusal("pure_callback")
+
+    def value(aval: Any) -> Any:
+        kind = np.dtype(aval.dtype).kind
+        worst = np.nan if kind == "f" else kind == "b" or np.iinfo(aval.dtype).max
+        return constant(site.b, np.full(aval.shape, worst, aval.dtype), site.lowering.type_name(aval.dtype))
+
+    return [value(v.aval) for v in site.equation.outvars]
+
+
 RULES: dict[str, Rule] = {
     "lu": composite(_lu),
     "lu_pivots_to_permutation": composite(_permutation),
-    "qr": composite(_qr),
     "sort": composite(_sort),
     "top_k": composite(_top_k),
     "erf_inv": composite(_erf_inv),
@@ -350,6 +335,7 @@ RULES: dict[str, Rule] = {
     "cumlogsumexp": composite(_cumlogsumexp),
     "custom_linear_solve": _custom_linear_solve,
     "platform_index": _platform,
+    "pure_callback": _error_value,
 }
 
 
