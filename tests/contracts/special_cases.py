@@ -82,7 +82,7 @@ def families():
         Case("bessel single", special.i1e, [(x.astype(np.float32),)] * 3, close=1e-6),
         Case("zeta", lambda x, s: special.zeta(s + 1.1, x), [(positive, order)] * 3, close=1e-13),
         Case("zeta's edges", special.zeta, [(np.array([3.0, 3.0, 2.5, 1.0, 0.5, 2.0]), np.array([-2.0, 0.0, -0.5, 2.0, 1.0, 1.0]))] * 3, close=1e-13),
-        Case("polygamma", lambda n, x: special.polygamma(n, x), [(order, positive)] * 3, close=1e-13),
+        Case("polygamma", lambda n, x: special.polygamma(n, x), [(order.astype(int), positive)] * 3, close=1e-13),
         Case("slope in a", jax.grad(lambda a, x: special.gammainc(a, x).sum()), [(a[20:40], positive[20:40])] * 3, close=1e-12),
         Case("slope of a sample", lambda a, x: lax.random_gamma_grad(a, x), [(a[20:40], positive[20:40])] * 3, close=1e-11),
         Case("gamma's samples", lambda seed, a: jax.random.gamma(jax.random.key(seed), a, (4,)), [(k, 0.4 + k) for k in range(3)], close=1e-13, lanes=False),

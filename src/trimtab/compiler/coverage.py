@@ -130,7 +130,6 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "igamma": (FLOATS, "JAX's own program"),
     "igammac": (FLOATS, "JAX's own program"),
     "igamma_grad_a": (FLOATS, "JAX's own program"),
-    "random_gamma_grad": (FLOATS, "JAX's own program"),
     "regularized_incomplete_beta": (FLOATS, "JAX's own program"),
     "bessel_i0e": (FLOATS, "JAX's own program"),
     "bessel_i1e": (FLOATS, "by Chebyshev's polynomials"),

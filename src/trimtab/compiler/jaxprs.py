@@ -1,6 +1,7 @@
 """The one place that reads what a jaxpr says: names and parameters of primitives as this version of JAX writes them."""
 
 import os
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -70,8 +71,7 @@ def platform_position(equation: Any) -> int:
     return chosen[0] if chosen else platforms.index(None)
 
 
-SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "random_gamma_grad", "regularized_incomplete_beta")
-SPECIAL_FUNCTIONS += ("bessel_i0e",)
+SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "regularized_incomplete_beta", "bessel_i0e")
 """Primitives that JAX compiles by a program of its own."""
 
 
@@ -141,12 +141,16 @@ def literal_value(atom: Any) -> Any:
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
-def source_line(equation: Any) -> str | None:
-    """file:line of the Python that made an equation, or None where all of it is JAX's own."""
-    try:
-        frame: Any = source_info_util.user_frame(equation.source_info.traceback)
-    except (AttributeError, TypeError):
-        frame = source_info_util.user_frame(equation.source_info)
+def source_line(equation: Any, outermost: bool = False) -> str | None:
+    """file:line of the Python that made an equation, or None where all of it is JAX's or the compiler's own.
+
+    outermost: where the compiler itself traced it, the line that called the compiler.
+    """
+    own = str(Path(__file__).parent)
+    frames = [*source_info_util.user_frames(equation.source_info.traceback)]
+    if frames and frames[0].file_name.startswith(own) and not outermost:
+        return None
+    frame = next((f for f in frames if not f.file_name.startswith(own)), None)
     if frame is None:
         return None
     return f"{os.path.abspath(frame.file_name)}:{frame.start_line}, in {frame.function_name}"

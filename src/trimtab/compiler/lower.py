@@ -56,7 +56,7 @@ class Lowering:
             found = jaxprs.source_line(equation)
             if found is not None:
                 return found
-        return "an unknown line"
+        return (self.around and jaxprs.source_line(self.around[0], outermost=True)) or "an unknown line"
 
     def type_name(self, dtype: Any) -> str:
         """Our name of a JAX type."""

@@ -4,10 +4,7 @@ import math
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
-import scipy.special
 from jax import lax
-from numpy.polynomial import chebyshev
 
 from trimtab.compiler import jaxprs
 from trimtab.compiler.lower import Rule
@@ -34,8 +31,9 @@ def _zeta(s: Any, a: Any, **_: Any) -> Any:
         total = total + bernoulli / math.factorial(2 * k) * factor * power
         factor = factor * (s + (2 * k - 1)) * (s + 2 * k)
         power = power / (end * end)
-    # at whole a <= 0 a term is infinite; for a < 0 it is real only where s is even
-    below = jnp.where(a == jnp.floor(a), jnp.inf, jnp.where(s == jnp.floor(s), total, jnp.nan))
+    # at whole a <= 0 a term is infinite, of which sign is known for even s; for a < 0 terms are real for whole s
+    pole = jnp.where(s % 2 == 0, jnp.inf, jnp.nan)
+    below = jnp.where(a == jnp.floor(a), pole, jnp.where(s == jnp.floor(s), total, jnp.nan))
     found = jnp.where(a <= 0, below, total)
     return jnp.where(s > 1, found, jnp.where(s == 1, jnp.inf, jnp.nan))
 
@@ -46,16 +44,26 @@ def _polygamma(n: Any, x: Any, **_: Any) -> Any:
     return jnp.where(n == 0, lax.digamma(x), jnp.where((n < 0) | (n != jnp.floor(n)), jnp.nan, higher))
 
 
-I1E_NEAR = chebyshev.chebinterpolate(lambda t: scipy.special.ive(1, 4 + 4 * t) * (1 + 0.25 / (1 + t)), 30)
-"""Of exp(-x) I1(x) (1 + x) / x, for x up to 8."""
-I1E_FAR = chebyshev.chebinterpolate(lambda t: scipy.special.ive(1, 16 / (t + 1)) * np.sqrt(16 / (t + 1)), 26)
-"""Of exp(-x) I1(x) sqrt(x), in 16 / x - 1 from x = 8 on."""
+I1E_NEAR = (0.12629359322181682, -0.17641651835783406, 0.1026436586898471, -0.05294598120809499, 0.024726449030626516)
+I1E_NEAR += (-0.010564084894626197, 0.004156422944312888, -0.0015135724506312532, 0.0005122859561685758, -0.00016176081582589674)
+I1E_NEAR += (4.781565107550054e-05, -1.3273163656039436e-05, 3.4702513081376785e-06, -8.568720264695455e-07, 2.0032947535521353e-07)
+I1E_NEAR += (-4.445059128796328e-08, 9.381537386495773e-09, -1.8872497517228294e-09, 3.625590281552117e-10, -6.663489723502027e-11)
+I1E_NEAR += (1.1736186298890901e-11, -1.9839743977649436e-12, 3.223793365945575e-13, -5.042185504727912e-14, 7.600684294735408e-15)
+I1E_NEAR += (-1.1055969477353862e-15, 1.5536319577362005e-16, -2.111421214358166e-17, 2.7779141127610464e-18, -3.541581772542136e-19)
+"""Chebyshev coefficients of exp(-x) I1(x) / x in x / 4 - 1, for x up to 8: from 40 digits."""
+I1E_FAR = (0.38928811750914005, -0.009761097491361469, -0.00011058893876262371, -3.882564808877691e-06, -2.512236237870209e-07)
+I1E_FAR += (-2.6314688468895196e-08, -3.835380385964237e-09, -5.589743462196584e-10, -1.8974958123505413e-11, 3.2526035830154884e-11)
+I1E_FAR += (1.4125807436613782e-11, 2.0356285441470896e-12, -7.198551776245908e-13, -4.0835511110921974e-13, -2.1015418427726643e-14)
+I1E_FAR += (4.272440016711951e-14, 1.0420276984128802e-14, -3.8144030724370075e-15, -1.8803547755107825e-15, 3.3082023109209285e-16)
+I1E_FAR += (2.96262899764595e-16, -3.209525921993424e-17, -4.6503053684893586e-17, 4.414348323071708e-18, 7.517296310842105e-18)
+I1E_FAR += (-9.314178867326884e-19, -1.242193275194891e-18, 2.4142767194548486e-19, 2.0269443840532852e-19)
+"""Of exp(-x) I1(x) sqrt(x) in 16 / x - 1, from x = 8 on."""
 
 
 def _bessel_i1e(x: Any, **_: Any) -> Any:
     a = jnp.abs(x)
     near, far = jnp.minimum(a, 8.0), jnp.maximum(a, 8.0)
-    small = _chebyshev(near / 4 - 1, I1E_NEAR) * near / (1 + near)
+    small = _chebyshev(near / 4 - 1, I1E_NEAR) * near
     return jnp.sign(x) * jnp.where(a <= 8, small, _chebyshev(16 / far - 1, I1E_FAR) / jnp.sqrt(far))
 
 
@@ -63,8 +71,8 @@ def _chebyshev(t: Any, coefficients: Any) -> Any:
     """Clenshaw's sum."""
     one, two = jnp.zeros_like(t), jnp.zeros_like(t)
     for c in coefficients[:0:-1]:
-        one, two = (2 * t) * one - two + float(c), one
-    return t * one - two + float(coefficients[0])
+        one, two = (2 * t) * one - two + c, one
+    return t * one - two + coefficients[0]
 
 
 def _own(name: str) -> Rule:
