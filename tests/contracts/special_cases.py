@@ -25,16 +25,16 @@ def reflections():
         return lax.linalg.tridiagonal_solve(dl, d, du, b)
 
     def banded(n, columns):
-        dl, d, du = rng.normal(size=(3, n))
+        dl, d, du = rng.normal(size=(3, n)) + [[0], [4], [0]]
         dl[0] = du[-1] = 0
         d[n // 2] = 0  # rows are exchanged
         return dl, d, du, rng.normal(size=(n, columns))
 
     return [
-        Case("reflections", pieces, [(rng.normal(size=(4, 4)),), (np.eye(4),), (np.zeros((4, 4)),)], close=1e-13),
-        Case("tall", pieces, [(rng.normal(size=(6, 3)),) for _ in range(3)], close=1e-13),
+        Case("reflections", pieces, [(rng.normal(size=(4, 4)) + 2 * np.eye(4),), (np.eye(4),), (np.zeros((4, 4)),)], close=1e-12),
+        Case("tall", pieces, [(rng.normal(size=(6, 3)),) for _ in range(3)], close=1e-12),
         Case("bands", bands, [banded(7, 2) for _ in range(3)], close=1e-12),
-        Case("two bands", jax.vmap(bands), [tuple(np.stack([x] * 2) for x in banded(60, 1))] * 3, close=1e-10),
+        Case("two bands", jax.vmap(bands), [tuple(np.stack([x] * 2) for x in banded(60, 1))] * 3, close=1e-12),
         Case("one equation", bands, [(np.zeros(1), np.full(1, k), np.zeros(1), np.ones((1, 3))) for k in (2.0, 3.0, 4.0)]),
     ]
 

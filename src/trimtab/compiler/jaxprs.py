@@ -1,7 +1,6 @@
 """The one place that reads what a jaxpr says: names and parameters of primitives as this version of JAX writes them."""
 
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -13,6 +12,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 
 jax.config.update("jax_enable_x64", True)
 
+OWN_FOLDER = os.path.dirname(__file__)
 CALLS = {
     "jit": "jaxpr",
     "closed_call": "call_jaxpr",
@@ -141,17 +141,10 @@ def literal_value(atom: Any) -> Any:
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
-def source_line(equation: Any, outermost: bool = False) -> str | None:
-    """file:line of the Python that made an equation, or None where all of it is JAX's or the compiler's own.
-
-    outermost: where the compiler itself traced it, the line that called the compiler.
-    """
-    own = str(Path(__file__).parent)
-    frames = [*source_info_util.user_frames(equation.source_info.traceback)]
-    if frames and frames[0].file_name.startswith(own) and not outermost:
-        return None
-    frame = next((f for f in frames if not f.file_name.startswith(own)), None)
-    if frame is None:
+def source_line(equation: Any) -> str | None:
+    """file:line of the Python that made an equation, or None where all of it is JAX's own, or the compiler's."""
+    frame: Any = source_info_util.user_frame(equation.source_info.traceback)
+    if frame is None or frame.file_name.startswith(OWN_FOLDER):
         return None
     return f"{os.path.abspath(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
 

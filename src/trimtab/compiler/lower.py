@@ -56,7 +56,7 @@ class Lowering:
             found = jaxprs.source_line(equation)
             if found is not None:
                 return found
-        return (self.around and jaxprs.source_line(self.around[0], outermost=True)) or "an unknown line"
+        return "a line of JAX's own"
 
     def type_name(self, dtype: Any) -> str:
         """Our name of a JAX type."""

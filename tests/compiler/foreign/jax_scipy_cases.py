@@ -53,7 +53,7 @@ CASES = [
     Case("singular values", lambda a: jnp.linalg.svd(a, compute_uv=False), normal((6, 4))),
     Case("eigenvalues, symmetric", jnp.linalg.eigvalsh, _positive_definite(6)),
     Case("eigenvalues", lambda a: jnp.abs(jnp.linalg.eigvals(a)), normal((4, 4)), refused="eig"),
-    Case("Sylvester's equation", jsp.linalg.solve_sylvester, _stable, refused="complex128"),
+    Case("Sylvester's equation", lambda a, b, q: jsp.linalg.solve_sylvester(a, b, q), _stable, refused="complex128"),
     Case("matrix square root", lambda a: jnp.real(jsp.linalg.sqrtm(a)), _positive_definite(4), refused="complex128"),
     Case("polar decomposition", lambda a: jsp.linalg.polar(a)[0], normal((3, 3))),
     Case("normal log density of 4", lambda x, m, c: jsp.stats.multivariate_normal.logpdf(x, m, c), lambda rng: (rng.normal(size=4), rng.normal(size=4), _positive_definite(4)(rng)[0])),
