@@ -8,6 +8,8 @@ import numpy as np
 import trimtab
 from compiler.foreign.case import Case
 
+CLOSE = 1e-13
+"""Relative to scale: what counts as agreeing."""
 RUNS = 9
 """Inputs drawn: more than the lanes carry."""
 

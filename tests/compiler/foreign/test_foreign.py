@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 import trimtab
-from compiler.foreign.agreement import draw_runs, measure_agreement, measure_sensitivity
+from compiler.foreign.agreement import CLOSE, draw_runs, measure_agreement, measure_sensitivity
 from compiler.foreign.case import Case
 from trimtab.core.errors import InputError
 
@@ -24,7 +24,6 @@ LIBRARIES = {
     "own": ("interpax",),
 }
 """Files of cases, and the packages that they need."""
-CLOSE = 1e-13
 QUICK = 2
 """Cases of each library that are tried each time."""
 
