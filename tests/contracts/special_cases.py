@@ -31,11 +31,24 @@ def reflections():
         return dl, d, du, rng.normal(size=(n, columns))
 
     return [
-        Case("reflections", pieces, [(rng.normal(size=(4, 4)) + 2 * np.eye(4),), (np.eye(4),), (np.zeros((4, 4)),)], close=1e-12),
+        Case(
+            "reflections",
+            pieces,
+            [(rng.normal(size=(4, 4)) + 2 * np.eye(4),), (np.eye(4),), (np.zeros((4, 4)),)],
+            close=1e-12,
+        ),
         Case("tall", pieces, [(rng.normal(size=(6, 3)),) for _ in range(3)], close=1e-12),
+        Case(
+            "far scales",
+            lambda a: pieces(a)[1:4],
+            [(rng.normal(size=(4, 4)) * [1e-200, 1.0, 1e200, 1e-5],) for _ in range(3)],
+            close=1e-11,
+        ),
         Case("bands", bands, [banded(7, 2) for _ in range(3)], close=1e-12),
         Case("two bands", jax.vmap(bands), [tuple(np.stack([x] * 2) for x in banded(60, 1))] * 3, close=1e-12),
-        Case("one equation", bands, [(np.zeros(1), np.full(1, k), np.zeros(1), np.ones((1, 3))) for k in (2.0, 3.0, 4.0)]),
+        Case(
+            "one equation", bands, [(np.zeros(1), np.full(1, k), np.zeros(1), np.ones((1, 3))) for k in (2.0, 3.0, 4.0)]
+        ),
     ]
 
 
@@ -62,7 +75,12 @@ def singular():
         Case("wide", without_signs, [(wide,), (-wide,), (rank.T.copy(),)], close=1e-13),
         Case("full", full, [(tall,), (rank,), (np.zeros((5, 3)),)], close=1e-13),
         Case("values", jax.vmap(values), [(rng.normal(size=(2, 6, 6)),) for _ in range(3)], close=1e-13),
-        Case("one column", without_signs, [(tall[:, :1].copy(),), (np.zeros((5, 1)),), (rank[:, 1:2].copy(),)], close=1e-13),
+        Case(
+            "one column",
+            without_signs,
+            [(tall[:, :1].copy(),), (np.zeros((5, 1)),), (rank[:, 1:2].copy(),)],
+            close=1e-13,
+        ),
         Case("single precision", values, [(x.astype(np.float32),) for x in (tall, rank, np.eye(5, 3))], close=1e-6),
         Case("pinv", jnp.linalg.pinv, [(tall,), (rank,), (-tall,)], close=1e-12),
     ]
@@ -81,11 +99,32 @@ def families():
         Case("bessel", lambda x: (special.i0e(x), special.i1e(x), special.i1e(-x)), [(x,)] * 3, close=1e-14),
         Case("bessel single", special.i1e, [(x.astype(np.float32),)] * 3, close=1e-6),
         Case("zeta", lambda x, s: special.zeta(s + 1.1, x), [(positive, order)] * 3, close=1e-13),
-        Case("zeta's edges", special.zeta, [(np.array([3.0, 3.0, 2.5, 1.0, 0.5, 2.0]), np.array([-2.0, 0.0, -0.5, 2.0, 1.0, 1.0]))] * 3, close=1e-13),
+        Case(
+            "zeta's edges",
+            special.zeta,
+            [(np.array([3.0, 3.0, 2.5, 1.0, 0.5, 2.0]), np.array([-2.0, 0.0, -0.5, 2.0, 1.0, 1.0]))] * 3,
+            close=1e-13,
+        ),
         Case("polygamma", lambda n, x: special.polygamma(n, x), [(order.astype(int), positive)] * 3, close=1e-13),
-        Case("slope in a", jax.grad(lambda a, x: special.gammainc(a, x).sum()), [(a[20:40], positive[20:40])] * 3, close=1e-12),
-        Case("slope of a sample", lambda a, x: lax.random_gamma_grad(a, x), [(a[20:40], positive[20:40])] * 3, close=1e-11),
-        Case("gamma's samples", lambda seed, a: jax.random.gamma(jax.random.key(seed), a, (4,)), [(k, 0.4 + k) for k in range(3)], close=1e-13, lanes=False),
+        Case(
+            "slope in a",
+            jax.grad(lambda a, x: special.gammainc(a, x).sum()),
+            [(a[20:40], positive[20:40])] * 3,
+            close=1e-12,
+        ),
+        Case(
+            "slope of a sample",
+            lambda a, x: lax.random_gamma_grad(a, x),
+            [(a[20:40], positive[20:40])] * 3,
+            close=1e-11,
+        ),
+        Case(
+            "gamma's samples",
+            lambda seed, a: jax.random.gamma(jax.random.key(seed), a, (4,)),
+            [(k, 0.4 + k) for k in range(3)],
+            close=1e-13,
+            lanes=False,
+        ),
     ]
 
 

@@ -116,7 +116,10 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "geqrf": (FLOATS, "jnp.linalg.qr(mode='raw'); batches too"),
     "householder_product": (FLOATS, "batches too"),
     "ormqr": (FLOATS, "from either side, transposed; batches too"),
-    "svd": (FLOATS, "by Hestenes's rotations; signs of singular vectors are not JAX's; batches too: pinv, lstsq, polar"),
+    "svd": (
+        FLOATS,
+        "by Hestenes's rotations; signs of singular vectors are not JAX's; batches too: pinv, lstsq, polar",
+    ),
     "tridiagonal_solve": (FLOATS, "with exchange of rows; batches too"),
     "eigh": (FLOATS, "by Jacobi's rotations; signs of eigenvectors are not JAX's; batches too"),
     "sort": (ANY, "stable, several keys, NaN last; argsort, median, percentile"),
@@ -147,7 +150,10 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "random_gamma": (FLOATS, "JAX's own program: also beta, dirichlet, t"),
     "iota_2x32_shape": (INTEGERS, "of jax.random"),
     "custom_linear_solve": (FLOATS, "its solution is inlined"),
-    "pure_callback": (ANY, "only equinox.error_if: NaN instead of an error, as with EQX_ON_ERROR=nan; others are refused"),
+    "pure_callback": (
+        ANY,
+        "only equinox.error_if: NaN instead of an error, as with EQX_ON_ERROR=nan; others are refused",
+    ),
     "platform_index": (INTEGERS, "the CPU's branch"),
     "dynamic_slice": (ANY, "starts out of range are brought into it"),
     "dynamic_update_slice": (ANY, "starts out of range are brought into it; in place where nobody reads the old array"),

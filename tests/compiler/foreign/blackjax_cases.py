@@ -53,12 +53,22 @@ def _resample(kind: Any) -> Any:
 
 MASS = np.ones(4)
 CASES = [
-    Case("random walk Metropolis, 50 steps", _chain(blackjax.additive_step_random_walk(_log_density, blackjax.mcmc.random_walk.normal(0.5 * jnp.eye(4))), 50), _seed_and_place),
+    Case(
+        "random walk Metropolis, 50 steps",
+        _chain(
+            blackjax.additive_step_random_walk(_log_density, blackjax.mcmc.random_walk.normal(0.5 * jnp.eye(4))), 50
+        ),
+        _seed_and_place,
+    ),
     Case("HMC", _transition(blackjax.hmc(_log_density, 0.1, MASS, 10)), _seed_and_place),
     Case("HMC, 20 steps", _chain(blackjax.hmc(_log_density, 0.1, MASS, 10), 20), _seed_and_place),
     Case("NUTS", _transition(blackjax.nuts(_log_density, 0.2, MASS)), _seed_and_place),
     Case("MALA", _transition(blackjax.mala(_log_density, 0.05)), _seed_and_place),
-    Case("elliptical slice sampler", _transition(blackjax.elliptical_slice(_log_density, mean=jnp.zeros(4), cov=jnp.eye(4))), _seed_and_place),
+    Case(
+        "elliptical slice sampler",
+        _transition(blackjax.elliptical_slice(_log_density, mean=jnp.zeros(4), cov=jnp.eye(4))),
+        _seed_and_place,
+    ),
     Case("Barker's proposal", _transition(blackjax.barker_proposal(_log_density, 0.1)), _seed_and_place),
     Case("systematic resampling", _resample(blackjax.smc.resampling.systematic), _weights),
     Case("residual resampling", _resample(blackjax.smc.resampling.residual), _weights),

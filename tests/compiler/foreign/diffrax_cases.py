@@ -70,13 +70,36 @@ CASES = [
     Case("Tsit5, one step and its error", _one_step, _state, sensitive=True),
     Case("Tsit5, 20 steps", _solve(_pendulum, dfx.Tsit5(), FIXED), _state),
     Case("Tsit5, adaptive", _solve(_pendulum, dfx.Tsit5(), ADAPTIVE), _state),
-    Case("Dopri8, saved at 11 instants", _solve(_pendulum, dfx.Dopri8(), ADAPTIVE, saveat=SAVED), _state, sensitive=True),
+    Case(
+        "Dopri8, saved at 11 instants", _solve(_pendulum, dfx.Dopri8(), ADAPTIVE, saveat=SAVED), _state, sensitive=True
+    ),
     Case("Kvaerno5, implicit and adaptive", _solve(_van_der_pol, dfx.Kvaerno5(), ADAPTIVE), _state),
-    Case("implicit Euler", _solve(_van_der_pol, dfx.ImplicitEuler(root_finder=optimistix.Newton(1e-8, 1e-8)), FIXED), _state),
-    Case("semi-implicit Euler", lambda q, p: dfx.diffeqsolve((dfx.ODETerm(lambda t, p, _: p), dfx.ODETerm(lambda t, q, _: -jnp.sin(q))), dfx.SemiImplicitEuler(), 0.0, 1.0, 0.05, (q, p)).ys, normal((2,), (2,))),
+    Case(
+        "implicit Euler",
+        _solve(_van_der_pol, dfx.ImplicitEuler(root_finder=optimistix.Newton(1e-8, 1e-8)), FIXED),
+        _state,
+    ),
+    Case(
+        "semi-implicit Euler",
+        lambda q, p: (
+            dfx.diffeqsolve(
+                (dfx.ODETerm(lambda t, p, _: p), dfx.ODETerm(lambda t, q, _: -jnp.sin(q))),
+                dfx.SemiImplicitEuler(),
+                0.0,
+                1.0,
+                0.05,
+                (q, p),
+            ).ys
+        ),
+        normal((2,), (2,)),
+    ),
     Case("gradient through Tsit5", _gradient(dfx.RecursiveCheckpointAdjoint()), _state),
     Case("gradient by the adjoint equation", _gradient(dfx.BacksolveAdjoint()), _state),
-    Case("forward derivative through Tsit5", jax.jacfwd(_solve(_pendulum, dfx.Tsit5(), FIXED, adjoint=dfx.ForwardMode())), _state),
+    Case(
+        "forward derivative through Tsit5",
+        jax.jacfwd(_solve(_pendulum, dfx.Tsit5(), FIXED, adjoint=dfx.ForwardMode())),
+        _state,
+    ),
     Case("stochastic Euler", _brownian, lambda rng: (np.uint32(rng.integers(1 << 30)), rng.normal(size=2))),
     Case("cubic interpolation", _interpolate, lambda rng: (rng.normal(size=(12, 3)), np.float64(rng.uniform(0, 1)))),
 ]

@@ -36,7 +36,9 @@ def _interpolate(log_a: Any, log_b: Any, at: Any) -> Any:
 
 
 CASES = [
-    Case("SO2 angle of a product", lambda a, b: (SO2.from_radians(a) @ SO2.from_radians(b)).as_radians(), normal((), ())),
+    Case(
+        "SO2 angle of a product", lambda a, b: (SO2.from_radians(a) @ SO2.from_radians(b)).as_radians(), normal((), ())
+    ),
     Case("SE2 exp and log", lambda x, y: (SE2.exp(x) @ SE2.exp(y)).log(), normal((3,), (3,))),
     Case("SO3 exp to matrix", lambda w: SO3.exp(w).as_matrix(), normal((3,))),
     Case("SO3 log of a matrix", lambda w: SO3.from_matrix(SO3.exp(w).as_matrix()).log(), normal((3,))),

@@ -41,7 +41,9 @@ def _equality(q: Any, c: Any, a: Any, b: Any, _: Any) -> Any:
 
 
 def _box(q: Any, c: Any, _a: Any, _b: Any, _g: Any) -> Any:
-    return jaxopt.BoxCDQP(maxiter=30).run(jnp.zeros(6), params_obj=(q, c), params_ineq=(-jnp.ones(6), jnp.ones(6))).params
+    return (
+        jaxopt.BoxCDQP(maxiter=30).run(jnp.zeros(6), params_obj=(q, c), params_ineq=(-jnp.ones(6), jnp.ones(6))).params
+    )
 
 
 def _implicit(a: Any) -> Any:
@@ -62,15 +64,46 @@ CASES = [
     Case("gradient descent", _minimise(jaxopt.GradientDescent(_cost, maxiter=50)), normal((4,), (6, 4))),
     Case("BFGS", _minimise(jaxopt.BFGS(_cost, maxiter=20)), normal((4,), (6, 4))),
     Case("L-BFGS", _minimise(jaxopt.LBFGS(_cost, maxiter=20)), normal((4,), (6, 4))),
-    Case("nonlinear conjugate gradients", _minimise(jaxopt.NonlinearCG(_cost, maxiter=20)), normal((4,), (6, 4)), sensitive=True),
+    Case(
+        "nonlinear conjugate gradients",
+        _minimise(jaxopt.NonlinearCG(_cost, maxiter=20)),
+        normal((4,), (6, 4)),
+        sensitive=True,
+    ),
     Case("Gauss-Newton", lambda x, t, y: jaxopt.GaussNewton(_residual, maxiter=10).run(x, t=t, y=y).params, _decay),
-    Case("Levenberg-Marquardt", lambda x, t, y: jaxopt.LevenbergMarquardt(_residual, maxiter=20).run(x, t=t, y=y).params, _decay),
-    Case("projected gradient on a box", lambda x, a: jaxopt.ProjectedGradient(_cost, jaxopt.projection.projection_box, maxiter=30).run(x, (-jnp.ones(4), jnp.ones(4)), a).params, normal((4,), (6, 4))),
+    Case(
+        "Levenberg-Marquardt",
+        lambda x, t, y: jaxopt.LevenbergMarquardt(_residual, maxiter=20).run(x, t=t, y=y).params,
+        _decay,
+    ),
+    Case(
+        "projected gradient on a box",
+        lambda x, a: (
+            jaxopt.ProjectedGradient(_cost, jaxopt.projection.projection_box, maxiter=30)
+            .run(x, (-jnp.ones(4), jnp.ones(4)), a)
+            .params
+        ),
+        normal((4,), (6, 4)),
+    ),
     Case("OSQP", _osqp, _quadratic_program),
     Case("equality-constrained QP", _equality, _quadratic_program),
     Case("box-constrained QP", _box, _quadratic_program),
-    Case("bisection", lambda a: jaxopt.Bisection(lambda x, a: x**3 + x - a, -10.0, 10.0, maxiter=50, check_bracket=False).run(None, a).params, normal(())),
-    Case("fixed point with Anderson", lambda a: jaxopt.AndersonAcceleration(lambda x, a: jnp.cos(x) + 0.1 * a, maxiter=20).run(jnp.zeros(3), a).params, normal((3,))),
+    Case(
+        "bisection",
+        lambda a: (
+            jaxopt.Bisection(lambda x, a: x**3 + x - a, -10.0, 10.0, maxiter=50, check_bracket=False)
+            .run(None, a)
+            .params
+        ),
+        normal(()),
+    ),
+    Case(
+        "fixed point with Anderson",
+        lambda a: (
+            jaxopt.AndersonAcceleration(lambda x, a: jnp.cos(x) + 0.1 * a, maxiter=20).run(jnp.zeros(3), a).params
+        ),
+        normal((3,)),
+    ),
     Case("projection to the simplex", jaxopt.projection.projection_simplex, normal((10,))),
     Case("gradient through a solver", _implicit, normal((5, 3)), sensitive=True),
 ]

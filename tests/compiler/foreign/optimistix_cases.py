@@ -80,16 +80,51 @@ CASES = [
     Case("Newton on two links", _root(optx.Newton(**TIGHT)), _reachable),
     Case("Newton on Kepler's equation", _kepler, _orbit),
     Case("Dogleg on two links", _root(optx.Dogleg(**TIGHT)), _reachable),
-    Case("bisection", lambda a: optx.root_find(lambda y, a: y**3 + y - a, optx.Bisection(**TIGHT), 0.0, a, options={"lower": -5, "upper": 5}, throw=False).value, normal(())),
-    Case("fixed point", lambda a: optx.fixed_point(lambda y, a: jnp.tanh(0.5 * y + a), optx.FixedPointIteration(**TIGHT), jnp.zeros(3), a, throw=False).value, normal((3,))),
+    Case(
+        "bisection",
+        lambda a: (
+            optx.root_find(
+                lambda y, a: y**3 + y - a,
+                optx.Bisection(**TIGHT),
+                0.0,
+                a,
+                options={"lower": -5, "upper": 5},
+                throw=False,
+            ).value
+        ),
+        normal(()),
+    ),
+    Case(
+        "fixed point",
+        lambda a: (
+            optx.fixed_point(
+                lambda y, a: jnp.tanh(0.5 * y + a), optx.FixedPointIteration(**TIGHT), jnp.zeros(3), a, throw=False
+            ).value
+        ),
+        normal((3,)),
+    ),
     Case("derivative of a root", _implicit, _reachable),
     Case("position from ranges, Gauss-Newton", _locate(optx.GaussNewton(**TIGHT)), _beacons),
-    Case("position from ranges, Levenberg-Marquardt", _locate(optx.LevenbergMarquardt(**TIGHT)), _beacons, sensitive=True),
+    Case(
+        "position from ranges, Levenberg-Marquardt", _locate(optx.LevenbergMarquardt(**TIGHT)), _beacons, sensitive=True
+    ),
     Case("BFGS", _minimise(optx.BFGS(**TIGHT)), normal((3,)), sensitive=True),
     Case("nonlinear conjugate gradients", _minimise(optx.NonlinearCG(**TIGHT)), normal((3,)), sensitive=True),
     Case("Nelder-Mead", _minimise(optx.NelderMead(1e-4, 1e-4), 40), normal((3,))),
-    Case("lineax: least squares", lambda a, b: lx.linear_solve(lx.MatrixLinearOperator(a), b, lx.QR(), throw=False).value, normal((8, 3), (8,))),
-    Case("lineax: tridiagonal", lambda d, l, u, b: lx.linear_solve(lx.TridiagonalLinearOperator(d + 4, l, u), b, throw=False).value, normal((20,), (19,), (19,), (20,))),
-    Case("lineax: automatic choice", lambda a, b: lx.linear_solve(lx.MatrixLinearOperator(a), b).value, normal((5, 5), (5,))),
+    Case(
+        "lineax: least squares",
+        lambda a, b: lx.linear_solve(lx.MatrixLinearOperator(a), b, lx.QR(), throw=False).value,
+        normal((8, 3), (8,)),
+    ),
+    Case(
+        "lineax: tridiagonal",
+        lambda d, l, u, b: lx.linear_solve(lx.TridiagonalLinearOperator(d + 4, l, u), b, throw=False).value,
+        normal((20,), (19,), (19,), (20,)),
+    ),
+    Case(
+        "lineax: automatic choice",
+        lambda a, b: lx.linear_solve(lx.MatrixLinearOperator(a), b).value,
+        normal((5, 5), (5,)),
+    ),
     Case("optax: 30 steps of Adam", _adam, normal((3,), (3,))),
 ]

@@ -46,8 +46,17 @@ def _quadrotor(x: Any, u: Any) -> Any:
     a, b, c, d = q / jnp.linalg.norm(q)
     up = jnp.array([2 * (b * d + a * c), 2 * (c * d - a * b), 1 - 2 * (b * b + c * c)])
     inertia = jnp.array([0.01, 0.012, 0.02])
-    turn = 0.5 * jnp.array([-b * w[0] - c * w[1] - d * w[2], a * w[0] + c * w[2] - d * w[1], a * w[1] - b * w[2] + d * w[0], a * w[2] + b * w[1] - c * w[0]])
-    return jnp.concatenate([v, u[0] * up - jnp.array([0, 0, 9.81]) - 0.1 * v, turn, (u[1:] - jnp.cross(w, inertia * w)) / inertia])
+    turn = 0.5 * jnp.array(
+        [
+            -b * w[0] - c * w[1] - d * w[2],
+            a * w[0] + c * w[2] - d * w[1],
+            a * w[1] - b * w[2] + d * w[0],
+            a * w[2] + b * w[1] - c * w[0],
+        ]
+    )
+    return jnp.concatenate(
+        [v, u[0] * up - jnp.array([0, 0, 9.81]) - 0.1 * v, turn, (u[1:] - jnp.cross(w, inertia * w)) / inertia]
+    )
 
 
 def _runge_kutta(x: Any, u: Any, dt: float = 0.01) -> Any:
@@ -151,11 +160,33 @@ CASES = [
     Case("Kabsch", _align, normal((10, 3), (10, 3))),
     Case("Gaussian process of 15 points", _gaussian_process, normal((15,), (15,), (5,))),
     Case("resampling of 100 particles", _resample, _particles),
-    Case("frequency response", _frequency_response, lambda rng: (np.logspace(-1, 1, 10), rng.normal(size=(2, 2)) - 2 * np.eye(2)), refused="complex128"),
-    Case("interpax: cubic spline", lambda x, f: interpax.interp1d(x, jnp.linspace(0, 1, 12), f, method="cubic2"), lambda rng: (rng.uniform(0, 1, 20), rng.normal(size=12))),
-    Case("interpax: bilinear table", lambda x, y, f: interpax.interp2d(x, y, jnp.linspace(0, 1, 8), jnp.linspace(0, 1, 9), f, method="linear"), lambda rng: (rng.uniform(0, 1, 20), rng.uniform(0, 1, 20), rng.normal(size=(8, 9)))),
-    Case("running median of 5", lambda x: jnp.median(jnp.stack([jnp.roll(x, k) for k in range(5)]), axis=0), normal((60,))),
+    Case(
+        "frequency response",
+        _frequency_response,
+        lambda rng: (np.logspace(-1, 1, 10), rng.normal(size=(2, 2)) - 2 * np.eye(2)),
+        refused="complex128",
+    ),
+    Case(
+        "interpax: cubic spline",
+        lambda x, f: interpax.interp1d(x, jnp.linspace(0, 1, 12), f, method="cubic2"),
+        lambda rng: (rng.uniform(0, 1, 20), rng.normal(size=12)),
+    ),
+    Case(
+        "interpax: bilinear table",
+        lambda x, y, f: interpax.interp2d(x, y, jnp.linspace(0, 1, 8), jnp.linspace(0, 1, 9), f, method="linear"),
+        lambda rng: (rng.uniform(0, 1, 20), rng.uniform(0, 1, 20), rng.normal(size=(8, 9))),
+    ),
+    Case(
+        "running median of 5",
+        lambda x: jnp.median(jnp.stack([jnp.roll(x, k) for k in range(5)]), axis=0),
+        normal((60,)),
+    ),
     Case("polynomial fit", lambda x, y: jnp.polyfit(x, y, 3), normal((20,), (20,))),
-    Case("roots of a polynomial", lambda c: jnp.sort(jnp.abs(jnp.roots(c, strip_zeros=False))), normal((5,)), refused="eig"),
+    Case(
+        "roots of a polynomial",
+        lambda c: jnp.sort(jnp.abs(jnp.roots(c, strip_zeros=False))),
+        normal((5,)),
+        refused="eig",
+    ),
     Case("histogram", lambda x: jnp.histogram(x, bins=10, range=(-3, 3))[0], normal((200,))),
 ]

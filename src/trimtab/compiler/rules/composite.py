@@ -101,7 +101,7 @@ def _triangular_each(site: Site) -> list[Array]:
 
 def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
     def single(*rows: Any) -> Any:
-        order = _sorting_order(rows[:num_keys], reverse=False)
+        order = sorting_order(rows[:num_keys], reverse=False)
         return tuple(row[order] for row in rows)
 
     moved = [jnp.moveaxis(x, dimension, -1) for x in operands]
@@ -110,7 +110,7 @@ def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
 
 def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
     def single(row: Any) -> Any:
-        order = _sorting_order((row,), reverse=True)[:k]
+        order = sorting_order((row,), reverse=True)[:k]
         return row[order], order
 
     found = each_matrix(single, 1, jnp.moveaxis(operand, axis, -1))
@@ -131,7 +131,7 @@ def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
     return before
 
 
-def _sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
+def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
     """int32 positions of the keys in order; of equals the first comes first."""
     n = keys[0].shape[0]
     places = jnp.arange(n, dtype=jnp.int32)
@@ -241,47 +241,6 @@ def _digamma(x: Any, **_: Any) -> Any:
     return jnp.where((x <= 0) & (x == jnp.floor(x)), jnp.nan, jnp.where(below, reflected, y))
 
 
-SWEEPS = 12
-"""Of Jacobi's rotations: they converge quadratically, and need no more than nine up to 100 rows."""
-
-
-def _eigh(a: Any, *, lower: bool, sort_eigenvalues: bool, subset_by_index: Any, **_: Any) -> Any:
-    if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
-        problem = f"eigenvalues {subset_by_index} alone have no C text"
-        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
-    return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
-
-
-def _single_eigh(a: Any, lower: bool) -> Any:
-    """Eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
-    n = a.shape[0]
-    half = jnp.tril(a) if lower else jnp.triu(a)
-    a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
-
-    def rotate(k: Any, carried: Any) -> Any:
-        a, v = carried
-        p, q = k // n, k % n
-        wanted = (p < q) & (a[p, q] != 0)
-        theta = (a[q, q] - a[p, p]) / (2 * jnp.where(wanted, a[p, q], 1.0))
-        t = jnp.where(theta < 0, -1.0, 1.0) / (jnp.abs(theta) + jnp.sqrt(theta * theta + 1))
-        c = jnp.where(wanted, 1 / jnp.sqrt(t * t + 1), 1.0)
-        s = jnp.where(wanted, t, 0.0) * c
-        rows = a[p], a[q]
-        a = a.at[p].set(c * rows[0] - s * rows[1]).at[q].set(jnp.where(p == q, a[q], s * rows[0] + c * rows[1]))
-        columns, vectors = (a[:, p], a[:, q]), (v[:, p], v[:, q])
-        a = a.at[:, p].set(c * columns[0] - s * columns[1])
-        a = a.at[:, q].set(jnp.where(p == q, a[:, q], s * columns[0] + c * columns[1]))
-        v = v.at[:, p].set(c * vectors[0] - s * vectors[1])
-        return a, v.at[:, q].set(jnp.where(p == q, v[:, q], s * vectors[0] + c * vectors[1]))
-
-    turned, vectors = lax.fori_loop(
-        0, SWEEPS * n * n, lambda k, x: rotate(k % (n * n), x), (a, jnp.eye(n, dtype=a.dtype))
-    )
-    values = jnp.diagonal(turned)
-    order = _sorting_order((values,), reverse=False)
-    return vectors[:, order], values[order]
-
-
 def _threefry(k1: Any, k2: Any, x1: Any, x2: Any, **_: Any) -> Any:
     """Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011): 20 rounds on two words."""
     turns = ((13, 15, 26, 6), (17, 29, 16, 24))
@@ -331,7 +290,6 @@ RULES: dict[str, Rule] = {
     "threefry2x32": composite(_threefry),
     "lgamma": composite(_lgamma),
     "digamma": composite(_digamma),
-    "eigh": composite(_eigh),
     "cumlogsumexp": composite(_cumlogsumexp),
     "custom_linear_solve": _custom_linear_solve,
     "platform_index": _platform,

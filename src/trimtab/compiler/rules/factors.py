@@ -1,5 +1,6 @@
-"""Rules for QR factors, singular values, and systems with three diagonals: programs in JAX, as in `composite`."""
+"""Rules for QR factors, eigenvalues, singular values, and systems with three diagonals: programs as in `composite`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -7,7 +8,7 @@ import numpy as np
 from jax import lax
 
 from trimtab.compiler.lower import Rule
-from trimtab.compiler.rules.composite import composite, each_matrix
+from trimtab.compiler.rules.composite import composite, each_matrix, sorting_order
 from trimtab.core.errors import InputError
 
 
@@ -24,8 +25,10 @@ def _single_geqrf(a: Any) -> Any:
         r, factors = carried
         x = jnp.where(rows >= j, r[:, j], 0.0)
         head, rest = r[j, j], jnp.where(rows > j, r[:, j], 0.0)
-        beta = -jnp.copysign(jnp.sqrt(jnp.sum(x * x)), head)
-        none = jnp.sum(rest * rest) == 0
+        size = jnp.max(jnp.abs(x))
+        scaled = x / jnp.where(size > 0, size, 1.0).astype(a.dtype)  # so that squares neither vanish nor overflow
+        beta = -jnp.copysign(size * jnp.sqrt(jnp.sum(scaled * scaled)), head)
+        none = jnp.max(jnp.abs(rest)) == 0
         below = jnp.where(none, 0.0, rest / jnp.where(none, 1.0, head - beta))
         tau = jnp.where(none, 0.0, (beta - head) / jnp.where(none, 1.0, beta))
         v = jnp.where(rows == j, 1.0, below)
@@ -85,44 +88,89 @@ def _svd(a: Any, *, full_matrices: bool, compute_uv: bool, subset_by_index: Any,
 
 def _single_svd(a: Any, full: bool) -> Any:
     """Hestenes (1958): columns are turned in pairs until they are orthogonal; QR of them fills up what is missing."""
-    if a.shape[0] < a.shape[1]:
+    m, n = a.shape
+    if m < n:
         s, u, vt = _single_svd(a.T, full)
         return s, vt.T, u.T
-    n = a.shape[1]
+    if m > n:
+        q, r = _single_qr(a, full)
+        s, u, vt = _single_svd(r[:n], False)
+        return s, jnp.concatenate([q[:, :n] @ u, q[:, n:]], axis=1), vt
     tiny = jnp.asarray(jnp.finfo(a.dtype).eps, a.dtype)
-    first, second = (jnp.asarray(i, jnp.int32) for i in np.triu_indices(n, 1))
     size = jnp.max(jnp.abs(a))
     size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0).astype(a.dtype)
 
-    def rotate(k: Any, carried: Any) -> Any:
-        w, v, turns = carried
-        p, q = first[k], second[k]
+    def rotate(p: Any, q: Any, w: Any, v: Any) -> Any:
         x, y = w[:, p], w[:, q]
         alpha, beta, gamma = jnp.sum(x * x), jnp.sum(y * y), jnp.sum(x * y)
         wanted = jnp.abs(gamma) > tiny * jnp.sqrt(alpha) * jnp.sqrt(beta)
-        zeta = (beta - alpha) / (2 * jnp.where(wanted, gamma, 1.0))
-        t = jnp.where(zeta < 0, -1.0, 1.0) / (jnp.abs(zeta) + jnp.sqrt(1 + zeta * zeta))
-        c = jnp.where(wanted, 1 / jnp.sqrt(1 + t * t), 1.0).astype(a.dtype)
-        s = (c * jnp.where(wanted, t, 0.0)).astype(a.dtype)
-        w = w.at[:, p].set(c * x - s * y).at[:, q].set(s * x + c * y)
-        x, y = v[:, p], v[:, q]
-        return w, v.at[:, p].set(c * x - s * y).at[:, q].set(s * x + c * y), turns | wanted
+        c, s = _rotation(alpha, beta, gamma, wanted)
+        return _turn_columns(w, p, q, c, s), _turn_columns(v, p, q, c, s), wanted
 
-    def sweep(carried: Any) -> Any:
-        w, v, _, count = carried
-        w, v, turns = lax.fori_loop(0, len(first), rotate, (w, v, jnp.bool_(False)))
-        return w, v, turns, count + 1
-
-    w, v = a / size, jnp.eye(n, dtype=a.dtype)
-    if n > 1:
-        start = w, v, jnp.bool_(True), jnp.int32(0)
-        w, v, *_ = lax.while_loop(lambda x: x[2] & (x[3] < SWEEPS), sweep, start)
+    w, v = _sweep_pairs(rotate, a / size)
     lengths = jnp.sqrt(jnp.sum(w * w, axis=0))
     order = jnp.argsort(-lengths)
-    s, w, v = lengths[order], w[:, order], v[:, order]
-    q, r = _single_qr(w, full)
+    q, r = _single_qr(w[:, order], False)
     signs = jnp.where(jnp.diagonal(r) < 0, -1.0, 1.0).astype(a.dtype)
-    return s * size, jnp.concatenate([q[:, :n] * signs, q[:, n:]], axis=1), v.T
+    return lengths[order] * size, q * signs, v[:, order].T
+
+
+def _eigh(a: Any, *, lower: bool, subset_by_index: Any, **_: Any) -> Any:
+    if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
+        problem = f"eigenvalues {subset_by_index} alone have no C text"
+        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
+    return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
+
+
+def _single_eigh(a: Any, lower: bool) -> Any:
+    """Eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
+    half = jnp.tril(a) if lower else jnp.triu(a)
+    a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
+    tiny = jnp.max(jnp.abs(a)) * float(jnp.finfo(a.dtype).eps) ** 2
+
+    def rotate(p: Any, q: Any, a: Any, v: Any) -> Any:
+        wanted = jnp.abs(a[p, q]) > tiny
+        c, s = _rotation(a[p, p], a[q, q], a[p, q], wanted)
+        a = _turn_columns(_turn_columns(a, p, q, c, s).T, p, q, c, s)
+        off = jnp.where(wanted, 0.0, a[p, q]).astype(a.dtype)
+        return a.at[p, q].set(off).at[q, p].set(off), _turn_columns(v, p, q, c, s), wanted
+
+    turned, vectors = _sweep_pairs(rotate, a)
+    values = jnp.diagonal(turned)
+    order = sorting_order((values,), reverse=False)
+    return vectors[:, order], values[order]
+
+
+def _sweep_pairs(rotate: Callable[..., Any], a: Any) -> Any:
+    """rotate(p, q, matrix, vectors) for all pairs of columns, until it says of none that it was wanted."""
+    n, v = a.shape[1], jnp.eye(a.shape[1], dtype=a.dtype)
+    if n < 2:
+        return a, v
+    first, second = (jnp.asarray(i, jnp.int32) for i in np.triu_indices(n, 1))
+
+    def one(k: Any, carried: Any) -> Any:
+        a, v, some = carried
+        a, v, wanted = rotate(first[k], second[k], a, v)
+        return a, v, some | wanted
+
+    def sweep(carried: Any) -> Any:
+        return *lax.fori_loop(0, len(first), one, (*carried[:2], jnp.bool_(False))), carried[3] + 1
+
+    start = a, v, jnp.bool_(True), jnp.int32(0)
+    return lax.while_loop(lambda x: x[2] & (x[3] < SWEEPS), sweep, start)[:2]
+
+
+def _rotation(alpha: Any, beta: Any, gamma: Any, wanted: Any) -> Any:
+    """Cosine and sine of the turn that makes [alpha, gamma; gamma, beta] diagonal; none where it is not wanted."""
+    zeta = (beta - alpha) / (2 * jnp.where(wanted, gamma, 1.0))
+    t = jnp.where(zeta < 0, -1.0, 1.0) / (jnp.abs(zeta) + jnp.sqrt(1 + zeta * zeta))
+    c = jnp.where(wanted, 1 / jnp.sqrt(1 + t * t), 1.0).astype(alpha.dtype)
+    return c, (c * jnp.where(wanted, t, 0.0)).astype(alpha.dtype)
+
+
+def _turn_columns(a: Any, p: Any, q: Any, c: Any, s: Any) -> Any:
+    x, y = a[:, p], a[:, q]
+    return a.at[:, p].set(c * x - s * y).at[:, q].set(s * x + c * y)
 
 
 def _tridiagonal_solve(dl: Any, d: Any, du: Any, b: Any, *, perturb_singular: bool, **_: Any) -> Any:
@@ -160,6 +208,7 @@ def _single_tridiagonal(dl: Any, d: Any, du: Any, b: Any) -> Any:
 
 
 RULES: dict[str, Rule] = {
+    "eigh": composite(_eigh),
     "geqrf": composite(_geqrf),
     "householder_product": composite(_householder_product),
     "ormqr": composite(_ormqr),
