@@ -30,12 +30,18 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests")]
 import jax
-from compiler.foreign.agreement import CLOSE, compute_leaves, difference, draw_runs, measure_agreement
-from compiler.foreign.agreement import measure_sensitivity
-from compiler.foreign.case import Case
 from paired import Ratio, load, machine, row
 
 import trimtab
+from compiler.foreign.agreement import (
+    CLOSE,
+    compute_leaves,
+    difference,
+    draw_runs,
+    measure_agreement,
+    measure_sensitivity,
+)
+from compiler.foreign.case import Case
 
 LIBRARIES = ("jaxlie", "brax", "equinox", "jaxopt", "blackjax", "diffrax", "optimistix", "jax_scipy", "own")
 COMMAND = "python benchmarks/foreign.py"

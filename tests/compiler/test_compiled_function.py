@@ -149,6 +149,17 @@ def test_numbers_of_numpy_are_taken_as_they_are(dtype: Any) -> None:
     assert compiled(x=dtype(1), y=np.ones(2))[0] == dtype(1)
 
 
+@pytest.mark.parametrize(
+    "function", [jnp.signbit, jnp.isnan, jnp.sqrt, jnp.float_power, jnp.select], ids=lambda f: f.__name__
+)
+def test_names_of_the_c_library_are_no_names_of_functions(function: Any) -> None:
+    def named(x):
+        return -x
+
+    named.__name__ = function.__name__
+    assert trimtab.compile(named, 1.0, lanes=4)(3.0) == -3.0
+
+
 class Odd:
     """No array."""
 

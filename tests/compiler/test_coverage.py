@@ -77,6 +77,7 @@ def printed(x: jax.Array) -> jax.Array:
 REFUSED = {
     "eig": (lambda x: jnp.linalg.eig(jnp.outer(x, x))[0].real, "eigh"),  # refused
     "fft": (lambda x: jnp.fft.rfft(x).real, "cosines"),  # refused
+    "rng_bit_generator": (lambda x: x + jax.random.normal(jax.random.key(0, impl="rbg")), "threefry"),  # refused
     "pure_callback": (host_call, "plain jax.numpy"),
     "debug_print": (printed, "logged signal"),
     "complex": (complex_numbers, "float64"),
@@ -106,6 +107,13 @@ def cosines(x: jax.Array) -> jax.Array:
 
 TALL = np.random.default_rng(5).normal(size=(6, 4))
 SUBSTITUTES = {
+    "eig": (lambda a: jnp.linalg.eigh(a.T @ a)[0], TALL, lambda a: np.sort(np.linalg.eigvals(a.T @ a)), 1e-12),
+    "rng": (
+        lambda s: jax.random.normal(jax.random.key(s)),
+        3,
+        lambda s: float(jax.random.normal(jax.random.key(s))),
+        1e-14,
+    ),
     "fft": (cosines, TALL.ravel(), lambda x: np.fft.rfft(x).real, 1e-12),
 }
 

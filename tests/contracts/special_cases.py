@@ -25,9 +25,9 @@ def reflections():
         return lax.linalg.tridiagonal_solve(dl, d, du, b)
 
     def banded(n, columns):
-        dl, d, du = rng.normal(size=(3, n)) + [[0], [4], [0]]
-        dl[0] = du[-1] = 0
-        d[n // 2] = 0  # rows are exchanged
+        dl, d, du = rng.normal(size=(3, n))
+        d += 4
+        dl[0] = du[-1] = d[n // 2] = 0  # rows are exchanged
         return dl, d, du, rng.normal(size=(n, columns))
 
     return [

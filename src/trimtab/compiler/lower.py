@@ -20,6 +20,7 @@ ALTERNATIVES = {
     "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
+    "rng_bit_generator": "jax.random.key(seed), without impl: its bits are threefry's",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
     "debug_print": "a result of the function, or a logged signal: flight code cannot print",

@@ -2,14 +2,10 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import mujoco
-import numpy as np
 from brax import kinematics, math
 from brax.base import Motion, System, Transform
-from brax.generalized import dynamics as _dynamics
-from brax.generalized import mass as _mass
 from brax.generalized import pipeline as generalized
 from brax.io import mjcf
 from brax.positional import pipeline as positional

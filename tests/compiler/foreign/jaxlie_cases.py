@@ -3,11 +3,11 @@
 from typing import Any
 
 import jax
-import jaxlie
 import jax.numpy as jnp
+import jaxlie
+from jaxlie import SE2, SE3, SO2, SO3
 
 from compiler.foreign.case import Case, normal
-from jaxlie import SE2, SE3, SO2, SO3
 
 
 def _pose_error(log_a: Any, log_b: Any) -> Any:

@@ -15,7 +15,6 @@ from jax import lax
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
-from trimtab.core.errors import InputError
 
 COUNTED = 40
 """Up to so many numbers are sorted by counting who is smaller; more by merging."""

@@ -177,7 +177,7 @@ def _tridiagonal_solve(dl: Any, d: Any, du: Any, b: Any, *, perturb_singular: bo
     if perturb_singular:
         raise InputError("export", "tridiagonal_solve(perturb_singular=True) has no C text", fix="leave it out")
     flat = [dl[..., None], d[..., None], du[..., None], b]
-    return each_matrix(lambda *x: _single_tridiagonal(*(y[:, 0] for y in x[:3]), x[3]), 2, *flat)
+    return each_matrix(lambda x, y, z, b: _single_tridiagonal(x[:, 0], y[:, 0], z[:, 0], b), 2, *flat)
 
 
 def _single_tridiagonal(dl: Any, d: Any, du: Any, b: Any) -> Any:
