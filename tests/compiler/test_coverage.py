@@ -105,6 +105,10 @@ def cosines(x: jax.Array) -> jax.Array:
     return jnp.cos(2 * jnp.pi / n * jnp.arange(n // 2 + 1)[:, None] * jnp.arange(n)) @ x
 
 
+def threefry(seed: jax.Array) -> jax.Array:
+    return jax.random.normal(jax.random.key(seed))
+
+
 TALL = np.random.default_rng(5).normal(size=(6, 4))
 SUBSTITUTES = {
     "eig": (lambda a: jnp.linalg.eigh(a.T @ a)[0], TALL, lambda a: np.sort(np.linalg.eigvals(a.T @ a)), 1e-12),
