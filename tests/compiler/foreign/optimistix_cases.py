@@ -75,7 +75,7 @@ def _implicit(a: Any) -> Any:
     return jax.jacfwd(_root(optx.Newton(rtol=1e-10, atol=1e-10)))(a)
 
 
-TIGHT = {"rtol": 1e-8, "atol": 1e-8}
+TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-8}
 CASES = [
     Case("Newton on two links", _root(optx.Newton(**TIGHT)), _reachable),
     Case("Newton on Kepler's equation", _kepler, _orbit),
