@@ -19,7 +19,18 @@ PAGE = ROOT / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- made by benchmarks/table.py -->", "<!-- end -->"
 COMMANDS = [
     f"benchmarks/{name}.py"
-    for name in ("compare", "instructions", "step", "filters", "board", "start_up", "deadlines", "campaign", "foreign")
+    for name in (
+        "compare",
+        "instructions",
+        "arrays",
+        "step",
+        "filters",
+        "board",
+        "start_up",
+        "deadlines",
+        "campaign",
+        "foreign",
+    )
 ]
 PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim")]
 HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|---|"

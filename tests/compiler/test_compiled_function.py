@@ -1,5 +1,6 @@
 """trimtab.compile: the same numbers as JAX in every kind of tree and type, called from threads, and nothing crashes."""
 
+import gc
 import threading
 import time
 from typing import Any, NamedTuple
@@ -306,3 +307,30 @@ def test_exported_function_declares_its_workspace(tmp_path: Any) -> None:
     assert size >= 160_000
     assert "void *workspace);" in header
     assert verify_folder(tmp_path).good
+
+
+def test_large_weights_are_data_not_text():
+    rng = np.random.default_rng(3)
+    first, second = rng.normal(size=(2, 60, 60))
+    x = rng.normal(size=60)
+    one, other = (trimtab.compile(lambda x, W=W: W @ x, x, lanes=4) for W in (first, second))
+    again = trimtab.compile(lambda x: first @ x, x)
+    assert repr(float(first[0, 0])) not in one.c_source
+    for compiled, W in ((one, first), (other, second), (again, first)):
+        assert np.allclose(compiled(x), W @ x, rtol=0, atol=1e-13)
+        assert np.array_equal(compiled.lanes(np.stack([x, -x]))[1], compiled(-x))
+    del again
+    gc.collect()
+    assert np.allclose(one(x), first @ x, rtol=0, atol=1e-13)
+
+
+def test_exported_weights_are_text(tmp_path):
+    W = np.random.default_rng(3).normal(size=(60, 60))
+    trimtab.compile(lambda x: W @ x, np.zeros(60)).export(tmp_path, name="product")
+    assert repr(float(W[0, 0])) in (tmp_path / "product.c").read_text()
+
+
+def test_lanes_are_one_where_a_run_is_vectors_already():
+    a = np.ones((60, 60))
+    assert trimtab.compile(lambda a, b: jnp.outer(a, b), a[0], a[0])._lanes_program()[0] == 1
+    assert trimtab.compile(lambda a: jnp.sin(a) @ a, a)._lanes_program()[0] > 1

@@ -6,6 +6,7 @@ What is the same in every run is computed once, and branches on it stay branches
 from typing import Any
 
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.text import ELEMENTARY
 
 
 class _NeededValues:
@@ -64,7 +65,7 @@ class _NeededValues:
 
 
 def _enclosing_tests(around: list[Any]) -> list[Value]:
-    return [item.test for item in around if item.test is not None]
+    return [value for item in around for value in (item.test, getattr(item, "count", None)) if isinstance(value, Value)]
 
 
 def prune(blocks: list[Block], results: list[Value], buffers: list[Buffer]) -> set[int]:
@@ -174,6 +175,43 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
                     varying.add(variable, varying.values)
         elif not isinstance(item, Local | Emit):
             raise TypeError(item)
+
+
+CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
+"""Elementary functions that are an instruction or two."""
+CALL, TURNS = 40, 16
+"""Operations of an elementary function, and turns of a loop that ends on data, as they are counted here."""
+
+
+def vector_share(blocks: list[Block]) -> float:
+    """The share of a single run's operations that lies in loops of which a C compiler makes vectors.
+
+    Such a loop is the innermost, carries nothing, and calls nothing.
+    """
+    work, vectors = _count_operations(blocks)
+    return vectors / max(work, 1)
+
+
+def _count_operations(blocks: list[Block]) -> tuple[float, float]:
+    """Operations of these blocks, and how many of them are in loops that become vectors."""
+    work = vectors = 0.0
+    for item in (item for block in blocks for item in block.items):
+        if isinstance(item, Define):
+            work += CALL if item.value.op in ELEMENTARY and item.value.op not in CHEAP else 1
+        elif isinstance(item, If):
+            inner = _count_operations([item.first, item.second])
+            work, vectors = work + inner[0], vectors + inner[1]
+        elif isinstance(item, Loop):
+            turns = item.count if isinstance(item.count, int) else TURNS
+            inner = _count_operations([item.head, item.body])
+            plain = item.count is not None and not item.carries
+            plain &= all(isinstance(i, Store) or _is_cheap(i) for i in item.body.items)
+            work, vectors = work + turns * inner[0], vectors + turns * (inner[0] if plain else inner[1])
+    return work, vectors
+
+
+def _is_cheap(item: Any) -> bool:
+    return isinstance(item, Define) and (item.value.op not in ELEMENTARY or item.value.op in CHEAP)
 
 
 def defined_values(blocks: list[Block]) -> list[Value]:

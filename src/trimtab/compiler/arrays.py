@@ -1,8 +1,8 @@
 """Arrays while a program is lowered: small ones are scalars by index, large ones a buffer that loops run over."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,34 @@ UNROLL = 48
 Index = list[Value]
 
 
-class Array:
-    """An array of one type: `element_array`, an object array of values, or a `buffer`, row-major from `offset`."""
+class ElementUpdate(NamedTuple):
+    """One element that is to be written: its row-major position, its number, and whether it is written at all."""
 
-    __slots__ = ("buffer", "dtype", "items", "offset", "shape")
+    position: Value
+    number: Value
+    inside: Value
+
+
+class Array:
+    """An array of one type: `element_array`, an object array of values, or a `buffer`, row-major from `offset`.
+
+    updates: what the buffer does not hold yet. A few elements of a large array are written when it is known whether
+    somebody reads the old ones: only then is a copy needed.
+    """
+
+    __slots__ = ("buffer", "dtype", "items", "offset", "shape", "updates")
 
     def __init__(
-        self, shape: tuple[int, ...], dtype: str, items: Any = None, buffer: Buffer | None = None, offset: Any = None
+        self,
+        shape: tuple[int, ...],
+        dtype: str,
+        items: Any = None,
+        buffer: Buffer | None = None,
+        offset: Any = None,
+        updates: tuple[ElementUpdate, ...] = (),
     ) -> None:
         self.shape, self.dtype, self.items, self.buffer, self.offset = shape, dtype, items, buffer, offset
+        self.updates = updates
 
     @property
     def size(self) -> int:
@@ -163,3 +182,21 @@ def copy_array(b: Builder, array: Array) -> Array:
     made = b.local_buffer(array.dtype, array.size)
     copy_into(b, made, array)
     return Array(array.shape, array.dtype, buffer=made)
+
+
+def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
+    """The array with its updates written; in place, what else refers to the buffer is changed."""
+    plain = Array(array.shape, array.dtype, buffer=array.buffer)
+    target = plain if in_place else copy_array(b, plain)
+    write_updates(b, target, array.updates)
+    return target
+
+
+def write_updates(b: Builder, array: Array, updates: Iterable[ElementUpdate]) -> None:
+    """Write elements into an array's buffer, one after the other."""
+    buffer = array.buffer
+    assert buffer is not None
+    for position, number, inside in updates:
+        known = inside.op == "const" and inside.const
+        new = number if known else b.op("select", inside, number, b.load(buffer, position), dtype=array.dtype)
+        b.store(buffer, position, new)

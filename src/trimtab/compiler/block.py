@@ -12,6 +12,7 @@ import numpy as np
 from trimtab.compiler import jaxprs
 from trimtab.compiler.analysis import prune
 from trimtab.compiler.arrays import Array, copy_array, copy_into, is_small, scalars
+from trimtab.compiler.c_functions import helper_texts
 from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, elementary_names, elementary_text
 from trimtab.compiler.ir import Block, Buffer, Builder, If, Local, Loop, Value
 from trimtab.compiler.lower import Lowering
@@ -97,7 +98,7 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
         f'#include "{name}.h"\n',
         INCLUDES,
         elementary_text(0, elementary_names(w)),
-        w.helper_texts(),
+        helper_texts(w.used),
         *w.tables,
         *tables,
     ]

@@ -14,16 +14,19 @@ from jax.core import Tracer
 
 from trimtab.compiler.block import function_block
 from trimtab.compiler.folder import ExportedFolder, export_function
-from trimtab.compiler.function import Function
+from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.ir import TYPES
+from trimtab.compiler.jaxprs import is_key
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
 from trimtab.native.build import build_library, load_library
-from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, make_callable, run_batch
+from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable, run_batch
 from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
+VECTORS = 0.98
+"""Share of a single run's operations in loops over arrays from which lanes gain nothing."""
 PART = "compile"
 ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
 """What an example may be made of."""
@@ -39,7 +42,8 @@ def compile(
             ``compile(jax.grad(f), x)``.
         example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
         lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
-            or 1 where a type of numbers is not carried in lanes. When it is given, that text is built at once.
+            or 1 where a type of numbers is not carried in lanes, or a single run is vectors already, such as a product
+            of large matrices. When it is given, that text is built at once.
         threads: how many threads share the runs of `CompiledFunction.lanes`.
 
     Returns:
@@ -68,6 +72,8 @@ class CompiledFunction:
             raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
         if not isinstance(threads, int) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
+        if not callable(function):
+            raise InputError(PART, f"{function!r} is no function", fix="compile(f, *example)")
         self.name = _function_name(function)
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
@@ -79,19 +85,21 @@ class CompiledFunction:
         self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
         self._lock = threading.Lock()
         self._batch: tuple[int, LoadedFunction] | None = None
-        text = self._lowered.program_text(self.name)
+        text = self._lowered.program_text(self.name, large_as_data=True)
         self.c_source, self.workspace = text.text, text.workspace
-        self._program = self._load(text.text, text.workspace, 0)
+        self._program = self._load(text, 0)
         self._call = make_callable(self._program)
         if lanes is not None:
             self._lanes_program()
 
-    def _load(self, text: str, workspace: int, lanes: int) -> LoadedFunction:
-        library = load_library(build_library(text, "c++" if lanes else "c"))
+    def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
+        library = load_library(build_library(text.text, "c++" if lanes else "c"))
+        if text.tables:
+            library[f"{self.name}_tables"](array_addresses(text.tables))
         takes = _tree_nodes(self._example)
         return LoadedFunction(
             library[self.name],
-            workspace,
+            text.workspace,
             self._inputs,
             self._outputs,
             takes or [TreeNode("tuple", tuple, -1)],
@@ -150,16 +158,17 @@ class CompiledFunction:
         lanes = self._lanes
         if lanes is None:
             found = find_compiler("c++")
-            lanes = lane_count(found) if found else 1
+            alone = self._lowered.vector_share() > VECTORS
+            lanes = lane_count(found) if found and not alone else 1
         if lanes == 1:
             return 1, self._program
         try:
-            text = self._lowered.program_text(self.name, lanes)
+            text = self._lowered.program_text(self.name, lanes, large_as_data=True)
         except InputError:
             if self._lanes is not None:
                 raise
             return 1, self._program
-        return lanes, self._load(text.text, text.workspace, lanes)
+        return lanes, self._load(text, lanes)
 
     def _place_named(self, arguments: tuple[Any, ...], named: dict[str, Any]) -> tuple[Any, ...]:
         rest = dict(named)
@@ -202,9 +211,11 @@ class CompiledFunction:
                 f"{self._path(path)} is traced by JAX",
                 fix="compile what JAX makes of the function, such as compile(jax.grad(f), x)",
             )
+        if isinstance(value, np.ma.MaskedArray):
+            raise self._refusal(f"{self._path(path)} has masked numbers", fix="fill them: x.filled(0.0)")
         try:
             found = np.asarray(value)
-        except (TypeError, ValueError, OverflowError) as reason:
+        except Exception as reason:  # whatever an object's own __array__ raises
             raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
@@ -275,6 +286,15 @@ def _check_example(example: tuple[Any, ...], name: str) -> None:
             where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])}"
             fix = "give arrays and numbers; fix what is none with functools.partial"
             raise InputError(PART, f"{where} of the example for {name!r} is {type(value).__name__}, no array", fix=fix)
+        try:
+            kind = jax.typeof(value) if not isinstance(value, jax.ShapeDtypeStruct) else value
+        except (TypeError, ValueError, OverflowError) as reason:
+            said = str(reason).splitlines()[0]
+            fix = "give arrays of float64, float32, integers or bool, in the machine's own order of bytes"
+            raise InputError(PART, f"an array of the example for {name!r} cannot be used: {said}", fix=fix) from None
+        if is_key(kind):
+            fix = "pass jax.random.key_data(key), and begin with key = jax.random.wrap_key_data(data)"
+            raise InputError(PART, f"the example for {name!r} has a key of jax.random", fix=fix)
 
 
 def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
@@ -282,6 +302,9 @@ def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) ->
     _check_example(example, name)
     try:
         return jax.make_jaxpr(functools.partial(function), return_shape=True)(*example)  # a network may have no hash
+    except jax.errors.TracerArrayConversionError:
+        problem = f"{name!r} calls numpy, or other code that is not JAX's, with what is known only when it runs"
+        raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None
     except jax.errors.ConcretizationTypeError as reason:
         problem = f"{name!r} decides in Python on what is known only when it runs: {str(reason).splitlines()[0]}"
         raise InputError(PART, problem, fix="use jnp.where, jax.lax.cond or jax.lax.fori_loop") from None

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.resources import files
 
+from trimtab.compiler.c_functions import helper_texts
 from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
 
@@ -162,7 +163,7 @@ def preamble_text(writer: Writer, lanes: int = 0) -> str:
     parts = [LICENCE_NOTE, INCLUDES, elementary_text(lanes, elementary_names(writer))]
     if lanes:
         parts.append(LANE_TYPES)
-    parts.append(writer.helper_texts())
+    parts.append(helper_texts(writer.used))
     parts += writer.tables
     return "\n".join(parts)
 

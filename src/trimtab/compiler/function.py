@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import jax
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.analysis import find_varying, prune
+from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.ir import Buffer, Builder, Local, Value
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.rules import RULES
+from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
@@ -37,8 +38,8 @@ class Function:
         """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
         return self.program_text(name, lanes).text
 
-    def program_text(self, name: str, lanes: int = 0) -> "FunctionText":
-        """The same, with the bytes of workspace that the caller gives, aligned to 64."""
+    def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
+        """The same, with the bytes of workspace that the caller gives, aligned to 64, and numbers of large tables."""
         blocks = [self.b.prologue, self.b.top]
         inputs = [thing for a in self.inputs for thing in ([a.buffer] if a.items is None else a.items.ravel())]
         varying = find_varying(blocks, inputs, []) if lanes else None
@@ -47,6 +48,7 @@ class Function:
         results = [a.buffer for a in self.outputs if a.buffer is not None]
         workspace = plan_workspace(blocks, operands, results, lanes, varying, names)
         w = Writer(names, self.live, varying, workspace)
+        w.data = [] if large_as_data else None
         w.note_sincos(blocks)
         for i, a in enumerate(self.inputs):
             _load_input(w, i, a, lanes)
@@ -58,10 +60,18 @@ class Function:
         for i, a in enumerate(self.outputs):
             _store_output(w, i, a, lanes)
         arguments = "const void *const *in, void *const *out, void *workspace, int32_t runs"
-        head = f"{'extern ' + chr(34) + 'C' + chr(34) + ' ' if lanes else ''}void {name}({arguments})\n{{"
+        linkage = 'extern "C" ' if lanes else ""
+        head = f"{linkage}void {name}({arguments})\n{{"
         silence = "    (void)in; (void)out; (void)workspace; (void)runs;"
         text = "\n".join([preamble_text(w, lanes), head, *w.lines, silence, "}\n"])
-        return FunctionText(text, workspace.size)
+        data = w.data or []
+        tables = [table_numbers(buffer) for buffer in data]
+        text += filling_text(name, [w.names[id(buffer)] for buffer in data], tables, linkage)
+        return FunctionText(text, workspace.size, tables)
+
+    def vector_share(self) -> float:
+        """The share of its operations that become vectors in a single run."""
+        return vector_share([self.b.prologue, self.b.top])
 
     def _result_names(self) -> dict[int, str]:
         """Names of the buffers that lie in the caller's arrays, because they are a result as they are."""
@@ -75,10 +85,14 @@ class Function:
 
 
 class FunctionText(NamedTuple):
-    """The text of a function, and the bytes of workspace that it needs."""
+    """The text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
+
+    tables: what `NAME_tables` is given once, before the first call.
+    """
 
     text: str
     workspace: int
+    tables: list[Any]
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:

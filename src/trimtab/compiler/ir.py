@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.compiler.ranges import certain_result
+from trimtab.core.errors import InputError
+
 TYPES = {
     "bool": np.bool_,
     "i8": np.int8,
@@ -23,6 +26,7 @@ TYPES = {
     "f32": np.float32,
     "f64": np.float64,
 }
+LARGEST = 2**31 - 2**16  # numbers of an array: an index, and the end of a loop, must fit an int32
 NAMES = {np.dtype(t): name for name, t in TYPES.items()}
 
 
@@ -47,6 +51,9 @@ class Buffer:
     __slots__ = ("data", "dtype", "kind", "name", "size")
 
     def __init__(self, dtype: str, size: int, kind: str, name: str = "", data: Any = None) -> None:
+        if size > LARGEST:
+            problem, fix = f"an array has {size} numbers", f"work on parts of at most {LARGEST}: indices have 32 bits"
+            raise InputError("compiler", problem, fix=fix)
         self.dtype, self.size, self.kind, self.name, self.data = dtype, size, kind, name, data
 
     @property
@@ -107,12 +114,12 @@ class Emit:
 
 
 class Loop:
-    """count times (a number, or the name of one), or, where count is None, while the head block's test holds.
+    """count times (a number, its name, or a value that is the same in all lanes), or while the head block's test holds.
 
     carries are (variable, start, next).
     """
 
-    def __init__(self, count: int | str | None, index: Value, body: Block) -> None:
+    def __init__(self, count: "int | str | Value | None", index: Value, body: Block) -> None:
         self.count, self.index, self.body = count, index, body
         self.head = Block()
         self.test: Value | None = None
@@ -145,22 +152,34 @@ class Builder:
             self.blocks.pop()
             self.known.pop()
 
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether what is written now may be computed more than once."""
+        return len(self.blocks) > 2
+
+    def before_all(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What has this key already; else what is made now, before every loop and branch that is being written."""
+        if key not in self.known[1]:
+            blocks, known = self.blocks, self.known
+            self.blocks, self.known = blocks[:2], known[:2]
+            self.known[1][key] = make()
+            self.blocks, self.known = blocks, known
+        return self.known[1][key]
+
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
         """What has this key already, here or around; else what is made now."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]
-        made = self.known[-1][key] = make()
-        return made
+        return self.known[-1].setdefault(key, make())
 
     def const(self, number: Any, dtype: str) -> Value:
         """A known number."""
         exact = np.asarray(number).astype(TYPES[dtype])
-        found = self.constants.get((dtype, exact.tobytes()))
-        if found is None:
-            found = Value("const", (), dtype, const=exact[()])
-            self.constants[dtype, exact.tobytes()] = found
-        return found
+        key = dtype, exact.tobytes()
+        if key not in self.constants:
+            self.constants[key] = Value("const", (), dtype, const=exact[()])
+        return self.constants[key]
 
     def index(self, number: int) -> Value:
         """A known index."""
@@ -202,9 +221,11 @@ class Builder:
         """Write one element."""
         self.block.items.append(Store(buffer, index, value))
 
-    def loop(self, count: int, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]) -> list[Value]:
+    def loop(
+        self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
+    ) -> list[Value]:
         """Run body(index, carried) `count` times; returns what is carried at the end."""
-        made = Loop(count, Value("index", (), "i32"), Block())
+        made = Loop(count, Value("index", (), "i32", attr=count), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.body):
             nexts = body(made.index, variables)
@@ -212,7 +233,7 @@ class Builder:
         self.block.items.append(made)
         return variables
 
-    def repeat(self, count: int, body: Callable[[Value], None]) -> None:
+    def repeat(self, count: int | Value, body: Callable[[Value], None]) -> None:
         """Run body(index) `count` times."""
 
         def nothing(index: Value, carried: list[Value]) -> list[Value]:
@@ -291,6 +312,9 @@ def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | N
         return args[0]
     if op == "not" and args[0].op == "not":
         return args[0].args[0]
+    certain = certain_result(op, args)
+    if certain is not None:
+        return b.const(certain, "bool") if isinstance(certain, bool) else args[certain]
     if len(args) == 2:
         return _fold_identity(b, op, args[0], args[1], dtype)
     return None

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array, constant, is_small, store_in_memory, type_name
+from trimtab.compiler.arrays import Array, apply_updates, constant, is_small, store_in_memory, type_name
 from trimtab.compiler.ir import Builder
 from trimtab.core.errors import InputError
 
@@ -26,6 +26,10 @@ ALTERNATIVES = {
     "debug_print": "a result of the function, or a logged signal: flight code cannot print",
     "debug_callback": "a result of the function, or a logged signal: flight code cannot print",
 }
+
+
+UPDATING = ("dynamic_update_slice", "scatter")
+"""Primitives that write elements of their first operand."""
 
 
 class Site:
@@ -76,6 +80,15 @@ class Lowering:
 
     def lower_program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
+        results = self._lower_equations(jaxpr, operands, dying)
+        for k, (array, may_change) in enumerate(results):
+            shared = any(array.buffer is other.buffer for i, (other, _) in enumerate(results) if i != k)
+            if array.updates:
+                results[k] = apply_updates(self.b, array, may_change and not shared), False
+        return [array for array, _ in results]
+
+    def _lower_equations(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[tuple[Array, bool]]:
+        """The results, some with updates to be written, and whether each one's buffer is read by nobody else."""
         inner = jaxpr.jaxpr
         env: dict[Any, Array] = {}
         doomed: dict[Any, bool] = {}
@@ -88,9 +101,13 @@ class Lowering:
             self.around.append(equation)
             given = [self._operand_array(a, env) for a in equation.invars]
             dies = [self._is_last_use(a, k, env, doomed, last) for a in equation.invars]
+            for i, array in enumerate(given):
+                if array.updates and not _takes_updates(equation, i):
+                    env[equation.invars[i]] = given[i] = apply_updates(self.b, array, dies[i])
             env.update(zip(equation.outvars, self._lower_equation(equation, given, dies), strict=True))
             self.around.pop()
-        return [self._operand_array(a, env) for a in inner.outvars]
+        end = len(inner.eqns)
+        return [(self._operand_array(a, env), self._is_last_use(a, end, env, doomed, last)) for a in inner.outvars]
 
     def _operand_array(self, atom: Any, env: dict[Any, Array]) -> Array:
         number = jaxprs.literal_value(atom)
@@ -111,7 +128,7 @@ class Lowering:
     def _lower_equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         inner = jaxprs.program_of_call(equation)
         if inner is not None:
-            return self.lower_program(inner, operands, dying)
+            return [array for array, _ in self._lower_equations(inner, operands, dying)]
         name = equation.primitive.name
         rule = self.rules.get(name)
         if rule is None and jaxprs.implementation(equation) is not None:
@@ -141,6 +158,12 @@ class Lowering:
         for array in operands:
             if array.size > 1:
                 store_in_memory(self.b, array)
+
+
+def _takes_updates(equation: Any, operand: int) -> bool:
+    """Whether what lowers an equation minds itself that elements of this operand are still to be written."""
+    name = equation.primitive.name
+    return jaxprs.program_of_call(equation) is not None or name == "select_n" or (name in UPDATING and operand == 0)
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:

@@ -158,6 +158,8 @@ class _Division:
             self.use(piece, item.test)
             if isinstance(item, Loop):
                 self.owner[id(item.index)] = piece
+                if isinstance(item.count, Value):
+                    self.use(piece, item.count)
 
     def note_definition(self, piece: int, value: Value) -> None:
         if value.op in PAIRED:  # comes with the sincos, wherever that is

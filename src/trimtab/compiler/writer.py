@@ -1,18 +1,16 @@
 """Program -> text, in either shape: statements, branches and loops; under a mask where only some lanes take part."""
 
-import contextlib
 from collections.abc import Callable
 from typing import Any
 
 from trimtab.compiler.analysis import VaryingValues, defined_values
 from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
 from trimtab.compiler.pieces import NO_PIECES, PieceFrame, Pieces
+from trimtab.compiler.tables import LITERALS, table_text
 from trimtab.compiler.text import (
     C_TYPES,
     check_lane_type,
     expression,
-    helper_dependencies,
-    helper_text,
     lane_mask,
     number_literal,
     single_precision_lanes,
@@ -44,6 +42,7 @@ class Writer:
         self.used: dict[str, None] = {}
         self.constants: dict[int, str] = {}
         self.tables: list[str] = []
+        self.data: list[Buffer] | None = None  # tables whose numbers are given when the library is loaded
         self.record: Callable[[list[Value]], None] = lambda values: None
         self.keep: list[Any] = []  # ids are names here, so what they belong to must stay
         self.pieces, self.piece, self.frame = NO_PIECES, 0, PieceFrame()
@@ -92,8 +91,10 @@ class Writer:
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
-            numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
-            self.tables.append(f"static const {C_TYPES[buffer.dtype]} {name}[{max(buffer.size, 1)}] = {{{numbers}}};")
+            as_data = self.data is not None and buffer.size > LITERALS
+            if self.data is not None and as_data:
+                self.data.append(buffer)
+            self.tables.append(table_text(name, buffer, as_data))
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
@@ -289,7 +290,9 @@ class Writer:
             self.write_line(f"vi64 {live} = {self.active_mask()};")
         if item.count is not None:
             index = self.names[id(item.index)] = self.fresh("i")
-            self.write_line(f"for (int32_t {index} = 0; {index} < {item.count}; {index}++) {{")
+            assert not self.varies(item.count), "lanes take as many turns"
+            count = self.name(item.count) if isinstance(item.count, Value) else item.count
+            self.write_line(f"for (int32_t {index} = 0; {index} < {count}; {index}++) {{")
         else:
             self.write_line("for (;;) {")
         self.depth += 1
@@ -382,17 +385,3 @@ class Writer:
             self.names[id(thing)] = f"f->{self.frame.names[id(thing)]}"
         self.frame.fresh.clear()
         self.write_line(f"piece{number}(f);")
-
-    def helper_texts(self) -> str:
-        """Text of all helpers that were used, in an order that compiles; elementary functions are not among them."""
-        ordered: dict[str, None] = {}
-        for name in self.used:
-            for needed in [*helper_dependencies(name), name]:
-                ordered[needed] = None
-        scalar = [n for n in ordered if n.startswith("tt_")]
-        lanes = sorted((n for n in ordered if n.startswith("tv_")), key=lambda n: "splat" not in n)
-        texts = []
-        for name in [*scalar, *lanes]:
-            with contextlib.suppress(KeyError):
-                texts.append(helper_text(name))
-        return "\n".join(texts)

@@ -152,8 +152,8 @@ def run_batch(program: LoadedFunction, inputs: Sequence[Any], runs: int, lanes: 
     b.function = ctypes.cast(program.function, ctypes.c_void_p).value
     b.workspace, b.n_in, b.n_out = program.workspace, len(inputs), len(outputs)
     b.lanes, b.runs = lanes, runs
-    setattr(b, "in", _pointer(_addresses(inputs), kept))
-    b.out = _pointer(_addresses(outputs), kept)
+    setattr(b, "in", _pointer(array_addresses(inputs), kept))
+    b.out = _pointer(array_addresses(outputs), kept)
     b.width_in = _pointer(_numbers([a.width for a in program.inputs]), kept)
     b.width_out = _pointer(_numbers([a.width for a in program.outputs]), kept)
     if free.trimtab_batch(ctypes.addressof(b), min(threads, -(-runs // lanes))):
@@ -176,7 +176,8 @@ def _numbers(numbers: Sequence[int]) -> Any:
     return (ctypes.c_int64 * max(len(numbers), 1))(*numbers)
 
 
-def _addresses(arrays: Sequence[Any]) -> Any:
+def array_addresses(arrays: Sequence[Any]) -> Any:
+    """Pointers to the numbers of arrays, as C takes them; the arrays must stay."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 

@@ -44,38 +44,6 @@ def each_matrix(single: Callable[..., Any], axes: int, *operands: Any) -> Any:
     return jax.tree.map(lambda y: y.reshape(*batch, *y.shape[1:]), lax.map(lambda some: single(*some), tuple(flat)))
 
 
-def _lu(a: Any, **_: Any) -> Any:
-    return each_matrix(_single_lu, 2, a)
-
-
-def _single_lu(a: Any) -> Any:
-    """Factors in one matrix, the row that was exchanged at each step, and the order of the rows."""
-    m, n = a.shape
-    k = min(m, n)
-    rows, columns = jnp.arange(m), jnp.arange(n)
-
-    def step(j: Any, carried: Any) -> Any:
-        a, pivots, order = carried
-        size = jnp.where(rows >= j, jnp.abs(a[:, j]), -1.0)
-        p = jnp.argmax(size).astype(jnp.int32)
-        pivots = pivots.at[j].set(p)
-        upper, lower, first, other = a[j], a[p], order[j], order[p]
-        a = a.at[j].set(lower).at[p].set(upper)
-        order = order.at[j].set(other).at[p].set(first)
-        pivot = a[j, j]
-        factor = jnp.where((rows > j) & (pivot != 0), a[:, j] / pivot, 0.0).astype(a.dtype)
-        row = a[j]
-        eliminated = a - jnp.where(columns > j, factor[:, None] * row, 0.0)
-        return (
-            jnp.where((rows[:, None] > j) & (columns == j) & (pivot != 0), factor[:, None], eliminated),
-            pivots,
-            order,
-        )
-
-    start = a, jnp.zeros(k, jnp.int32), jnp.arange(m, dtype=jnp.int32)
-    return lax.fori_loop(0, k, step, start)
-
-
 def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
     def single(pivots: Any) -> Any:
         def swap(j: Any, order: Any) -> Any:
@@ -88,14 +56,10 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
     return each_matrix(single, 1, pivots)
 
 
-def _cholesky_each(site: Site) -> list[Array]:
+def _each(site: Site) -> list[Array]:
+    """The same primitive, matrix by matrix."""
     primitive, params = site.equation.primitive, site.params
-    return inline_program(site, lambda a: each_matrix(lambda x: primitive.bind(x, **params), 2, a))
-
-
-def _triangular_each(site: Site) -> list[Array]:
-    primitive, params = site.equation.primitive, site.params
-    return inline_program(site, lambda a, b: each_matrix(lambda x, y: primitive.bind(x, y, **params), 2, a, b))
+    return inline_program(site, lambda *x: each_matrix(lambda *single: primitive.bind(*single, **params), 2, *x))
 
 
 def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
@@ -281,7 +245,6 @@ def _error_value(site: Site) -> list[Array]:
 
 
 RULES: dict[str, Rule] = {
-    "lu": composite(_lu),
     "lu_pivots_to_permutation": composite(_permutation),
     "sort": composite(_sort),
     "top_k": composite(_top_k),
@@ -301,5 +264,5 @@ def one_or_each(one: Rule, each: Rule) -> Rule:
     return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
 
 
-EACH: dict[str, Rule] = {"cholesky": _cholesky_each, "triangular_solve": _triangular_each}
+EACH: dict[str, Rule] = dict.fromkeys(("cholesky", "lu", "triangular_solve"), _each)
 """Rules for batches of what `linalg` has for one matrix."""

@@ -4,7 +4,15 @@ from collections.abc import Callable
 
 from jax import lax
 
-from trimtab.compiler.arrays import Array, Index, build_array, read_element
+from trimtab.compiler.arrays import (
+    Array,
+    ElementUpdate,
+    Index,
+    apply_updates,
+    build_array,
+    element_list,
+    read_element,
+)
 from trimtab.compiler.ir import Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
 from trimtab.core.errors import InputError
@@ -50,8 +58,25 @@ def _comparison(op: str) -> Element:
     return element
 
 
-def _select(site: Site, v: list[Value]) -> Value:
-    return select_case(site.b, v[0], v[1:])
+def _select(site: Site) -> list[Array]:
+    """Element by element; of two arrays that differ in a few updates only those elements are written."""
+    b, [test, *cases] = site.b, site.operands
+    if any(c.updates for c in cases):
+        shared = all(c.buffer is cases[0].buffer and c.offset is None for c in cases)
+        if shared and not test.shape and test.dtype == "bool":
+            return [_select_updates(site, element_list(b, test)[0], cases)]
+        alone = [dies and not shared for dies in site.dying[1:]]
+        cases = [apply_updates(b, c, a) if c.updates else c for c, a in zip(cases, alone, strict=True)]
+    return [map_elements(site, lambda v: select_case(b, v[0], v[1:]), [test, *cases])]
+
+
+def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
+    """The buffer of both cases, with the updates of the case that is chosen."""
+    b, updates = site.b, list[ElementUpdate]()
+    for case, chosen in zip(cases, (b.op("not", test, dtype="bool"), test), strict=True):
+        updates += [u._replace(inside=b.op("and", chosen, u.inside, dtype="bool")) for u in case.updates]
+    array = Array(site.shape, site.dtype, buffer=cases[0].buffer, updates=tuple(updates))
+    return apply_updates(b, array, True) if all(site.dying[1:]) else array
 
 
 def select_case(b: Builder, which: Value, cases: list[Value]) -> Value:
@@ -181,7 +206,7 @@ def _same_array(site: Site) -> list[Array]:
 RULES: dict[str, Rule] = {op: elementwise(_same_operation(op)) for op in SAME}
 RULES |= {op: elementwise(_comparison(op)) for op in COMPARISONS}
 RULES |= {
-    "select_n": elementwise(_select),
+    "select_n": _select,
     "clamp": elementwise(_clamp),
     "integer_pow": elementwise(_integer_pow),
     "square": elementwise(_square),

@@ -6,7 +6,9 @@ from jax import lax
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import (
     Array,
+    ElementUpdate,
     Index,
+    apply_updates,
     build_array,
     constant,
     copy_array,
@@ -19,6 +21,7 @@ from trimtab.compiler.arrays import (
     read_flat,
     scalar,
     scalars,
+    write_updates,
 )
 from trimtab.compiler.ir import Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
@@ -70,6 +73,8 @@ def read_window(site: Site, array: Array, starts: Index) -> Array:
 def writable_operand(site: Site, which: int) -> Array:
     """Operand `which` in a buffer that may be written: its own where nobody reads it afterwards, else a copy."""
     array = site.operands[which]
+    if array.updates:
+        return apply_updates(site.b, array, site.dying[which])
     if array.items is None and site.dying[which] and array.offset is None:
         return array
     return copy_array(site.b, array)
@@ -85,6 +90,11 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
         return [Array(array.shape, array.dtype, new)]
     if is_small(array.shape) and array.items is not None and update.size == 1:
         return [_replace_element(site, array, starts, element_list(b, update)[0])]
+    if is_small(update.shape):
+        every_index = [[b.index(i) for i in index] for index in np.ndindex(*update.shape)]
+        places = [flat_index(b, array.shape, _add_indices(site, starts, index)) for index in every_index]
+        numbers, inside = [read_element(b, update, index) for index in every_index], b.const(1, "bool")
+        return [_update_elements(site, [ElementUpdate(i, v, inside) for i, v in zip(places, numbers, strict=True)])]
     update = _unshare_update(site, update, array)
     target = writable_operand(site, 0)
     buffer = target.buffer
@@ -93,12 +103,18 @@ def _dynamic_update_slice(site: Site) -> list[Array]:
     def write(index: Index) -> None:
         b.store(buffer, flat_index(b, array.shape, _add_indices(site, starts, index)), read_element(b, update, index))
 
-    if is_small(update.shape):
-        for index in np.ndindex(*update.shape):
-            write([b.index(i) for i in index])
-    else:
-        loop_over_indices(b, update.shape, write)
+    loop_over_indices(b, update.shape, write)
     return [target]
+
+
+def _update_elements(site: Site, updates: list[ElementUpdate]) -> Array:
+    """Operand 0 with a few elements written: now where nobody reads the old ones, else later."""
+    array = site.operands[0]
+    if is_small(array.shape) or array.offset is not None or site.dying[0]:
+        target = writable_operand(site, 0)
+        write_updates(site.b, target, updates)
+        return target
+    return Array(array.shape, array.dtype, buffer=array.buffer, updates=(*array.updates, *updates))
 
 
 def _unshare_update(site: Site, update: Array, array: Array) -> Array:
@@ -234,6 +250,11 @@ def _scatter(combine: str | None) -> Rule:
             places = [updates.place(index) for index in every_index]
             if all(where.op == "const" for where, _ in places):
                 return [_rewrite_elements(array, updates, every_index, places)]
+        if is_small(given.shape) and combine is None and updates.function is None:
+            places = [updates.place(index) for index in every_index]
+            numbers = [read_element(b, updates.updates, index) for index in every_index]
+            writes = [ElementUpdate(where, v, inside) for (where, inside), v in zip(places, numbers, strict=True)]
+            return [_unroll_array(site, _update_elements(site, writes))]
         target = writable_operand(site, 0)
         buffer = target.buffer
         assert buffer is not None

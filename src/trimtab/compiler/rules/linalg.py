@@ -1,12 +1,24 @@
-"""Rules for Cholesky factors and triangular solves of single matrices; batches of them: `composite`."""
+"""Rules for Cholesky and LU factors and triangular solves of single matrices; batches of them: `composite`."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, build_array, copy_array, flat_index, is_small, read_element
+from trimtab.compiler.arrays import (
+    Array,
+    build_array,
+    copy_array,
+    flat_index,
+    is_small,
+    loop_over_indices,
+    read_element,
+    store_in_memory,
+)
 from trimtab.compiler.ir import Buffer, Value
 from trimtab.compiler.lower import Rule, Site
+
+SIDES = 4
+"""Right sides from which all are solved side by side; fewer are solved one by one."""
 
 
 class Matrix:
@@ -22,6 +34,19 @@ class Matrix:
         buffer = self.array.buffer
         assert isinstance(buffer, Buffer)
         self.b.store(buffer, flat_index(self.b, self.array.shape, list(ij)), value)
+
+
+class Vector:
+    """Numbers in a buffer of their own."""
+
+    def __init__(self, site: Site, size: int) -> None:
+        self.b, self.buffer = site.b, site.b.local_buffer(site.dtype, size)
+
+    def __getitem__(self, i: Value) -> Value:
+        return self.b.load(self.buffer, i)
+
+    def __setitem__(self, i: Value, value: Value) -> None:
+        self.b.store(self.buffer, i, value)
 
 
 def _cholesky(site: Site) -> list[Array]:
@@ -60,34 +85,42 @@ def _unroll_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 
 def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
+    """Column by column; the rest is updated at once, along its rows, which become vectors."""
     b, dtype = site.b, site.dtype
-    made = copy_array(b, site.operands[0])
-    L = Matrix(site, made)
+    result = copy_array(b, site.operands[0])
+    L = Matrix(site, result)
+    column = Vector(site, n)
 
-    def entry(i: Value, j: Value) -> Value:
-        # the loop runs over all k and takes those below j: counts are fixed
-        def add(k: Value, carried: list[Value]) -> list[Value]:
-            less = b.op("sub", carried[0], b.op("mul", L[i, k], L[j, k], dtype=dtype), dtype=dtype)
-            return [b.op("select", b.op("lt", k, j, dtype="bool"), less, carried[0], dtype=dtype)]
-
-        return b.loop(n, [L[i, j]], add)[0]
-
-    def column(j: Value, carried: list[Value]) -> list[Value]:
-        pivot = entry(j, j)
+    def eliminate(j: Value, carried: list[Value]) -> list[Value]:
+        pivot = L[j, j]
         root = b.op("sqrt", pivot, dtype=dtype)
         L[j, j] = root
+        rest = b.op("sub", b.index(n - 1), j, dtype="i32")
 
-        def row(i: Value) -> None:
-            below = b.op("gt", i, j, dtype="bool")
-            new = b.op("div", entry(i, j), root, dtype=dtype)
-            L[i, j] = b.op("select", below, new, L[i, j], dtype=dtype)
+        def below(k: Value) -> Value:
+            return b.op("add", b.op("add", j, k, dtype="i32"), b.index(1), dtype="i32")
 
-        b.repeat(n, row)
+        def divide(k: Value) -> None:
+            value = b.op("div", L[below(k), j], root, dtype=dtype)
+            L[below(k), j] = value
+            column[k] = value
+
+        def update(row: Value) -> None:
+            i = below(row)
+            factor = column[row]
+
+            def one(k: Value) -> None:
+                L[i, below(k)] = b.op("sub", L[i, below(k)], b.op("mul", factor, column[k], dtype=dtype), dtype=dtype)
+
+            b.repeat(b.op("add", row, b.index(1), dtype="i32"), one)
+
+        b.repeat(rest, divide)
+        b.repeat(rest, update)
         good = b.op("gt", pivot, b.const(0, dtype), dtype="bool")
         return [b.op("and", carried[0], good, dtype="bool")]
 
-    [ok] = b.loop(n, [b.const(1, "bool")], column)
-    return made, ok
+    [ok] = b.loop(n, [b.const(1, "bool")], eliminate)
+    return result, ok
 
 
 def _triangular_solve(site: Site) -> list[Array]:
@@ -110,26 +143,54 @@ def _triangular_solve(site: Site) -> list[Array]:
 
     if is_small(A.shape) and is_small(B.shape):
         return [_unroll_substitution(site, n, m, forwards, a, place, divide)]
-    made = copy_array(b, B)
-    X = Matrix(site, made)
+    return [_loop_substitution(site, n, m, forwards, a, place, divide)]
 
-    def solve(j: Value) -> None:
-        def turn(k: Value) -> None:
-            i = k if forwards else b.op("sub", b.index(n - 1), k, dtype="i32")
 
+def _loop_substitution(
+    site: Site,
+    n: int,
+    m: int,
+    forwards: bool,
+    a: Callable[[Value, Value], Value],
+    place: Callable[[Value, Value], list[Value]],
+    divide: Callable[[Value, Value], Value],
+) -> Array:
+    """Row after row of the unknowns, all right sides side by side."""
+    b, dtype, B = site.b, site.dtype, site.operands[1]
+    rows = Array((n, m), dtype, buffer=b.local_buffer(dtype, n * m))
+    X = Matrix(site, rows)
+    loop_over_indices(b, (n, m), lambda at: X.__setitem__((at[0], at[1]), read_element(b, B, place(*at))))
+
+    def turn(k: Value) -> None:
+        i = k if forwards else b.op("sub", b.index(n - 1), k, dtype="i32")
+
+        def earlier(q: Value) -> Value:  # in the order of their index, forwards and backwards
+            return q if forwards else b.op("add", b.op("add", i, q, dtype="i32"), b.index(1), dtype="i32")
+
+        def subtract(q: Value) -> None:
+            factor = a(i, earlier(q))
+
+            def one(j: Value) -> None:
+                X[i, j] = b.op("sub", X[i, j], b.op("mul", factor, X[earlier(q), j], dtype=dtype), dtype=dtype)
+
+            b.repeat(m, one)
+
+        def subtract_all(j: Value) -> Value:
             def add(q: Value, carried: list[Value]) -> list[Value]:
-                r, s = place(q, j)
-                less = b.op("sub", carried[0], b.op("mul", a(i, q), X[r, s], dtype=dtype), dtype=dtype)
-                known = b.op("lt" if forwards else "gt", q, i, dtype="bool")
-                return [b.op("select", known, less, carried[0], dtype=dtype)]
+                return [
+                    b.op("sub", carried[0], b.op("mul", a(i, earlier(q)), X[earlier(q), j], dtype=dtype), dtype=dtype)
+                ]
 
-            r, s = place(i, j)
-            X[r, s] = divide(i, b.loop(n, [X[r, s]], add)[0])
+            return b.loop(k, [X[i, j]], add)[0]
 
-        b.repeat(n, turn)
+        if m < SIDES:
+            b.repeat(m, lambda j: X.__setitem__((i, j), divide(i, subtract_all(j))))
+        else:
+            b.repeat(k, subtract)
+            b.repeat(m, lambda j: X.__setitem__((i, j), divide(i, X[i, j])))
 
-    b.repeat(m, solve)
-    return [made]
+    b.repeat(n, turn)
+    return build_array(b, site.shape, dtype, lambda index: X[place(*index)[0], place(*index)[1]])
 
 
 def _unroll_substitution(
@@ -156,4 +217,66 @@ def _unroll_substitution(
     return Array(site.shape, dtype, found)
 
 
-RULES: dict[str, Rule] = {"cholesky": _cholesky, "triangular_solve": _triangular_solve}
+def _lu(site: Site) -> list[Array]:
+    """Factors in one matrix, the row that was exchanged at each step, and the order of the rows.
+
+    As LAPACK does it: the largest element of a column is its pivot, the first of equals; a column of zeros is left.
+    """
+    b, dtype = site.b, site.dtype
+    m, n = site.operands[0].shape
+    steps, one = min(m, n), b.index(1)
+    result = copy_array(b, store_in_memory(b, site.operands[0]))
+    A, row = Matrix(site, result), Vector(site, n)
+    pivots, order = b.local_buffer("i32", steps), b.local_buffer("i32", m)
+    b.repeat(m, lambda i: b.store(order, i, i))
+
+    def exchange(j: Value, p: Value, ok: Value) -> None:
+        def column(c: Value) -> None:
+            upper, lower = A[j, c], A[p, c]
+            A[j, c] = lower
+            A[p, c] = upper
+            row[c] = b.op("select", ok, lower, b.const(0, dtype), dtype=dtype)
+
+        b.repeat(n, column)
+        upper, lower = b.load(order, j), b.load(order, p)
+        b.store(order, j, lower)
+        b.store(order, p, upper)
+        b.store(pivots, j, p)
+
+    def find_pivot(j: Value) -> Value:
+        def compare(k: Value, carried: list[Value]) -> list[Value]:
+            i = b.op("add", b.op("add", j, k, dtype="i32"), one, dtype="i32")
+            size, [best, place] = b.op("abs", A[i, j], dtype=dtype), carried
+            first = b.op("eq", best, best, dtype="bool")
+            nan = b.op("and", b.op("ne", size, size, dtype="bool"), first, dtype="bool")
+            wins = b.op("or", b.op("gt", size, best, dtype="bool"), nan, dtype="bool")
+            return [b.op("select", wins, size, best, dtype=dtype), b.op("select", wins, i, place, dtype="i32")]
+
+        start = [b.op("abs", A[j, j], dtype=dtype), j]
+        return b.loop(b.op("sub", b.index(m - 1), j, dtype="i32"), start, compare)[1]
+
+    def eliminate(j: Value) -> None:
+        p = find_pivot(j)
+        pivot = A[p, j]
+        ok = b.op("ne", pivot, b.const(0, dtype), dtype="bool")
+        exchange(j, p, ok)
+        after = b.op("add", j, one, dtype="i32")
+
+        def update(k: Value) -> None:
+            i = b.op("add", after, k, dtype="i32")
+            factor = b.op("select", ok, b.op("div", A[i, j], pivot, dtype=dtype), A[i, j], dtype=dtype)
+            A[i, j] = factor
+
+            def column(k: Value) -> None:
+                c = b.op("add", after, k, dtype="i32")
+                A[i, c] = b.op("sub", A[i, c], b.op("mul", factor, row[c], dtype=dtype), dtype=dtype)
+
+            b.repeat(b.op("sub", b.index(n - 1), j, dtype="i32"), column)
+
+        b.repeat(b.op("sub", b.index(m - 1), j, dtype="i32"), update)
+
+    b.repeat(steps, eliminate)
+    return [result, Array((steps,), "i32", buffer=pivots), Array((m,), "i32", buffer=order)]
+
+
+RULES: dict[str, Rule] = {"lu": _lu, "cholesky": _cholesky, "triangular_solve": _triangular_solve}

@@ -1,10 +1,20 @@
-"""Rules for sums, products, extremes and their positions, along axes and running; and dot products."""
+"""Rules for sums, products, extremes and their positions, along axes and running."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
-from trimtab.compiler.arrays import Array, Index, build_array, flat_index, is_small, loop_over_indices, read_element
+from trimtab.compiler.arrays import (
+    UNROLL,
+    Array,
+    Index,
+    build_array,
+    flat_index,
+    is_small,
+    loop_over_indices,
+    read_element,
+)
 from trimtab.compiler.ir import TYPES, Builder, Value, is_float
 from trimtab.compiler.lower import Rule, Site
 
@@ -43,10 +53,15 @@ def _merge_indices(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
 
 
 def accumulate(
-    b: Builder, shape: tuple[int, ...], starts: list[Value], step: Callable[[Index, list[Value]], list[Value]]
+    b: Builder,
+    shape: tuple[int, ...],
+    starts: list[Value],
+    step: Callable[[Index, list[Value]], list[Value]],
+    *,
+    unroll: int = UNROLL,
 ) -> list[Value]:
-    """Carry values over all indices of a shape in row-major order: unrolled when small, else loops."""
-    if is_small(shape):
+    """Carry values over all indices of a shape in row-major order: `unroll` of them written out, more in loops."""
+    if math.prod(shape) <= unroll:
         for index in np.ndindex(*shape):
             starts = step([b.index(i) for i in index], starts)
         return starts
@@ -133,37 +148,6 @@ def _running_reduction(op: str) -> Rule:
     return rule
 
 
-def _dot_general(site: Site) -> list[Array]:
-    b, (x, y) = site.b, site.operands
-    (cx, cy), (bx, by) = site.params["dimension_numbers"]
-    along = tuple(x.shape[a] for a in cx)
-    free_x = [a for a in range(len(x.shape)) if a not in cx and a not in bx]
-    free_y = [a for a in range(len(y.shape)) if a not in cy and a not in by]
-
-    def place(rank: int, *pairs: tuple[object, Index]) -> Index:
-        found: list[Value | None] = [None] * rank
-        for axes, index in pairs:
-            for a, i in zip(axes, index, strict=True):  # pyright: ignore[reportArgumentType]
-                found[a] = i
-        return [i for i in found if i is not None]
-
-    def element(index: Index) -> Value:
-        batch, left = index[: len(bx)], index[len(bx) : len(bx) + len(free_x)]
-        right = index[len(bx) + len(free_x) :]
-
-        def step(inner: Index, carried: list[Value]) -> list[Value]:
-            p = read_element(b, x, place(len(x.shape), (bx, batch), (free_x, left), (cx, inner)))
-            q = read_element(b, y, place(len(y.shape), (by, batch), (free_y, right), (cy, inner)))
-            p, q = (b.op("convert", v, dtype=site.dtype) for v in (p, q))
-            product = b.op("mul", p, q, dtype=site.dtype)
-            return [b.op("add", carried[0], product, dtype=site.dtype)] if carried else [product]
-
-        start = [] if is_small(along) and 0 not in along else [b.const(0, site.dtype)]
-        return accumulate(b, along, start, step)[0]
-
-    return [build_array(b, site.shape, site.dtype, element)]
-
-
 RULES: dict[str, Rule] = {name: _reduce(op) for name, op in OPERATIONS.items()}
 RULES |= {name: _running_reduction(op) for name, op in RUNNING_OPERATIONS.items()}
-RULES |= {"argmax": _extreme_position("gt"), "argmin": _extreme_position("lt"), "dot_general": _dot_general}
+RULES |= {"argmax": _extreme_position("gt"), "argmin": _extreme_position("lt")}

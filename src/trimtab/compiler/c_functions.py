@@ -1,0 +1,148 @@
+"""Small C functions that generated text calls where plain C differs from JAX: division, shifts, conversion, extremes.
+
+Each is named tt_NAME for one number and tv_NAME over lanes.
+"""
+
+import contextlib
+import re
+from collections.abc import Iterable
+
+from trimtab.compiler.ir import is_float
+from trimtab.compiler.text import C_TYPES, ELEMENTARY, LIMITS, float_suffix, vector_type
+
+_TWO_OPERANDS = {
+    "div": "return b == 0 ? (T)-1 : SIGNED b == (T)-1 ? (T)(0u - (U)a) : ELSE (T)(a / b);",
+    "rem": "return b == 0 ? a : SIGNED b == (T)-1 ? (T)0 : ELSE (T)(a % b);",
+    "shl": "return (U)b < BITS ? (T)((U)a << b) : (T)0;",
+    "shr": "return (U)b < BITS ? (T)((U)a >> b) : (T)0;",
+    "sar": "return (T)((S)a >> ((U)b < BITS ? b : (T)(BITS - 1)));",
+}
+_ONE_OPERAND = {
+    "sign": "return (T)(a > 0 ? 1 : a < 0 ? -1 : ZERO);",
+    "clz": "int n = BITS; U x = (U)a; while (x) { x = (U)(x >> 1); n--; } return (T)n;",
+    "popcount": "int n = 0; U x = (U)a; while (x) { x = (U)(x & (x - 1)); n++; } return (T)n;",
+}
+
+
+def helper_text(name: str) -> str:
+    """The text of one helper, e.g. tt_div_i32, tv_max_f64; KeyError where there is none of that name."""
+    return _lane_helper(name) if name.startswith("tv_") else _scalar_helper(name)
+
+
+def _scalar_helper(name: str) -> str:
+    if match := re.fullmatch(r"tt_(bits_)?(\w+)_of_(\w+)", name):
+        bits, to, source = match.groups()
+        T, S = C_TYPES[to], C_TYPES[source]
+        body = "T y; memcpy(&y, &x, sizeof y); return y;".replace("T", T) if bits else _saturation(to, source)
+        return _function_text(T, name, f"{S} x", body)
+    match = re.fullmatch(r"tt_([a-z]+)_([iuf]\d+)", name)
+    if not match:
+        raise KeyError(name)
+    op, t = match.groups()
+    T = C_TYPES[t]
+    if op in ("max", "min"):
+        sign = ">" if op == "max" else "<"
+        test = f"a {sign} b || a != a" if is_float(t) else f"a {sign} b"
+        return _function_text(T, name, f"{T} a, {T} b", f"return {test} ? a : b;")
+    bits = str(int(t[1:]))
+    words = {
+        "T": T,
+        "S": T.removeprefix("u"),
+        "U": C_TYPES[f"u{bits}"] if t[0] != "f" else T,
+        "BITS": bits,
+        "ZERO": "a" if t[0] == "f" else "0",
+    }
+    body = _TWO_OPERANDS.get(op) or _ONE_OPERAND[op]
+    body = re.sub(r"SIGNED (.*?) : ELSE", r"\1 :" if t[0] == "i" else "", body)
+    body = re.sub(r"\b(T|S|U|BITS|ZERO)\b", lambda m: words[m[1]], body)
+    if t[0] == "u":
+        body = body.replace(" : a < 0 ? -1", "")
+    return _function_text(T, name, f"{T} a, {T} b" if op in _TWO_OPERANDS else f"{T} a", body)
+
+
+def _saturation(to: str, source: str) -> str:
+    """A number of floating point as a whole one: towards zero, the nearest there is, 0 for NaN."""
+    low, high = LIMITS[to] if to[0] == "i" else ("0", LIMITS[to][1])
+    power, suffix = int(to[1:]) - (to[0] == "i"), float_suffix(source)
+    below = f"x <= -0x1p{power}{suffix}" if to[0] == "i" else f"x <= 0.0{suffix}"
+    return f"return x != x ? 0 : {below} ? {low} : x >= 0x1p{power}{suffix} ? {high} : ({C_TYPES[to]})x;"
+
+
+_SATURATION_OVER_LANES = """\
+x = x == x ? x : (vf64){}; vf64 low = tv_splat_f64(-2147483648.0), high = tv_splat_f64(2147483647.0);
+    x = x < low ? low : x; x = x > high ? high : x; return __builtin_convertvector(x, vi32);"""
+
+
+def _lane_helper(name: str) -> str:
+    """What only lanes need; else a comparison of vectors, or the scalar helper for each lane."""
+    if name == "tv_any":
+        return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
+    if match := re.fullmatch(r"tv_(splat|take|pick|put)_(\w+)", name):
+        kind, t = match.groups()
+        v, T, sign = vector_type(t), C_TYPES[t], "-(int64_t)" if t == "bool" else ""
+        splat = f"return x {'-' if is_float(t) else '+'} (v{t}){{}};"  # not x + 0, which loses the sign of -0
+        splat = "return (vi64){} - (int64_t)x;" if t == "bool" else splat
+        result, parameters, body = {
+            "splat": (v, f"{T} x", splat),
+            "take": (v, f"const {T} *p, vi32 i", _all_lanes(v, f"{sign}p[i[l]]")),  # of one table
+            "pick": (v, f"const {v} *p, vi32 i", _all_lanes(v, "p[i[l]][l]")),
+            "put": ("void", f"{v} *p, vi32 i, {v} x, vi64 m", "EACH_LANE if (m[l]) p[i[l]][l] = x[l];"),
+        }[kind]
+        return _function_text(result, name, parameters, body)
+    if match := re.fullmatch(r"tv_([iu]\d+)_of_(f\d+)", name):
+        v, source = vector_type(match[1]), match[2]
+        body = f"{v} r; EACH_LANE r[l] = tt_{match[1]}_of_{source}(x[l]); return r;"
+        return _function_text(v, name, f"v{source} x", _SATURATION_OVER_LANES if name == "tv_i32_of_f64" else body)
+    match = re.fullmatch(r"tv_([a-z0-9_]+)_([iuf]\d+)", name)
+    if not match:
+        raise KeyError(name)
+    op, t = match.groups()
+    v = vector_type(t)
+    if op in ("max", "min") and is_float(t):
+        test = f"(a {'>' if op == 'max' else '<'} b) | (a != a)"
+        return _function_text(v, name, f"{v} a, {v} b", f"return ({test}) ? a : b;")
+    two = op in (*_TWO_OPERANDS, "nextafter", "pow", "atan2", "fmod")
+    scalar = f"nextafter{float_suffix(t)}" if op == "nextafter" else f"tt_{op}_{t}"
+    if t == "f32" and op in (*ELEMENTARY, "fmod"):
+        scalar = f"tt_{op}f"
+    body = f"{v} r; EACH_LANE r[l] = {scalar}({'a[l], b[l]' if two else 'a[l]'}); return r;"
+    return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
+
+
+def _all_lanes(vector: str, number: str) -> str:
+    """Return a vector of a number for each lane l, put together at once: one lane after the other waits for memory."""
+    each = {n: ", ".join(number.replace("[l]", f"[{k}]") for k in range(n)) for n in (4, 8)}
+    return f"\n#if LANES == 8\n    return ({vector}){{{each[8]}}};\n#else\n    return ({vector}){{{each[4]}}};\n#endif"
+
+
+def helper_dependencies(name: str) -> list[str]:
+    """Helpers that a helper over lanes calls itself."""
+    if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put)", name):
+        return []
+    if name == "tv_i32_of_f64":
+        return ["tv_splat_f64"]
+    scalar = "tt_" + name.removeprefix("tv_")
+    try:
+        text = helper_text(name)
+    except KeyError:
+        return []
+    return [scalar] if scalar + "(" in text else []
+
+
+def _function_text(result: str, name: str, parameters: str, body: str) -> str:
+    return f"static inline {result} {name}({parameters})\n{{\n    {body}\n}}\n"
+
+
+def helper_texts(used: Iterable[str]) -> str:
+    """Text of all helpers among these names, in an order that compiles; elementary functions are not among them."""
+    ordered: dict[str, None] = {}
+    for name in used:
+        for needed in [*helper_dependencies(name), name]:
+            ordered[needed] = None
+    scalar = [n for n in ordered if n.startswith("tt_")]
+    lanes = sorted((n for n in ordered if n.startswith("tv_")), key=lambda n: "splat" not in n)
+    texts = []
+    for name in [*scalar, *lanes]:
+        with contextlib.suppress(KeyError):
+            texts.append(helper_text(name))
+    return "\n".join(texts)

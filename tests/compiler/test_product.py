@@ -1,0 +1,163 @@
+"""Products of arrays and factorisations of matrices: numbers of JAX, the same bits in lanes, sums in order."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import trimtab
+from trimtab.compiler.rules import product
+
+RUNS = 5
+
+
+def numbers(*shape, seed=0):
+    return np.random.default_rng(seed).normal(size=shape) / max(1, shape[-1]) ** 0.5
+
+
+def agree(function, *arguments):
+    """Compare one call with JAX, and lanes with single calls; gives what was compiled."""
+    compiled = trimtab.compile(function, *arguments, lanes=4)
+    leaves, wanted = jax.tree.leaves(compiled(*arguments)), jax.tree.leaves(jax.jit(function)(*arguments))
+    for result, number in zip(leaves, wanted, strict=True):
+        scale = max(1.0, float(np.max(np.abs(number), initial=0)))
+        tolerance = 1e-13 if result.dtype == np.float64 else 2e-6
+        np.testing.assert_allclose(result, number, rtol=0, atol=tolerance * scale)
+    many = [np.stack([a + 0.01 * k for k in range(RUNS)]).astype(a.dtype) for a in arguments]
+    together = jax.tree.leaves(compiled.lanes(*many))
+    for k in range(RUNS):
+        for result, alone in zip(together, jax.tree.leaves(compiled(*(a[k] for a in many))), strict=True):
+            assert np.array_equal(result[k], alone, equal_nan=True)
+    return compiled
+
+
+@pytest.mark.parametrize(
+    ("formula", "x", "y"),
+    [
+        ("ij,jk->ik", (7, 7), (7, 7)),
+        ("ij,jk->ik", (9, 50), (50, 17)),  # more terms than are unrolled, neighbours in tiles and a rest
+        ("ij,jk->ik", (64, 64), (64, 64)),  # tiles that are copied
+        ("ij,jk->ik", (30, 60), (60, 2)),  # few columns: the rows are the neighbours
+        ("ij,kj->ik", (9, 20), (11, 20)),
+        ("ij,kj->ik", (2, 60), (70, 60)),  # few rows, columns that lie apart
+        ("ij,j->i", (60, 51), (51,)),
+        ("ij,j->i", (3, 70), (70,)),
+        ("ji,j->i", (51, 60), (51,)),
+        ("bij,bjk->bik", (5, 8, 9), (5, 9, 10)),
+        ("ijk,jkl->il", (6, 12, 7), (12, 7, 9)),
+        ("ijk,ljk->li", (6, 12, 7), (9, 12, 7)),
+        ("i,j->ij", (20,), (30,)),
+        ("ij,ij->", (20, 30), (20, 30)),
+        ("bi,bi->b", (60, 9), (60, 9)),
+        ("ij,jk->ik", (60, 0), (0, 3)),
+    ],
+)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_products_are_those_of_jax(formula, x, y, dtype):
+    agree(lambda a, b: jnp.einsum(formula, a, b), numbers(*x).astype(dtype), numbers(*y, seed=1).astype(dtype))
+
+
+def test_integers_are_exact():
+    a = np.arange(60 * 61, dtype=np.int32).reshape(60, 61) * 7919
+    compiled = trimtab.compile(lambda a: a @ a.T, a)
+    assert np.array_equal(compiled(a), np.asarray(jax.jit(lambda a: a @ a.T)(a)))
+
+
+@pytest.mark.parametrize("terms", [20, 60])
+def test_sums_are_in_the_order_of_the_index(terms):
+    a, b = numbers(9, terms), numbers(terms, 30, seed=1)
+    total = np.zeros((9, 30))
+    for k in range(terms):
+        total = total + a[:, k, None] * b[k]
+    assert np.array_equal(trimtab.compile(lambda a, b: a @ b, a, b)(a, b), total)
+
+
+def test_a_sum_of_negative_zeros_is_one():
+    zeros = trimtab.compile(lambda a, b: a @ b, np.zeros((9, 8)), np.zeros((8, 9)))(-np.zeros((9, 8)), np.ones((8, 9)))
+    assert np.all(np.signbit(zeros))
+
+
+def test_nan_and_infinity_pass_through():
+    a, b = numbers(60, 60), numbers(60, 60, seed=1)
+    a[3, 4], a[5, 6], b[7, 8] = np.nan, np.inf, -np.inf
+    compiled = trimtab.compile(lambda a, b: a @ b, a, b)
+    wanted = np.asarray(jax.jit(lambda a, b: a @ b)(a, b))
+    assert np.array_equal(np.isnan(compiled(a, b)), np.isnan(wanted))
+    assert np.array_equal(np.isinf(compiled(a, b)), np.isinf(wanted))
+
+
+def test_known_weights_are_turned_before_they_are_text_and_stand_there_once():
+    W = numbers(16, 60)
+    compiled = agree(lambda v, w: (W @ v) + (W @ w), numbers(60), numbers(60, seed=1))
+    assert len(re.findall(r"static const double \w+\[960\]", compiled.c_source)) == 1
+    assert compiled.c_source.index(repr(float(W[1, 0]))) - compiled.c_source.index(repr(float(W[0, 0]))) < 100
+
+
+def test_weights_that_are_given_are_turned_before_a_loop():
+    W, x = numbers(64, 64), numbers(64)
+
+    def steps(W, x):
+        return jax.lax.fori_loop(0, 50, lambda _, x: jnp.tanh(W @ x), x)
+
+    source = agree(steps, W, x).c_source
+    assert source.index("< 64; ") < source.index("< 50; ")
+
+
+def test_neighbours_are_in_the_innermost_loop(monkeypatch):
+    a = numbers(60, 60)
+    for width in (4, 8):
+        monkeypatch.setattr(product, "WIDTH", width)
+        source = trimtab.compile(lambda a, b: a @ b, a, a).c_source
+        assert f"< {width}; " in source
+
+
+@pytest.mark.parametrize("n", [2, 5, 7, 24, 50])
+def test_factors_and_solutions_are_those_of_jax(n):
+    a, b = numbers(n, n), numbers(n, 3, seed=1)
+    agree(lambda a: jnp.linalg.cholesky(a @ a.T + jnp.eye(n)), a)
+    agree(lambda a: jax.lax.linalg.lu(a + 3 * jnp.eye(n)[::-1]), a)
+    agree(lambda a, b: jnp.linalg.solve(a + 3 * jnp.eye(n), b), a, b)
+    agree(lambda a, b: jnp.linalg.solve(a + 3 * jnp.eye(n), b[:, 0]), a, b)
+
+
+@pytest.mark.parametrize("shape", [(9, 6), (6, 9), (60, 8)])
+def test_lu_of_tall_and_wide_matrices(shape):
+    agree(jax.lax.linalg.lu, numbers(*shape))
+
+
+def test_lu_of_a_matrix_without_an_inverse():
+    a = numbers(8, 8)
+    a[:, 3] = 0
+    a[5] = a[2]
+    L, pivots, order = trimtab.compile(jax.lax.linalg.lu, a)(a)
+    factors = (np.tril(L, -1) + np.eye(8)) @ np.triu(L)
+    np.testing.assert_allclose(factors, a[order], atol=1e-15)
+    assert np.all(pivots >= np.arange(8))
+
+
+def test_a_matrix_that_is_not_positive_definite_has_no_factor():
+    a = -np.eye(9)
+    assert np.all(np.isnan(np.tril(trimtab.compile(jnp.linalg.cholesky, a)(a))[np.tril_indices(9)]))
+
+
+@pytest.mark.parametrize("lower", [False, True])
+@pytest.mark.parametrize("transpose_a", [False, True])
+@pytest.mark.parametrize("left_side", [False, True])
+@pytest.mark.parametrize("sides", [1, 2, 12])
+def test_triangular_systems(lower, transpose_a, left_side, sides):
+    a, b = numbers(20, 20), numbers(20, sides, seed=1)
+    b = b if left_side else b.T.copy()
+
+    def solve(a, b):
+        return jax.lax.linalg.triangular_solve(
+            a + 3 * jnp.eye(20), b, left_side=left_side, lower=lower, transpose_a=transpose_a
+        )
+
+    agree(solve, a, b)
+
+
+def test_batches_of_matrices():
+    agree(jnp.linalg.solve, numbers(4, 8, 8) + 2 * np.eye(8), numbers(4, 8, 2, seed=1))
+    agree(lambda a: jnp.linalg.cholesky(a @ jnp.swapaxes(a, 1, 2) + jnp.eye(8)), numbers(3, 8, 8))

@@ -1,0 +1,105 @@
+"""Bounds of integers: they hold for every number that the operations give, and decide tests."""
+
+import random
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import trimtab
+from trimtab.compiler.ir import TYPES, Builder, Value
+from trimtab.compiler.ranges import certain_result, integer_bounds
+
+TYPE = "i32"
+OPERATIONS = {
+    "add": np.add,
+    "sub": np.subtract,
+    "and": np.bitwise_and,
+    "min": np.minimum,
+    "max": np.maximum,
+    "rem": np.fmod,
+}
+TESTS = {"lt": np.less, "le": np.less_equal, "gt": np.greater, "ge": np.greater_equal}
+TESTS |= {"eq": np.equal, "ne": np.not_equal}
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+}
+
+
+def random_value(rng, inputs, depth):
+    """A value that nothing has folded, and how to compute it from the inputs."""
+    kind = rng.choice(["input", "const", "index"] if depth == 0 else [*OPERATIONS, "select", "convert", "const"])
+    if kind == "const":
+        number = TYPES[TYPE](rng.choice([0, 1, -1, 7, 63, 64, rng.randint(-9, 99)]))
+        return Value("const", (), TYPE, const=number), lambda _, number=number: number
+    if kind in ("input", "index"):
+        k = len(inputs)
+        inputs.append(kind)
+        return Value(kind, (), TYPE, attr=10 if kind == "index" else None), lambda given, k=k: given[k]
+    x, of_x = random_value(rng, inputs, depth - 1)
+    y, of_y = random_value(rng, inputs, depth - 1)
+    if kind == "select":
+        test = Value("input", (), "bool")
+        return Value("select", (test, x, y), TYPE), lambda given: of_x(given) if given[-1] % 2 else of_y(given)
+    if kind == "convert":
+        wide = Value("convert", (x,), "i64")
+        return Value("convert", (wide,), TYPE), of_x
+    if kind == "rem" and y.op != "const":
+        kind = "add"
+
+    def compute(given):
+        a, b = of_x(given), of_y(given)
+        with np.errstate(all="ignore"):
+            return OPERATIONS[kind](a, b) if kind != "rem" or b else a
+
+    return Value(kind, (x, y), TYPE), compute
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_no_number_is_outside_its_bounds(seed):
+    rng, inputs = random.Random(seed), []
+    x, of_x = random_value(rng, inputs, 3)
+    y, of_y = random_value(rng, inputs, 2)
+    bounds = integer_bounds(x)
+    for _ in range(60):
+        given = [
+            np.int32(rng.choice([rng.randrange(-(2**31), 2**31), rng.randint(-70, 70)])) if k == "input" else
+            np.int32(rng.randrange(10))
+            for k in inputs
+        ]  # fmt: skip
+        given.append(np.int32(rng.randrange(2)))
+        a, b = of_x(given), of_y(given)
+        assert bounds is None or bounds[0] <= a <= bounds[1]
+        for op, test in TESTS.items():
+            certain = certain_result(op, (x, y))
+            assert certain is None or certain == test(a, b)
+        for op in ("min", "max", "and"):
+            which = certain_result(op, (x, y))
+            assert which is None or (a, b)[which] == OPERATIONS[op](a, b)
+
+
+def test_an_index_of_a_ring_needs_no_test():
+    b = Builder()
+    slot = b.op("and", Value("input", (), "i64"), b.const(63, "i64"), dtype="i64")
+    assert integer_bounds(slot) == (0, 63)
+    assert b.op("lt", slot, b.const(0, "i64"), dtype="bool").const == np.False_
+    assert b.op("min", b.op("max", slot, b.const(0, "i64"), dtype="i64"), b.const(63, "i64"), dtype="i64") is slot
+
+
+def test_sums_that_may_overflow_have_no_bounds():
+    b = Builder()
+    least = b.op("max", Value("input", (), "i32"), b.const(0, "i32"), dtype="i32")
+    assert integer_bounds(least) is None
+    large = b.op("and", Value("input", (), "i32"), b.const(2**31 - 1, "i32"), dtype="i32")
+    assert integer_bounds(b.op("add", large, b.const(1, "i32"), dtype="i32")) is None
+
+
+def test_indices_in_range_are_not_clamped():
+    x = np.arange(100.0)
+    source = trimtab.compile(lambda x, n: x[n & 63] + jnp.sum(x[jnp.arange(60)]), x, 3).c_source
+    assert "tt_max" not in source
+    assert "tt_min" not in source

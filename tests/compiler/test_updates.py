@@ -1,0 +1,98 @@
+"""Rings: a few elements of a large array are written in place where nobody reads the old ones, also under a select."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import trimtab
+
+
+def select_after(ring, i, x):
+    return jnp.where(x > 0, ring.at[i].set(x), ring), ring[(i + 3) % ring.shape[0]]
+
+
+def select_of_two(ring, i, x):
+    return jnp.where(x > 0, ring.at[i].set(x), ring.at[i + 1].set(-x)), ring[i]
+
+
+def chain(ring, i, x):
+    new = ring.at[i].set(x).at[(i + 1) % ring.shape[0]].set(2 * x)
+    return jnp.where(x > 0.3, new, ring), ring[(i + 1) % ring.shape[0]]
+
+
+def update_before_the_old_is_read(ring, i, x):
+    new = lax.dynamic_update_slice(ring, jnp.stack([x, ring[i]]), (i,))
+    return new, ring[(i + 1) % ring.shape[0]]
+
+
+def out_of_range(ring, i, x):
+    return jnp.where(x > 0, ring.at[i - 10].set(x, mode="drop"), ring.at[i + 60].set(x)), x
+
+
+def conditional(ring, i, x):
+    return lax.cond(x > 0, lambda: (ring.at[i].set(x), ring[0]), lambda: (ring, ring[1]))
+
+
+def both_are_read(ring, i, x):
+    new = ring.at[i].set(x)
+    return jnp.where(x > 0, new, ring), ring.sum() + new[3]
+
+
+def old_is_kept(ring, i, x):
+    new = ring.at[i].set(x)
+    return jnp.where(new[0] > 0.5, ring, new), jnp.where(x > 0, ring, new)[5]
+
+
+STEPS = (select_after, select_of_two, chain, update_before_the_old_is_read, out_of_range, conditional)
+IN_PLACE = STEPS[:5]
+COPYING = (both_are_read, old_is_kept)
+
+
+def fly(step):
+    def flight(ring, numbers):
+        def turn(carried, x):
+            ring, i = carried
+            ring, y = step(ring, i, x)
+            return (ring, (i + 1) % ring.shape[0]), y
+
+        (ring, _), outputs = lax.scan(turn, (ring, jnp.int32(0)), numbers)
+        return ring, outputs
+
+    return flight
+
+
+@pytest.mark.parametrize("step", [*STEPS, *COPYING], ids=lambda f: f.__name__)
+def test_rings_are_those_of_jax(step):
+    flight = fly(step)
+    ring, numbers = np.random.default_rng(1).normal(size=64), np.random.default_rng(0).normal(size=(3, 200))
+    compiled = trimtab.compile(flight, ring, numbers[0], lanes=4)
+    together = compiled.lanes(ring, numbers)
+    for k in range(3):
+        result = compiled(ring, numbers[k])
+        for mine, jaxs, lanes in zip(result, jax.jit(flight)(ring, numbers[k]), together, strict=True):
+            np.testing.assert_allclose(mine, jaxs, rtol=0, atol=1e-12)
+            assert np.array_equal(lanes[k], mine)
+
+
+@pytest.mark.parametrize("step", IN_PLACE, ids=lambda f: f.__name__)
+def test_no_step_copies_the_ring(step):
+    ring = np.zeros(2048)
+    source = trimtab.compile(fly(step), ring, np.zeros(50)).c_source
+    assert source.count("< 2048;") == 1  # once, into the result
+
+
+def test_a_select_of_an_array_with_itself_is_the_array():
+    ring = np.arange(100.0)
+    compiled = trimtab.compile(lambda r, x: jnp.where(x > 0, r.at[3].set(x), r)[3] + r[3], ring, 1.0)
+    assert compiled(ring, 2.0) == 5.0
+    assert compiled(ring, -2.0) == 6.0
+
+
+def test_the_callers_array_is_not_written():
+    ring = np.arange(100.0)
+    compiled = trimtab.compile(lambda r, x: (jnp.where(x > 0, r.at[3].set(x), r), r.at[5].set(x)), ring, 1.0)
+    first, second = compiled(ring, 2.0)
+    assert np.array_equal(ring, np.arange(100.0))
+    assert (first[3], first[5], second[3], second[5]) == (2.0, 5.0, 3.0, 2.0)
