@@ -21,13 +21,6 @@ OPERATIONS = {
 }
 TESTS = {"lt": np.less, "le": np.less_equal, "gt": np.greater, "ge": np.greater_equal}
 TESTS |= {"eq": np.equal, "ne": np.not_equal}
-    "lt": np.less,
-    "le": np.less_equal,
-    "gt": np.greater,
-    "ge": np.greater_equal,
-    "eq": np.equal,
-    "ne": np.not_equal,
-}
 
 
 def random_value(rng, inputs, depth):
