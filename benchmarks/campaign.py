@@ -131,8 +131,8 @@ def main() -> None:
     p.add_argument("--markdown", action="store_true", help="print the rows for the documentation's table at the end")
     p.add_argument("--once", type=int, help=argparse.SUPPRESS)
     a = p.parse_args()
-    if a.memoise:
-        once(a.memoise)
+    if a.once:
+        once(a.once)
         return
     print(f"{machine('jax', 'zarr')}\n{load()}")
     runs = 300 if a.quick else a.runs

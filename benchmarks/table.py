@@ -3,6 +3,7 @@
     python benchmarks/table.py                  print it
     python benchmarks/table.py --write          put it into the page
     python benchmarks/table.py --without-peers  nothing is installed; can't be written
+    python benchmarks/table.py --write --only elodin   rows of the commands with this in them; others stay
 
 Runs the commands one after the other, which print their own rows, and stops at the first that fails.
 """
@@ -20,19 +21,11 @@ BEGIN, END = "<!-- made by benchmarks/table.py -->", "<!-- end -->"
 COMMANDS = [
     f"benchmarks/{name}.py"
     for name in (
-        "compare",
-        "instructions",
-        "arrays",
-        "step",
-        "filters",
-        "board",
-        "start_up",
-        "deadlines",
-        "campaign",
-        "foreign",
+        *("compare", "instructions", "arrays", "step", "simulate", "filters"),
+        *("board", "start_up", "deadlines", "campaign", "foreign"),
     )
 ]
-PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim")]
+PEERS = [f"benchmarks/peers/run.py {peer}" for peer in ("jaxonomy", "control", "drake", "pathsim", "elodin")]
 HEAD = "| figure | median (least..largest) | target | command |\n|---|---|---|---|"
 
 
@@ -52,23 +45,43 @@ def rows(command: str) -> list[str]:
     return found
 
 
+def merge(old: str, new: list[str], commands: list[str], began: str, ended: str) -> str:
+    """The page's table with the rows of some commands in place of theirs before; a command's that is new comes last."""
+    names = [f"`python {command}`" for command in commands]
+    about, _, *lines = old.strip().splitlines()
+    kept = [line for line in lines if not any(name in line for name in names)]
+    first = next((i for i, line in enumerate(lines) if any(name in line for name in names)), len(lines))
+    at = sum(line in kept for line in lines[:first])
+    about = about.removesuffix(".") + f"; those of {', '.join(names)} another time, {began}, {ended} at the end."
+    return "\n".join([about, "", *kept[:at], *new, *kept[at:]])
+
+
 def main() -> None:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
     p.add_argument("--without-peers", action="store_true", help="leave the peers out")
+    p.add_argument(
+        "--only", metavar="TEXT", help="run only the commands that have TEXT in them, and keep the other rows"
+    )
     a = p.parse_args()
     if a.write and a.without_peers:
         p.error("the page's table is of one machine, whole: --write needs the peers")
     commands = COMMANDS if a.without_peers else [*COMMANDS, *PEERS]
+    if a.only is not None:
+        commands = [command for command in commands if a.only in command]
+    if not commands:
+        p.error(f"no command has {a.only!r} in it: {', '.join([*COMMANDS, *PEERS])}")
     began = load()
     lines = [line for command in commands for line in rows(command)]
     start, end = (text.split("   ")[0] for text in (began, load()))
-    about = f"Measured on {machine('jax')}; {start} at the start, {end} at the end."
-    table = "\n".join([about, "", HEAD, *lines])
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    old, _, after = rest.partition(END)
+    if a.only is None:
+        table = "\n".join([f"Measured on {machine('jax')}; {start} at the start, {end} at the end.", "", HEAD, *lines])
+    else:
+        table = merge(old, lines, commands, f"on {machine('jax')}, {start}", end)
     print(f"\n{table}")
     if a.write:
-        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        after = rest.partition(END)[2]
         PAGE.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}", encoding="utf-8")
 
 

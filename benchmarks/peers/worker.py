@@ -1,5 +1,7 @@
 """Runs in a peer's environment: reads [program, gains, key] a line, answers with 14 numbers a line.
 
+Asked for "prepare" or "campaign", with the number of runs as a fourth, it answers nothing, or with 14 numbers a run.
+
     python worker.py peer_drake
 
 Started by run.py. What the peer prints goes to the standard error.
@@ -22,7 +24,7 @@ import hover_np
 def versions() -> str:
     """What this environment has of the packages that matter."""
     found = [f"Python {platform.python_version()}"]
-    for name in ("numpy", "scipy", "jax", "drake", "control", "pathsim", "jaxonomy"):
+    for name in ("numpy", "scipy", "jax", "drake", "control", "pathsim", "jaxonomy", "elodin"):
         try:
             found.append(f"{name} {version(name)}")
         except PackageNotFoundError:
@@ -33,9 +35,11 @@ def versions() -> str:
 if __name__ == "__main__":
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    programs = {"numpy": hover_np.single, "peer": importlib.import_module(sys.argv[1]).single}
+    peer = importlib.import_module(sys.argv[1])
+    programs = {"numpy": hover_np.single, "peer": peer.single}
+    programs |= {name: getattr(peer, name) for name in ("prepare", "campaign") if hasattr(peer, name)}
     print(json.dumps(versions()), file=answers, flush=True)
     for line in sys.stdin:
-        program, gains, key = json.loads(line)
-        numbers = programs[program](np.array(gains), np.array(key, np.uint32))
-        print(json.dumps(np.asarray(numbers, float).tolist()), file=answers, flush=True)
+        program, gains, key, *runs = json.loads(line)
+        numbers = programs[program](np.array(gains), np.array(key, np.uint32), *runs)
+        print(json.dumps([] if numbers is None else np.asarray(numbers, float).tolist()), file=answers, flush=True)

@@ -3,6 +3,8 @@ import dataclasses
 import json
 import pickle
 import sys
+import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
-from trimtab.logs.log import Log, to_plain
+from trimtab.logs.log import LazyMapping, Log, to_plain
 
 
 def small(n: int = 5, **changes) -> Log:
@@ -58,6 +60,43 @@ def test_a_log_is_immutable_and_owns_its_arrays():
         log.signals["truth.new"] = source  # pyright: ignore[reportIndexIssue]
     with pytest.raises(dataclasses.FrozenInstanceError):
         log.t = source  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_lazy_mapping_makes_each_value_when_it_is_read_once_and_lets_go():
+    made = []
+
+    class Rows:
+        def column(self, name):
+            made.append(name)
+            return name.upper()
+
+    rows = Rows()
+    gone = weakref.ref(rows)
+    lazy = LazyMapping({"a": 1, "b": 2, "c": 3}, rows.column)
+    del rows
+    assert list(lazy) == ["a", "b", "c"]
+    assert "b" in lazy
+    assert "d" not in lazy
+    assert made == []
+    assert [lazy["b"], lazy["b"], lazy["a"]] == ["B", "B", "A"]
+    assert made == ["b", "a"]
+    assert gone() is not None
+    assert lazy == {"a": "A", "b": "B", "c": "C"}
+    assert made == ["b", "a", "c"]
+    assert gone() is None
+    for _ in range(2):
+        with pytest.raises(KeyError):
+            lazy["d"]
+    with pytest.raises(TypeError):
+        lazy["a"] = "x"  # pyright: ignore[reportIndexIssue]
+
+
+def test_a_lazy_mapping_gives_all_threads_the_same_values():
+    for _ in range(20):
+        lazy = LazyMapping(dict.fromkeys(range(50)), lambda name: [name])
+        with ThreadPoolExecutor(8) as pool:
+            read = list(pool.map(lambda _, lazy=lazy: [lazy[name] for name in lazy], range(8)))
+        assert all(a is b for other in read for a, b in zip(read[0], other, strict=True))
 
 
 def test_t_is_exactly_the_ticks_in_seconds():

@@ -1,5 +1,7 @@
 """simulate: refusals before the run, determinism, batch equal to single runs, what the log holds."""
 
+import importlib
+import pickle
 from typing import Any
 
 import numpy as np
@@ -13,9 +15,13 @@ from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.latency_trace import LatencyTrace, read_trace
 from trimtab.links.wire import Wire
 from trimtab.loop.world import World
+from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 from trimtab.sensors.navigation_errors import NavigationErrors, PlanarNavigation
+
+simulate_module = importlib.import_module("trimtab.run.simulate")
+needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +34,91 @@ def test_same_seed_same_bits_other_seed_other_noise(short):
     a, b, c = simulate(short, seed=5), simulate(short, seed=5), simulate(short, seed=6)
     np.testing.assert_array_equal(a["truth.yaw_rate"], b["truth.yaw_rate"])
     assert (a["truth.yaw_rate"] != c["truth.yaw_rate"]).any()
+
+
+def assert_equal_logs(a, b):
+    assert a.paths == b.paths
+    for path in a.paths:
+        assert a[path].dtype == b[path].dtype
+        np.testing.assert_array_equal(a[path], b[path], err_msg=path)
+    np.testing.assert_array_equal(a.ticks, b.ticks)
+    np.testing.assert_array_equal(a.t, b.t)
+    assert dict(a.final) == dict(b.final)
+    assert dict(a.declarations) == dict(b.declarations)
+    assert dict(a.metadata) == dict(b.metadata)
+
+
+@pytest.fixture
+def compiled_count(monkeypatch):
+    """How often simulate had a scenario compiled, or looked for what was kept on disk."""
+    count = []
+    compile_scenario = simulate_module.compile_scenario
+
+    def counted(*arguments, **options):
+        count.append(1)
+        return compile_scenario(*arguments, **options)
+
+    monkeypatch.setattr(simulate_module, "compile_scenario", counted)
+    return count
+
+
+@needs_c
+def test_a_scenario_is_prepared_once(short, compiled_count):
+    scenario = replace(short, duration=seconds("0.2"))
+    logs = [simulate(scenario, seed=seed, log_period=ms(period)) for seed, period in ((1, 1), (2, 10), (1, 1))]
+    assert len(compiled_count) == 1
+    assert_equal_logs(logs[0], logs[2])
+    assert_equal_logs(logs[1], simulate(replace(scenario), seed=2, log_period=ms(10)))
+    assert len(compiled_count) == 2
+    assert simulate(scenario, duration=seconds("0.1")).ticks[-1] < seconds("0.1")
+    assert simulate(scenario, signals=("truth",)).paths[0] == "truth.surge_velocity"
+    assert len(simulate(scenario)) == 200
+    assert len(compiled_count) == 4
+
+
+@needs_c
+def test_what_was_changed_in_a_scenario_is_flown(short, compiled_count):
+    angles = np.array(short.world.actuators.rudder.angles)
+    rudder = replace(short.world.actuators.rudder, angles=angles)
+    sensors = dict(short.world.sensors)
+    world = replace(short.world, actuators=replace(short.world.actuators, rudder=rudder), sensors=sensors)
+    scenario = replace(short, world=world, duration=seconds(7))
+    before = simulate(scenario)
+    angles *= 1.01
+    turned = simulate(scenario)
+    fresh = replace(scenario, world=replace(world, actuators=replace(world.actuators, rudder=replace(rudder))))
+    assert_equal_logs(turned, simulate(fresh))
+    assert (turned["truth.heading"] != before["truth.heading"]).any()
+    sensors["navigation"] = replace(sensors["navigation"], period=ms(8))
+    slower = simulate(scenario)
+    assert_equal_logs(slower, simulate(replace(scenario, world=replace(world, sensors=dict(sensors)))))
+    assert slower.metadata["parameters"]["world.sensors.navigation.period"] == ms(8)
+    assert len(compiled_count) == 5
+
+
+@needs_c
+def test_logs_of_one_program_share_nothing_that_can_be_changed(short):
+    first, second = (simulate(short, seed=1, duration=seconds("0.1")) for _ in range(2))
+    first.metadata["parameters"]["world.actuators.rudder.angles"][0] = 99.0
+    del first.metadata["parts"]["world"]
+    assert second.metadata["parameters"]["world.actuators.rudder.angles"][0] != 99.0
+    third = simulate(short, seed=1, duration=seconds("0.1"))
+    assert_equal_logs(second, third)
+    for array in (first.t, first.ticks, first["truth.heading"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    for array in (first.t, first.ticks):
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.setflags(write=True)
+
+
+@needs_c
+def test_a_log_of_many_is_the_single_run_to_the_bit_and_holds_its_own_rows(short):
+    many = simulate_many(short, seeds=[3, 9, 4], log_period=ms(1), duration=seconds("0.3"))
+    for log, seed in zip(many, (3, 9, 4), strict=True):
+        assert_equal_logs(log, simulate(short, seed=seed, duration=seconds("0.3")))
+        copy = pickle.loads(pickle.dumps(log))
+        assert_equal_logs(log, copy)
 
 
 def test_batch_is_the_same_as_its_runs_alone(short):

@@ -16,6 +16,9 @@ _TWO_OPERANDS = {
     "shl": "return (U)b < BITS ? (T)((U)a << b) : (T)0;",
     "shr": "return (U)b < BITS ? (T)((U)a >> b) : (T)0;",
     "sar": "return (T)((S)a >> ((U)b < BITS ? b : (T)(BITS - 1)));",
+    "nextafter": "U u = 1; T y; if (a != a || b != b) return a + b; if (a == b) return b; "
+    "if (a == 0) u |= (U)(b < 0) << (BITS - 1); else memcpy(&u, &a, sizeof u), u += (a < b) == (a > 0) ? 1 : -1; "
+    "memcpy(&y, &u, sizeof y); return y;",
 }
 _ONE_OPERAND = {
     "sign": "return (T)(a > 0 ? 1 : a < 0 ? -1 : ZERO);",
@@ -48,7 +51,7 @@ def _scalar_helper(name: str) -> str:
     words = {
         "T": T,
         "S": T.removeprefix("u"),
-        "U": C_TYPES[f"u{bits}"] if t[0] != "f" else T,
+        "U": C_TYPES[f"u{bits}"],
         "BITS": bits,
         "ZERO": "a" if t[0] == "f" else "0",
     }
@@ -101,11 +104,11 @@ def _lane_helper(name: str) -> str:
     if op in ("max", "min") and is_float(t):
         test = f"(a {'>' if op == 'max' else '<'} b) | (a != a)"
         return _function_text(v, name, f"{v} a, {v} b", f"return ({test}) ? a : b;")
-    two = op in (*_TWO_OPERANDS, "nextafter", "pow", "atan2", "fmod")
-    scalar = f"nextafter{float_suffix(t)}" if op == "nextafter" else f"tt_{op}_{t}"
-    if t == "f32" and op in (*ELEMENTARY, "fmod"):
-        scalar = f"tt_{op}f"
-    body = f"{v} r; EACH_LANE r[l] = {scalar}({'a[l], b[l]' if two else 'a[l]'}); return r;"
+    two = op in (*_TWO_OPERANDS, "pow", "atan2", "fmod")
+    body = f"{v} r; EACH_LANE r[l] = tt_{op}_{t}({'a[l], b[l]' if two else 'a[l]'}); return r;"
+    if t == "f32" and op in (*ELEMENTARY, "fmod"):  # that for double, rounded, as for one number
+        wide = ", ".join(f"__builtin_convertvector({x}, vf64)" for x in ("ab" if two else "a"))
+        body = f"return __builtin_convertvector(ttv_{op}({wide}), vf32);"
     return _function_text(v, name, f"{v} a, {v} b" if two else f"{v} a", body)
 
 

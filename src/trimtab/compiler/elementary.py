@@ -1,8 +1,8 @@
 """Text of the elementary functions that generated code calls: the same bits in scalar C99 and in vectors of C++.
 
-`runtime/elementary.h` holds each function once, over the tokens F64 (number), U64 (its bits), M64 (truth value),
-INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and `ttv_name` for
-TT_LANES of them.
+`runtime/elementary.h` and `special.h` hold each function once, over the tokens F64 (number), U64 (its bits), M64 (truth
+value), INLINE, COLD and FN(name). Here they become plain C: `double` and `tt_name` for one number, `vf64` and
+`ttv_name` for TT_LANES of them. `far.h` has what is computed one number at a time in both.
 
 What stands before generated functions: includes, lane types, and the helpers that they use.
 """
@@ -17,23 +17,23 @@ from trimtab.compiler.writer import Writer
 from trimtab.core.errors import InputError
 
 LANES = (0, 4, 8)
-LIBM = {"cbrt": 1, "pow": 2, "asinh": 1, "acosh": 1, "atanh": 1, "erf": 1, "erfc": 1, "fmod": 2}
-"""Functions left to the C library, one number at a time, and how many arguments each takes."""
 OWN_FUNCTIONS = (
     *("sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "exp", "exp2", "expm1", "log", "log1p"),
-    *("sinh", "cosh", "tanh", "logistic", "sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "logistic", "cbrt", "pow", "erf", "erfc"),
+    *("sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
 )
 HELPER_FUNCTIONS = ("abs", "copysign", "is_finite", "splat", "all", "any")
 """Small parts that generated vector code needs as well; `any` only in vectors."""
-SINGLE_PRECISION_NAMES = {
-    **{
-        name: f"{name}f"
-        for name in (*OWN_FUNCTIONS[:13], *LIBM, "sinh", "cosh", "tanh", "sqrt", "floor", "ceil", "trunc")
-    },
-    **{"round_even": "rintf", "round_away": "roundf", "rsqrt": "", "logistic": "", "sincos": ""},
+EXACT_FUNCTIONS = {
+    **{name: f"{name}f" for name in ("sqrt", "floor", "ceil", "trunc", "fmod")},
+    **{"round_even": "rintf", "round_away": "roundf"},
 }
-"""Functions for float by what the C library calls them ("": written out); asked for with an f behind the name."""
-FUNCTIONS = (*OWN_FUNCTIONS, *LIBM)
+"""Functions whose result every C library gives alike, rounded right, by their names for float."""
+FUNCTIONS = (*OWN_FUNCTIONS, "fmod")
+SINGLE_PRECISION_NAMES = {name: EXACT_FUNCTIONS.get(name, f"{name}f") for name in FUNCTIONS}
+"""Functions for float by what the C library calls them; asked for with an f behind the name."""
+FAR = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2, "pow": 2}
+"""Functions with a slow path for what is out of range, and how many arguments each takes."""
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
@@ -52,9 +52,10 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None) -> str:
     if unknown := [name for name in wanted if name not in known]:
         raise InputError("elementary", f"no function {', '.join(unknown)}", choices=known)
     double = [name for name in wanted if name not in single and name != "any"]
+    need = [name[:-1] for name in wanted if name in single and name[:-1] not in EXACT_FUNCTIONS]
     text = [
         _blocks("scalar")[0],
-        *_with_dependencies(double, "tt"),
+        *_with_dependencies([*double, *need], "tt"),
         *(_single_precision(n[:-1]) for n in wanted if n in single),
     ]
     if lanes:
@@ -75,16 +76,18 @@ def _functions(prefix: str) -> dict[str, str]:
     vector = prefix == "ttv"
     blocks = [
         *_blocks("vector" if vector else "scalar")[1:],
-        *(_replace_tokens(b, vector) for b in _blocks("elementary")[1:]),
+        *(_replace_tokens(b, vector) for name in ("elementary", "special") for b in _blocks(name)[1:]),
+        *([] if vector else _blocks("far")[1:]),
     ]
     found = {
         name: block
         for block in blocks
         for name in re.findall(rf"^(?:TT|template).* {prefix}_(\w+)\(", block, flags=re.M)
     }
-    found |= {name: _lane_by_lane(name, arity, vector, far=False) for name, arity in LIBM.items()}
-    far = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2}
-    return found | {f"far_{name}": _lane_by_lane(name, arity, vector, far=True) for name, arity in far.items()}
+    if vector:
+        found |= {f"far_{name}": _lane_by_lane(f"far_{name}", arity, "near") for name, arity in FAR.items()}
+        return found | {"fmod": _lane_by_lane("fmod", 2)}
+    return found | {"fmod": "TT_INLINE double tt_fmod(double x, double z)\n{\n    return fmod(x, z);\n}"}
 
 
 def _replace_tokens(block: str, vector: bool) -> str:
@@ -96,23 +99,15 @@ def _replace_tokens(block: str, vector: bool) -> str:
     return re.sub(r"\b(F64|U64|M64|INLINE|COLD)\b", lambda m: tokens[m[0]], block)
 
 
-def _lane_by_lane(name: str, arity: int, vector: bool, *, far: bool) -> str:
-    """A call of the C library; `far`: only where the own function doesn't hold, and y where it does (`near`)."""
-    number, mask = ("vf64", "vi64") if vector else ("double", "int")
-    arguments = ("x",) if arity == 1 else ("x", "z")
-    parameters = ", ".join(f"{number} {a}" for a in arguments)
-    if far:
-        parameters = f"{mask} near, {parameters}, {number} y"
-    if vector:
-        call = f"{name}({', '.join(f'{a}[i]' for a in arguments)})"
-        value = f"near[i] ? y[i] : {call}" if far else call
-        body = f"    vf64 r;\n    for (int i = 0; i < TT_LANES; i++) r[i] = {value};\n    return r;\n"
-    else:
-        call = f"{name}({', '.join(arguments)})"
-        body = f"    return near ? y : {call};\n" if far else f"    return {call};\n"
-    full = f"{'ttv' if vector else 'tt'}_{'far_' if far else ''}{name}"
-    inline = ("TTV_COLD " if vector else "TT_COLD ") if far else ("TTV_INLINE " if vector else "TT_INLINE ")
-    return _LINE.format(inline=inline, type=number, name=full, parameters=parameters, body=body)
+def _lane_by_lane(name: str, arity: int, near: str = "") -> str:
+    """Vectors through the function for one number; with `near`, it gives y for the numbers where that is right."""
+    arguments = ("x", "z")[:arity]
+    parameters = [*(["vi64 near"] if near else []), *(f"vf64 {a}" for a in arguments), *(["vf64 y"] if near else [])]
+    each = [*(["near[i] != 0"] if near else []), *(f"{a}[i]" for a in arguments), *(["y[i]"] if near else [])]
+    value = f"tt_{name}({', '.join(each)})"
+    body = f"    vf64 r;\n    for (int i = 0; i < TT_LANES; i++) r[i] = {value};\n    return r;\n"
+    inline, own = "TTV_COLD " if near else "TTV_INLINE ", f"ttv_{name}"
+    return _LINE.format(inline=inline, type="vf64", name=own, parameters=", ".join(parameters), body=body)
 
 
 def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
@@ -133,16 +128,20 @@ def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
 
 
 def _single_precision(name: str) -> str:
-    """The function of this name for float: the C library's."""
-    if name == "sincos":
-        body = "    *sine = sinf(x);\n    *cosine = cosf(x);\n"
-        parameters = "float x, float *sine, float *cosine"
-        return _LINE.format(inline="TT_INLINE ", type="void", name="tt_sincosf", parameters=parameters, body=body)
+    """The function of this name for float: that for double, rounded, or the C library's (scalar.h, TT_SINGLE)."""
     two = name in ("pow", "fmod", "atan2")
-    value = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}.get(name, "")
-    value = value or f"{SINGLE_PRECISION_NAMES[name]}({'x, z' if two else 'x'})"
-    parameters, body = "float x, float z" if two else "float x", f"    return {value};\n"
-    return _LINE.format(inline="TT_INLINE ", type="float", name=f"tt_{name}f", parameters=parameters, body=body)
+    parameters, arguments = ("float x, float z", "x, z") if two else ("float x", "x")
+    library = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}
+    value = library.get(name, f"{SINGLE_PRECISION_NAMES[name]}({arguments})")
+    own = f"    return tt_single(tt_{name}({arguments}));\n"
+    result, body = "float", f"    return {value};\n"
+    if name == "sincos":
+        result, parameters = "void", "float x, float *sine, float *cosine"
+        body = "    *sine = sinf(x);\n    *cosine = cosf(x);\n"
+        own = "    double s, c;\n    tt_sincos(x, &s, &c);\n    *sine = tt_single(s);\n    *cosine = tt_single(c);\n"
+    if name not in EXACT_FUNCTIONS:
+        body = f"#if TT_SINGLE\n{own}#else\n{body}#endif\n"
+    return _LINE.format(inline="TT_INLINE ", type=result, name=f"tt_{name}f", parameters=parameters, body=body)
 
 
 LICENCE_NOTE = """\

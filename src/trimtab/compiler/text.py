@@ -178,7 +178,7 @@ def _conversion(o: _Operation) -> str:
     if is_float(o.t) and not is_float(to):
         return o.call(f"{to}_of_{o.t}")
     if not o.lanes:
-        return f"({C_TYPES[to]}){a}"
+        return f"tt_single({a})" if (o.t, to) == ("f64", "f32") else f"({C_TYPES[to]}){a}"
     if o.t == "bool":
         return f"{lane_mask(a, to)} ? {o.call(f'splat_{to}', '1')} : (v{to}){{}}"
     return f"__builtin_convertvector({a}, v{to})"
@@ -236,10 +236,6 @@ def _sign(o: _Operation) -> str:
     return f"{a} > 0 ? {one} : {below}"
 
 
-def _nextafter(o: _Operation) -> str:
-    return o.call(f"nextafter_{o.t}") if o.lanes else f"nextafter{float_suffix(o.t)}({', '.join(o.operands)})"
-
-
 def _elementary(o: _Operation) -> str:
     name = {"rem": "fmod"}.get(o.value.op, o.value.op)
     if o.lanes and o.t == "f32":
@@ -248,8 +244,8 @@ def _elementary(o: _Operation) -> str:
 
 
 def single_precision_lanes(name: str, operands: list[str], use: Use) -> str:
-    """A call of the C library's function for float, one lane after the other: the bits are those of one number."""
-    use(f"tt_{name}f")
+    """A call of the function for float: the bits are those of one number."""
+    use(f"ttv_{name}")
     return f"{use(f'tv_{name}_f32')}({', '.join(operands)})"
 
 
@@ -278,6 +274,6 @@ OPERATIONS: dict[str, Callable[[_Operation], str]] = {
     "sign": _sign,
     "clz": lambda o: o.call(f"clz_{o.t}"),
     "population_count": lambda o: o.call(f"popcount_{o.t}"),
-    "nextafter": _nextafter,
+    "nextafter": lambda o: o.call(f"nextafter_{o.t}"),
 }
 """Operation -> its text; a load is written apart, for its operand is a buffer."""

@@ -11,6 +11,7 @@ does not import JAX: what only reads logs, draws them or flies a compiled progra
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -149,13 +150,22 @@ def _field(declared: Declaration, default: Any, off: Off = NOTHING_OFF) -> Any:
 
 def is_record(value: Any) -> bool:
     """Whether value is an instance of a record."""
-    kind = type(value)
+    return _is_record_class(type(value))
+
+
+@functools.cache
+def _is_record_class(kind: type) -> bool:
     return dataclasses.is_dataclass(kind) and all("declared" in f.metadata for f in dataclasses.fields(kind))
 
 
-def declarations(cls: Any) -> dict[str, Declaration]:
+def declarations(cls: Any) -> Mapping[str, Declaration]:
     """Field name -> what was declared, for a record or its class."""
-    return {f.name: f.metadata["declared"] for f in dataclasses.fields(cls)}
+    return _declarations_of(cls if isinstance(cls, type) else type(cls))
+
+
+@functools.cache
+def _declarations_of(kind: Any) -> Mapping[str, Declaration]:
+    return MappingProxyType({f.name: f.metadata["declared"] for f in dataclasses.fields(kind)})
 
 
 def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:

@@ -3,9 +3,9 @@
 import dataclasses
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,46 @@ from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 HALF_TICK = 0.5 / UNITS_PER_SECOND
-PLAIN = (float, int, str, bool)
+PLAIN = {float, int, str, bool}
+
+T = TypeVar("T")
+
+
+class LazyMapping(Mapping[str, T], Generic[T]):
+    """A read-only mapping whose values are made when they are first read, and kept.
+
+    Args:
+        names: the keys, in order.
+        make: value of a name; it is let go, with what it holds, when all are made.
+    """
+
+    def __init__(self, names: Mapping[str, Any], make: Callable[[str], T]) -> None:
+        self._names = names
+        self._make: Callable[[str], T] | None = make
+        self._values: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        make = self._make
+        if make is None or name in self._values:
+            return self._values[name]
+        if name not in self._names:
+            raise KeyError(name)
+        value = self._values.setdefault(name, make(name))
+        if len(self._values) == len(self._names):
+            self._make = None
+        return value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -57,6 +96,30 @@ class Log:
             ("final", MappingProxyType({p: _check_value(p, v) for p, v in self.final.items()})),
         ):
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def of_flight(
+        cls,
+        t: np.ndarray,
+        ticks: np.ndarray,
+        signals: LazyMapping[np.ndarray],
+        declarations: Mapping[str, Quantity],
+        metadata: LazyMapping[Any],
+        final: Mapping[str, Any],
+    ) -> "Log":
+        """The log of what a compiled flight gave, which needs no check: read-only arrays are taken as they are."""
+        log = object.__new__(cls)
+        last = MappingProxyType({path: _check_value(path, value) for path, value in final.items()})
+        for name, value in (
+            ("t", t),
+            ("ticks", ticks),
+            ("signals", signals),
+            ("declarations", MappingProxyType(declarations)),
+            ("metadata", metadata),
+            ("final", last),
+        ):
+            object.__setattr__(log, name, value)
+        return log
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -144,7 +207,7 @@ def to_plain(part: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return {_check_key(part, k): to_plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        if all(type(v) in PLAIN for v in value):  # a long table of numbers
+        if set(map(type, value)) <= PLAIN:  # a long table of numbers
             return list(value)
         return [to_plain(f"{part}[{i}]", v) for i, v in enumerate(value)]
     if value is None or (isinstance(value, str | bool | int | float) and not isinstance(value, np.generic)):

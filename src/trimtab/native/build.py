@@ -44,6 +44,7 @@ FLAGS = {
         "-fvect-cost-model=dynamic",
         "-fpeel-loops",
         "-fno-tree-slp-vectorize",
+        "-DTT_NO_SLP",
         "--param=max-inline-insns-single=200",
     ),
     "c++": ("-std=c++17", *COMMON, "-Wno-psabi"),

@@ -2,6 +2,7 @@
 
 import ctypes
 import functools
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, children, is_record, leaves
 from trimtab.core.time import Timetable, timetable, to_seconds
-from trimtab.logs.log import Log, provenance
+from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.native.build import load_library
 
 SHORT = 5_000_000
@@ -170,14 +171,29 @@ class Program(NamedTuple):
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
         """One run, as `simulate` gives it."""
-        table = timetable(self.periods, self.duration, self.max_step)
-        written = table.t % log_period == 0
+        table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
         shared[list(self.words)] = seed, run
         widths = row_width(self.columns), row_width(self.final)
-        results = fly_runs(self.library, shared, np.empty((1, 0)), table, row_numbers(written), widths)
+        results = fly_runs(self.library, shared, np.empty((1, 0)), table, row, widths)
         metadata = self.metadata | {"seed": seed, "run": run, "log_period_s": to_seconds(log_period), "backend": "c"}
-        return make_log(self.columns, self.final, results, 0, table.t[written], metadata)
+        return make_log(self.columns, self.final, results, 0, instants, metadata)
+
+
+@functools.lru_cache(maxsize=8)
+def _log_rows(periods: tuple[int, ...], duration: int, max_step: int, log_period: int) -> tuple[Timetable, Any, Any]:
+    """The instants of a run, the row of the log that each writes, and the instants of these rows."""
+    table = timetable(periods, duration, max_step)
+    written = table.t % log_period == 0
+    return table, row_numbers(written), logged_instants(table, written)
+
+
+def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
+    """The instants that are logged, in 100 ns and in seconds; logs share them, so they are read-only."""
+    ticks = table.t[written]
+    t = to_seconds(ticks)
+    ticks.flags.writeable = t.flags.writeable = False
+    return ticks, t
 
 
 def check_seed(seed: int) -> None:
@@ -188,37 +204,67 @@ def check_seed(seed: int) -> None:
 
 def row_width(columns: list[Column]) -> int:
     """How many numbers some columns take."""
-    return sum(int(np.prod(c.shape)) for c in columns)
+    return sum(math.prod(c.shape) for c in columns)
 
 
 def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
     """Columns by path, each in its own type and shape, of rows (..., width); what has its type already is a view."""
-    signals, start = {}, 0
+    return {
+        path: rows[..., part].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
+        for path, (part, shape, dtype) in _column_places(columns).items()
+    }
+
+
+def _column_places(columns: list[Column]) -> dict[str, tuple[slice, tuple[int, ...], str]]:
+    """Path -> the numbers of a row that are a column's, its shape and type."""
+    places, start = {}, 0
     for c in columns:
-        stop = start + int(np.prod(c.shape))
-        signals[c.path] = rows[..., start:stop].reshape((*rows.shape[:-1], *c.shape)).astype(c.dtype, copy=False)
+        stop = start + math.prod(c.shape)
+        places[c.path] = slice(start, stop), c.shape, c.dtype
         start = stop
-    return signals
+    return places
 
 
 def make_log(
-    columns: list[Column], final: list[Column], results: RunResults, run: int, ticks: Any, metadata: dict[str, Any]
+    columns: list[Column],
+    final: list[Column],
+    results: RunResults,
+    run: int,
+    instants: tuple[Any, Any],
+    metadata: dict[str, Any],
 ) -> Log:
-    """The log of one of the runs."""
-    signals, last = split_columns(results.log[run], columns), split_columns(results.final[run], final)
-    return Log(
-        t=to_seconds(ticks),
-        ticks=ticks,
-        signals=signals,
+    """The log of one of the runs; it holds its own rows, not those of all, and makes its signals when they are read.
+
+    instants: see `logged_instants`.  metadata: plain values, copied when they are read.
+    """
+    ticks, t = instants
+    rows = results.log[run] if len(results.log) == 1 else results.log[run].copy()
+    places = _column_places(columns)
+    for path, (_, shape, _) in places.items():
+        if len(shape) > 1:
+            problem = f"has shape {shape} at each instant, and a log holds numbers or vectors"
+            raise InputError(f"log signal {path!r}", problem, fix=f"give it shape () or ({math.prod(shape)},)")
+
+    def signal(path: str) -> Any:
+        part, shape, dtype = places[path]
+        values = rows[:, part].reshape(len(rows), *shape).astype(dtype)
+        values.flags.writeable = False
+        return values
+
+    last = split_columns(results.final[run], final)
+    return Log.of_flight(
+        t=t.view(),
+        ticks=ticks.view(),
+        signals=LazyMapping(places, signal),
         declarations={c.path: c.declaration for c in columns if c.declaration is not None},
-        metadata=metadata,
+        metadata=LazyMapping(metadata, lambda name: to_plain(f"log.metadata.{name}", metadata[name])),
         final={path: value[()] for path, value in last.items() if path.startswith("truth.")},
     )
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
     """What a log says of its scenario; `choices` where it was built by name, so that a replay builds it alike."""
-    return {
+    about = {
         "scenario": scenario.name,
         **({"choices": scenario.choices} if scenario.choices else {}),
         "duration_s": to_seconds(scenario.duration),
@@ -226,6 +272,7 @@ def describe_scenario(scenario: Any) -> dict[str, Any]:
         "parts": part_classes(scenario),
         **provenance(),
     }
+    return to_plain("log.metadata", about)
 
 
 def part_classes(tree: Any, path: str = "") -> dict[str, str]:

@@ -70,7 +70,7 @@ def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
         return None
 
 
-def _check_signals(of: WalkStructure) -> None:
+def check_signals(of: WalkStructure) -> None:
     """Refuse names of signals that there are none of."""
     paths = [column.path for column in row_columns(of._replace(signals=()))]
     for name in of.signals:
@@ -115,7 +115,7 @@ class FlownRuns(NamedTuple):
 def fly(job: RunJob, backend: str) -> FlownRuns:
     """Fly runs. backend: "auto", "c" or "jax"; see `choose_c`."""
     of = walk_structure(job.inputs, job.table.always, job.signals)
-    _check_signals(of)
+    check_signals(of)
     columns, final = row_columns(of), final_columns(of)
     library = choose_c(backend, lambda: _build_library(of, job))
     if library is None:

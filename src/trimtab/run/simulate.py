@@ -3,17 +3,27 @@
 One run, or many at once over lanes and threads, whose signals are logged, or reduced while they fly.
 """
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.run.inputs import flat_inputs, input_position, own_inputs, run_inputs
-from trimtab.run.program import Column, Program, describe_scenario, make_log, split_columns, thread_count
-from trimtab.run.runner import FlownRuns, RunJob, fly, prepare_run
+from trimtab.run.program import (
+    Column,
+    Program,
+    describe_scenario,
+    logged_instants,
+    make_log,
+    split_columns,
+    thread_count,
+)
+from trimtab.run.runner import FlownRuns, RunJob, check_signals, choose_c, fly, prepare_run
 from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, walk_structure
 
 
@@ -45,18 +55,22 @@ def simulate(
     Raises:
         InputError: a value, a period, a name or a pair of parts that can't be flown, with the fix.
     """
+    program = choose_c(backend, lambda: _find_program(scenario, duration, signals))
+    if program is not None:
+        return program.fly(seed, run, log_period)
     scenario, table, written = prepare_run(scenario, [seed, run], duration, log_period)
-    flown = fly(RunJob(run_inputs(scenario, seed, run), {}, table, written, signals), backend)
+    flown = fly(RunJob(run_inputs(scenario, seed, run), {}, table, written, signals), "jax")
     metadata = describe_scenario(scenario)
     metadata |= {"seed": seed, "run": run, "log_period_s": to_seconds(log_period), "backend": flown.backend}
-    return make_log(flown.columns, flown.final, flown.results, 0, table.t[written], metadata)
+    return make_log(flown.columns, flown.final, flown.results, 0, logged_instants(table, written), metadata)
 
 
-def compile_scenario(scenario: Scenario) -> Program:
+def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
     """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
-    scenario, table, _ = prepare_run(scenario, [], None, ms(1))
+    scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
     inputs = run_inputs(scenario)
-    of = walk_structure(inputs, table.always, ())
+    of = walk_structure(inputs, table.always, signals)
+    check_signals(of)
     return Program(
         library=build_walk_library(of),
         shared_inputs=flat_inputs(inputs),
@@ -68,6 +82,36 @@ def compile_scenario(scenario: Scenario) -> Program:
         final=final_columns(of),
         metadata=describe_scenario(scenario),
     )
+
+
+class _KeptProgram(NamedTuple):
+    """A program with what it was made of: structure and leaves of the scenario, and what its arrays held."""
+
+    program: Program
+    tree: Any
+    leaves: list[Any]
+    contents: list[Any]
+
+
+@functools.lru_cache(maxsize=8)
+def _kept_programs(_: Scenario, __: int | None, ___: tuple[str, ...]) -> list[_KeptProgram]:
+    """The place of the program of this very scenario object; empty until it is compiled."""
+    return []
+
+
+def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, ...]) -> Program:
+    """The scenario's program, compiled where it is not kept, or where a mapping or an array in it was changed since."""
+    kept = _kept_programs(scenario, duration, signals)
+    leaves, tree = jax.tree.flatten(scenario)
+    contents = [v.tobytes() for v in leaves if isinstance(v, np.ndarray)]
+    if kept:
+        old = kept[0]
+        same = len(leaves) == len(old.leaves) and all(a is b for a, b in zip(leaves, old.leaves, strict=True))
+        if same and tree == old.tree and contents == old.contents:
+            return old.program
+    program = compile_scenario(scenario, duration=duration, signals=signals)
+    kept[:] = [_KeptProgram(program, tree, leaves, contents)]
+    return program
 
 
 def simulate_many(
@@ -89,8 +133,9 @@ def simulate_many(
     job = RunJob(inputs, own_inputs(inputs, chosen), table, written, signals, threads=thread_count(threads))
     flown = fly(job, backend)
     shared = describe_scenario(scenario) | {"run": 0, "log_period_s": to_seconds(log_period), "backend": flown.backend}
+    instants = logged_instants(table, written)
     return [
-        make_log(flown.columns, flown.final, flown.results, i, table.t[written], shared | {"seed": seed})
+        make_log(flown.columns, flown.final, flown.results, i, instants, shared | {"seed": seed})
         for i, seed in enumerate(chosen)
     ]
 

@@ -73,8 +73,11 @@ class Metric(NamedTuple):
 
 def settling(rows: Rows, path: str) -> Any:
     """Time (s) from the first row to the first after which the signal stays in its target's band; inf if it doesn't."""
-    inside = np.abs(rows.error(path)) <= rows.band(path)
-    first = inside.shape[1] - np.argmin(inside[:, ::-1], axis=1)
+    error = rows.error(path)
+    backwards = np.empty(error.shape)
+    np.abs(error[:, ::-1], out=backwards)  # in the order that is searched, which ends the search early
+    inside = backwards <= rows.band(path)
+    first = inside.shape[1] - np.argmin(inside, axis=1)
     first[inside.all(axis=1)] = 0
     t = np.append(rows.t - rows.t[0], np.inf)
     return t[first]

@@ -10,7 +10,8 @@ import errno
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -81,12 +82,17 @@ def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int,
 
 def sync_descriptions(folder: Path) -> None:
     """See the descriptions of the group and of its arrays onto the disk."""
-    for description in [*folder.glob("*/zarr.json"), folder / "zarr.json"]:
-        sync_file(description)
+    sync_files(folder.glob("*/zarr.json"))
+    sync_files([folder / "zarr.json"])
 
 
-def sync_file(file: Path) -> None:
-    """Return when a file and its name are on the disk."""
+def sync_files(files: Iterable[Path]) -> None:
+    """Return when the files and their names are on the disk; it takes them together, not one after the other."""
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(_sync_file, files))
+
+
+def _sync_file(file: Path) -> None:
     for place in (file, file.parent):
         handle = os.open(place, os.O_RDONLY)
         try:
@@ -132,10 +138,9 @@ class CampaignStore:
         try:
             for name, column in columns.items():
                 self._arrays[name][first : first + n] = column
-            for name in columns:
-                sync_file(self._chunk_path(name, first // self._block))
+            sync_files(self._chunk_path(name, first // self._block) for name in columns)
             self._arrays[DONE][first : first + n] = np.ones(n, bool)
-            sync_file(self._chunk_path(DONE, first // self._block))
+            sync_files([self._chunk_path(DONE, first // self._block)])
         except OSError as error:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             cause = "the disk is full" if full else error.strerror or error
@@ -155,9 +160,7 @@ class CampaignStore:
         return {"run": np.flatnonzero(done), **columns}
 
     def repair(self) -> None:
-        """Forget the blocks of which a chunk is damaged or gone, and what killed processes left half written."""
-        for half in self.folder.rglob("*" + PARTIAL):
-            half.unlink()
+        """Forget the blocks of which a chunk is damaged or gone."""
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
         done, bounds = self.finished_rows(), self._chunk_bounds()
@@ -209,7 +212,8 @@ def open_store(
     part = f"store {str(folder)!r}"
     lock = _acquire_lock(folder, part)
     try:
-        if has_store(folder):
+        was_there = has_store(folder)
+        if was_there:
             group = zarr.open_group(folder, mode="r+")
             _check_identity(part, dict(group.attrs), about)
             if runs > group[DONE].shape[0]:
@@ -221,8 +225,11 @@ def open_store(
             group = create_group(zarr, folder, columns, runs, block)
             group.attrs.update({**about, "columns": list(columns), "block": block})
             sync_descriptions(folder)
+        for half in folder.rglob("*" + PARTIAL):  # what killed processes left
+            half.unlink()
         store = CampaignStore(folder, group, lock)
-        store.repair()
+        if was_there:
+            store.repair()
         return store
     except BaseException as error:
         os.close(lock)

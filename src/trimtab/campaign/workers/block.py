@@ -23,8 +23,8 @@ from trimtab.run.runner import choose_c, prepare_run
 from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
 
-TOGETHER = 128
-"""Runs whose rows are looked at in one go: a cache holds them, memory is slow."""
+TOGETHER = 48_000
+"""Rows that are looked at in one go: a cache holds them, memory is slow, and fresh memory slower."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
@@ -49,8 +49,9 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows, final: Mapping[str, Any
     """Metrics, success and lost of some runs, each (n,). final: last values of the truth by path, (n, …)."""
     n = len(next(iter(final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
-    for first in range(0, n, TOGETHER):
-        part = slice(first, min(first + TOGETHER, n))
+    together = max(TOGETHER // max(len(rows.t), 1), 1)
+    for first in range(0, n, together):
+        part = slice(first, min(first + together, n))
         some = dataclasses.replace(rows, signals={path: signal[part] for path, signal in rows.signals.items()})
         with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
             for metric in ready.metrics:

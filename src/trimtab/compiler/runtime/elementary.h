@@ -147,16 +147,21 @@ INLINE F64 FN(atan)(F64 x)
     return FN(turn)(FN(angle_sum)(steep ? 2.0 - k : k, steep ? -t : t, steep ? -rest : rest), x);
 }
 
-INLINE F64 FN(atan2)(F64 y, F64 x)
+/* atan2 of magnitudes that are not extreme */
+INLINE F64 FN(atan2_near)(F64 y, F64 x)
 {
     F64 a = FN(abs)(x), b = FN(abs)(y), k, rest;
     M64 steep = b > a, back = FN(turn)(FN(splat)(1.0), x) < 0.0, less = steep ^ back;
-    F64 n = steep ? a : b, d = steep ? b : a;
-    M64 near = (d >= 0x1p-400) & (d <= 0x1p400) & ((n >= 0x1p-900) | (n == 0.0));
-    F64 t = FN(angle)(n, d, &k, &rest);
+    F64 t = FN(angle)(steep ? a : b, steep ? b : a, &k, &rest);
     k = steep ? 2.0 - k : k;
     k = back ? 4.0 - k : k;
-    F64 r = FN(turn)(FN(angle_sum)(k, less ? -t : t, less ? -rest : rest), y);
+    return FN(turn)(FN(angle_sum)(k, less ? -t : t, less ? -rest : rest), y);
+}
+
+INLINE F64 FN(atan2)(F64 y, F64 x)
+{
+    F64 a = FN(abs)(x), b = FN(abs)(y), n = b > a ? a : b, d = b > a ? b : a, r = FN(atan2_near)(y, x);
+    M64 near = (d >= 0x1p-400) & (d <= 0x1p400) & ((n >= 0x1p-900) | (n == 0.0));
     return FN(all)(near) ? r : FN(far_atan2)(near, y, x, r);
 }
 

@@ -13,22 +13,46 @@
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #endif
-#ifndef TT_FMA /* 1: fused multiply-add where the text says ma; 0: the same bits on machines that have none as well */
-#if defined(__FP_FAST_FMA) || defined(__FMA__)
+#ifndef TT_FMA /* 1: products and sums under `ma` are rounded once, on every machine the same; 0: twice, other bits */
 #define TT_FMA 1
-#else
-#define TT_FMA 0
 #endif
+#if defined(__arm__) && !(defined(__ARM_FP) && (__ARM_FP & 8))
+#define TT_DOUBLE_FPU 0
+#else
+#define TT_DOUBLE_FPU 1
+#endif
+#if defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__aarch64__) || (defined(__ARM_FEATURE_FMA) && TT_DOUBLE_FPU)
+#define TT_FUSED fma
+#else
+#define TT_FUSED tt_fused
+#endif
+#ifndef TT_SINGLE /* 1: functions of float are those of double, rounded; 0: the C library's, for want of a double FPU */
+#define TT_SINGLE TT_DOUBLE_FPU
 #endif
 #ifndef TT_INLINE
 #if defined(__GNUC__)
 #define TT_INLINE static inline __attribute__((unused))
 #define TT_COLD static __attribute__((noinline, cold, unused))
+#define TT_OUTLINE static __attribute__((noinline, unused))
 #else
 #define TT_INLINE static inline
 #define TT_COLD static
+#define TT_OUTLINE static
 #endif
 #endif
+/* x as float. gcc's vectoriser of straight lines (SLP; gcc 12, x86) leaves the rounding out of two such beside each other
+ * that are taken as double again: the empty instruction keeps it from them. TT_NO_SLP: it is off anyway. */
+TT_INLINE float tt_single(double x)
+{
+    float y = (float)x;
+#if defined(TT_NO_SLP) || !defined(__GNUC__) || defined(__clang__)
+#elif defined(__SSE2__)
+    __asm__("" : "+x"(y));
+#elif defined(__aarch64__)
+    __asm__("" : "+w"(y));
+#endif
+    return y;
+}
 
 TT_INLINE uint64_t tt_bits(double x)
 {
@@ -49,11 +73,11 @@ TT_INLINE double tt_splat(double x)
     return x;
 }
 
-/* a b + c */
+/* a b + c; TT_FUSED may be tt_fused() */
 TT_INLINE double tt_ma(double a, double b, double c)
 {
 #if TT_FMA
-    return fma(a, b, c);
+    return TT_FUSED(a, b, c);
 #else
     return a * b + c;
 #endif

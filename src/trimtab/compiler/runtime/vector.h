@@ -1,6 +1,9 @@
 #ifndef TTV_INLINE
 #define TTV_INLINE static inline __attribute__((always_inline, unused))
 #endif
+#if !TT_SINGLE
+#error "lanes compute functions of float by those of double"
+#endif
 #define TTV_COLD static __attribute__((noinline, cold, unused))
 typedef double vf64 __attribute__((vector_size(8 * TT_LANES)));
 typedef int64_t vi64 __attribute__((vector_size(8 * TT_LANES)));
@@ -58,7 +61,7 @@ template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
 #elif TT_FMA && defined(__FMA__) && TT_LANES == 4 && !defined(__clang__)
     r = __builtin_ia32_vfmaddpd256(x, y, z);
 #elif TT_FMA
-    for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_fma(x[i], y[i], z[i]);
+    for (int i = 0; i < TT_LANES; i++) r[i] = TT_FUSED(x[i], y[i], z[i]);
 #else
     r = x * y + z;
 #endif
