@@ -202,3 +202,13 @@ def test_a_campaign_is_held_against_one_call_of_the_simulator():
     lines = [line for line in done.stdout.splitlines() if line.startswith("| campaign")]
     assert len(lines) == 3
     assert re.search(r"100: \d+ MB, 300: \d+ MB", lines[1])
+
+
+@pytest.mark.slow
+@needs_compilers
+def test_functions_of_other_libraries_are_as_listed_and_casadi_computes_the_same():
+    pytest.importorskip("jaxlie")
+    done = python(BENCHMARKS / "foreign.py", "--quick", "--library", "jaxlie", "--markdown")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "all as listed" in done.stdout
+    assert "| functions of other libraries: compiled | 13 of 13 |" in done.stdout

@@ -140,6 +140,27 @@ def test_arguments_by_name_and_numbers_of_python() -> None:
     assert compiled(x=-1.0, n=np.int32(3), on=True) == -3.0
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int8, np.int32, np.int64, np.uint16, np.uint64, np.bool_])
+def test_numbers_of_numpy_are_taken_as_they_are(dtype: Any) -> None:
+    compiled = trimtab.compile(lambda x, y: (x, y), dtype(0), np.zeros(2))
+    for number in (dtype(1), dtype(0), np.array([dtype(100)])[0]):
+        got = compiled(number, np.ones(2))[0]
+        assert got == number
+        assert got.dtype == dtype
+    assert compiled(x=dtype(1), y=np.ones(2))[0] == dtype(1)
+
+
+@pytest.mark.parametrize(
+    "function", [jnp.signbit, jnp.isnan, jnp.sqrt, jnp.float_power, jnp.select], ids=lambda f: f.__name__
+)
+def test_names_of_the_c_library_are_no_names_of_functions(function: Any) -> None:
+    def named(x):
+        return -x
+
+    named.__name__ = function.__name__
+    assert trimtab.compile(named, 1.0, lanes=4)(3.0) == -3.0
+
+
 class Odd:
     """No array."""
 
@@ -246,13 +267,14 @@ def test_results_do_not_share_memory_and_nothing_leaks() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4000  # 320 MB, were one result kept
 
 
-def test_a_call_costs_under_a_microsecond() -> None:
+@pytest.mark.parametrize("number", [1.0, np.float64(1.0), np.array(1.0)], ids=["Python", "numpy", "array"])
+def test_a_call_costs_under_a_microsecond(number: Any) -> None:
     compiled = trimtab.compile(lambda x: x * 2.0, 1.0)
     rounds = []
     for _ in range(50):
         start = time.perf_counter()
         for _ in range(1000):
-            compiled(1.0)
+            compiled(number)
         rounds.append((time.perf_counter() - start) / 1000)
     assert min(rounds) < 1e-6
 

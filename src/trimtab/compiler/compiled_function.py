@@ -1,5 +1,6 @@
 """Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
 
+import functools
 import inspect
 import re
 import threading
@@ -260,53 +261,15 @@ def export_callable(
     return export_function(folder, block, function, arguments)
 
 
-C_LIBRARY = {
-    "abs",
-    "acos",
-    "acosh",
-    "asin",
-    "asinh",
-    "atan",
-    "atan2",
-    "atanh",
-    "cbrt",
-    "ceil",
-    "copysign",
-    "cos",
-    "cosh",
-}
-C_LIBRARY |= {
-    "div",
-    "erf",
-    "erfc",
-    "exit",
-    "exp",
-    "exp2",
-    "expm1",
-    "fabs",
-    "fdim",
-    "floor",
-    "fma",
-    "fmax",
-    "fmin",
-    "fmod",
-}
-C_LIBRARY |= {"free", "frexp", "hypot", "ilogb", "j0", "j1", "jn", "labs", "ldexp", "lgamma", "line", "llabs", "llrint"}
-C_LIBRARY |= {"log", "log10", "log1p", "log2", "logb", "lrint", "lround", "malloc", "memcpy", "memset", "modf", "nan"}
-C_LIBRARY |= {
-    "nearbyint",
-    "nextafter",
-    "pow",
-    "printf",
-    "remainder",
-    "remove",
-    "rename",
-    "rint",
-    "round",
-    "scalbn",
-    "signal",
-}
-C_LIBRARY |= {"sin", "sinh", "sqrt", "system", "tan", "tanh", "tgamma", "time", "trunc", "y0", "y1", "yn"}
+_OF_NUMBERS = """acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
+floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround modf nan
+nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn sin sinh sqrt tan tanh tgamma trunc"""
+_OTHERS = """fpclassify isfinite isgreater isgreaterequal isinf isless islessequal islessgreater isnan isnormal
+isunordered signbit j0 j1 jn y0 y1 yn gamma drem significand abs labs llabs div ldiv lldiv abort atexit atof atoi atol
+atoll bsearch calloc exit free getenv malloc mblen qsort rand random realloc select srand system memchr memcmp memcpy
+memmove memset index printf puts putchar getchar remove rename signal time clock main bool true false pipe read write
+close link open access dup wait sleep pause nice sync"""
+C_LIBRARY = {name + kind for name in _OF_NUMBERS.split() for kind in ("", "f", "l")} | set(_OTHERS.split())
 """Names that a function in C cannot have, because the library has them."""
 
 
@@ -338,7 +301,7 @@ def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) ->
     """The jaxpr, and the shapes of what it gives."""
     _check_example(example, name)
     try:
-        return jax.make_jaxpr(function, return_shape=True)(*example)
+        return jax.make_jaxpr(functools.partial(function), return_shape=True)(*example)  # a network may have no hash
     except jax.errors.TracerArrayConversionError:
         problem = f"{name!r} calls numpy, or other code that is not JAX's, with what is known only when it runs"
         raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None

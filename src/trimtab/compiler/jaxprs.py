@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax._src import source_info_util
+from jax._src.lax import special
+from jax._src.random import core as random_core
 from jax.extend.core import ClosedJaxpr, Literal
 
 jax.config.update("jax_enable_x64", True)
 
+OWN_FOLDER = os.path.dirname(__file__)
 CALLS = {
     "jit": "jaxpr",
     "closed_call": "call_jaxpr",
@@ -68,6 +71,27 @@ def platform_position(equation: Any) -> int:
     return chosen[0] if chosen else platforms.index(None)
 
 
+SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "regularized_incomplete_beta", "bessel_i0e")
+"""Primitives that JAX compiles by a program of its own."""
+
+
+def special_function(name: str) -> Any:
+    """What JAX compiles a special function to, a program of arrays of one shape."""
+    program = getattr(special, f"{name}_impl")
+    return program if name == "bessel_i0e" else lambda *x: program(*x, dtype=x[0].dtype)
+
+
+def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
+    """JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
+    return random_core._gamma_impl(key, shape, log_space=log_space)
+
+
+def raises_of_equinox(equation: Any) -> bool:
+    """Whether a pure_callback is what equinox.error_if makes, which does nothing else than raise an error."""
+    called = getattr(equation.params["callback"], "callback_func", None)
+    return getattr(called, "__module__", None) == "equinox._errors"
+
+
 def is_key(aval: Any) -> bool:
     """Whether an array holds keys of jax.random."""
     return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
@@ -118,12 +142,9 @@ def literal_value(atom: Any) -> Any:
 
 
 def source_line(equation: Any) -> str | None:
-    """file:line of the Python that made an equation, or None where all of it is JAX's own."""
-    try:
-        frame: Any = source_info_util.user_frame(equation.source_info.traceback)
-    except (AttributeError, TypeError):
-        frame = source_info_util.user_frame(equation.source_info)
-    if frame is None:
+    """file:line of the Python that made an equation, or None where all of it is JAX's own, or the compiler's."""
+    frame: Any = source_info_util.user_frame(equation.source_info.traceback)
+    if frame is None or frame.file_name.startswith(OWN_FOLDER):
         return None
     return f"{os.path.abspath(frame.file_name)}:{frame.start_line}, in {frame.function_name}"
 

@@ -17,14 +17,10 @@ from trimtab.core.errors import InputError
 Rule = Callable[["Site"], list[Array]]
 
 ALTERNATIVES = {
-    "svd": "jnp.linalg.eigh(A.T @ A): its values are the squares of A's; jnp.linalg.solve(A.T @ A, A.T) for pinv",
     "eig": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
-    "random_gamma": "-jnp.log(jax.random.uniform(key, shape)), summed, for whole parameters",
-    "regularized_incomplete_beta": "a sum over jnp.linspace of its integrand",
-    "igamma": "a sum over jnp.linspace of its integrand",
-    "bessel_i0e": "the mean of jnp.exp(x * (jnp.cos(t) - 1)) over t in jnp.linspace(0, pi, n)",
+    "rng_bit_generator": "jax.random.key(seed), without impl: its bits are threefry's",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
     "debug_print": "a result of the function, or a logged signal: flight code cannot print",
@@ -65,7 +61,7 @@ class Lowering:
             found = jaxprs.source_line(equation)
             if found is not None:
                 return found
-        return "an unknown line"
+        return "a line of JAX's own"
 
     def type_name(self, dtype: Any) -> str:
         """Our name of a JAX type."""
@@ -138,17 +134,16 @@ class Lowering:
         if rule is None and jaxprs.implementation(equation) is not None:
             return self._lower_foreign(equation, operands, dying)
         if rule is None:
-            where = self.source_line()
-            fix = (
-                f"write {ALTERNATIVES[name]}"
-                if name in ALTERNATIVES
-                else "write it with what trimtab.compiler.coverage lists"
-            )
-            raise InputError("export", f"primitive {name!r}, from {where}, has no C text", fix=fix)
+            raise self.refusal(name)
         site = Site(self, equation, operands, dying)
         if name not in ("cond", "scan", "while"):
             self._store_operands(equation, operands)
         return rule(site)
+
+    def refusal(self, name: str) -> InputError:
+        """Of a primitive without C text."""
+        fix = ALTERNATIVES.get(name, "it with what trimtab.compiler.coverage lists")
+        return InputError("export", f"primitive {name!r}, from {self.source_line()}, has no C text", fix=f"write {fix}")
 
     def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         """A primitive of another package, by what computes it outside of JAX's compiler."""

@@ -54,9 +54,10 @@ typedef struct {
     PyObject **keys; /* of a dict, or names of fields */
 } Node;
 
-/* An array. numbers: which of Python's numbers it takes, if it has no axes: 'd', 'f', 'l', 'i', '?' or 0. */
+/* An array. If it has no axes: scalar: numpy's class of such numbers, else NULL; numbers: which of Python's numbers it
+ * takes: 'd', 'f', 'l', 'i', '?' or 0. */
 typedef struct {
-    PyObject *type;
+    PyObject *type, *scalar;
     int64_t axes, numbers;
     int64_t *shape;
     PyObject *empty; /* arguments of numpy.empty */
@@ -125,6 +126,17 @@ static bool take_array(Taking *t, PyObject *o)
     return true;
 }
 
+/* A number of numpy: it stands behind the head. */
+static bool take_scalar(Taking *t, PyObject *o)
+{
+    if (type_of(o) != t->p->in[t->at].scalar)
+        return false;
+    Py_IncRef(o);
+    t->held[t->at] = o;
+    t->in[t->at++] = (char *)o + HEAD;
+    return true;
+}
+
 static bool take_number(Taking *t, PyObject *o)
 {
     const Program *p = t->p;
@@ -165,7 +177,7 @@ static bool take(Taking *t, PyObject *o)
     const Node *node = t->node++;
     PyObject *child;
     if (node->kind == LEAF)
-        return take_array(t, o) || take_number(t, o);
+        return take_array(t, o) || take_number(t, o) || take_scalar(t, o);
     if (type_of(o) != node->type)
         return false;
     if (node->kind == DICT ? PyDict_Size(o) != node->count : node->kind == LIST && PyList_Size(o) != node->count)
@@ -352,11 +364,14 @@ PyObject *trimtab_callable(Program *p, PyObject *kept)
     return made;
 }
 
-/* Whether arrays lie in memory as is taken for granted here. */
-int trimtab_knows_arrays(PyObject *array, PyObject *array_type, PyObject *type, void *data, int64_t rows, int64_t columns)
+/* Whether arrays, and numbers of numpy, lie in memory as is taken for granted here. */
+int trimtab_knows_arrays(
+    PyObject *array, PyObject *array_type, PyObject *type, void *data, int64_t rows, int64_t columns, PyObject *pi)
 {
     const Array *a = (const Array *)array;
-    return type_of(array) == array_type && a->type == type && a->data == data && a->axes == 2 && a->shape[0] == rows
+    double behind;
+    memcpy(&behind, (char *)pi + HEAD, sizeof behind);
+    return behind == 3.141592653589793 && type_of(array) == array_type && a->type == type && a->data == data && a->axes == 2 && a->shape[0] == rows
         && a->shape[1] == columns && (a->flags & NATIVE_AND_ALIGNED) == NATIVE_AND_ALIGNED;
 }
 

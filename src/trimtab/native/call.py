@@ -76,6 +76,7 @@ class _Node(ctypes.Structure):
 class _Leaf(ctypes.Structure):
     _fields_ = [
         ("type", ctypes.c_void_p),
+        ("scalar", ctypes.c_void_p),
         ("axes", ctypes.c_int64),
         ("numbers", ctypes.c_int64),
         ("shape", ctypes.c_void_p),
@@ -112,11 +113,12 @@ def _libraries() -> tuple[Any, Any]:
     locked, free = ctypes.PyDLL(path), ctypes.CDLL(path)
     locked.trimtab_callable.restype = ctypes.py_object
     locked.trimtab_callable.argtypes = [ctypes.c_void_p, ctypes.py_object]
-    locked.trimtab_knows_arrays.argtypes = [ctypes.py_object] * 3 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64]
+    argument_types = [ctypes.py_object] * 3 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.py_object]
+    locked.trimtab_knows_arrays.argtypes = argument_types
     free.trimtab_batch.argtypes = [ctypes.c_void_p, ctypes.c_int64]
     probe = np.zeros((3, 5))
     if sys.implementation.name != "cpython" or not locked.trimtab_knows_arrays(
-        probe, np.ndarray, probe.dtype, probe.ctypes.data, *probe.shape
+        probe, np.ndarray, probe.dtype, probe.ctypes.data, *probe.shape, np.float64(np.pi)
     ):
         problem = f"arrays of {sys.version.split()[0]} with numpy {np.__version__} are not laid out as numpy's ABI says"
         raise InputError("compile", problem, fix="use CPython with numpy 1.24 or newer")
@@ -183,6 +185,7 @@ def _leaf_array(arrays: Sequence[ArrayType], kept: list[Any]) -> Any:
     made = (_Leaf * max(len(arrays), 1))()
     for leaf, a in zip(made, arrays, strict=False):
         leaf.type, leaf.axes = _object(a.dtype, kept), len(a.shape)
+        leaf.scalar = None if a.shape else _object(a.dtype.type, kept)
         leaf.numbers = 0 if a.shape else ord(NUMBERS.get(a.dtype.name, "\0"))
         leaf.shape = _pointer(_numbers(a.shape), kept)
         leaf.empty = _object((a.shape, a.dtype), kept)

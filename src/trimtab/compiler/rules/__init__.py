@@ -5,12 +5,14 @@ from trimtab.compiler.rules import (
     composite,
     control,
     elementwise,
+    factors,
     index,
     linalg,
     product,
     random,
     reduce,
     shape,
+    special,
     window,
 )
 
@@ -23,6 +25,8 @@ RULES: dict[str, Rule] = {
     **control.RULES,
     **linalg.RULES,
     **composite.RULES,
+    **factors.RULES,
+    **special.RULES,
     **random.RULES,
     **window.RULES,
 }

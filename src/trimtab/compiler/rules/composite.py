@@ -13,9 +13,8 @@ import numpy as np
 from jax import lax
 
 from trimtab.compiler import jaxprs
-from trimtab.compiler.arrays import Array
+from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
-from trimtab.core.errors import InputError
 
 COUNTED = 40
 """Up to so many numbers are sorted by counting who is smaller; more by merging."""
@@ -57,33 +56,6 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
     return each_matrix(single, 1, pivots)
 
 
-def _qr(a: Any, *, full_matrices: bool, **_: Any) -> Any:
-    return each_matrix(lambda a: _single_qr(a, full_matrices), 2, a)
-
-
-def _single_qr(a: Any, full: bool) -> Any:
-    """By reflections, with the signs that LAPACK takes."""
-    m, n = a.shape
-    k = min(m, n)
-    rows = jnp.arange(m)
-
-    def step(j: Any, carried: Any) -> Any:
-        q, r = carried
-        x = jnp.where(rows >= j, r[:, j], 0.0)
-        head, rest = r[j, j], jnp.where(rows > j, r[:, j], 0.0)
-        beta = -jnp.copysign(jnp.sqrt(jnp.sum(x * x)), head)
-        none = jnp.sum(rest * rest) == 0
-        scale = jnp.where(none, 1.0, head - beta)
-        v = jnp.where(none, 0.0, jnp.where(rows == j, 1.0, rest / scale))
-        tau = jnp.where(none, 0.0, (beta - head) / jnp.where(none, 1.0, beta))
-        r = r - tau * v[:, None] * (v @ r)
-        return q - tau * (q @ v)[:, None] * v, r
-
-    q, r = lax.fori_loop(0, k, step, (jnp.eye(m, dtype=a.dtype), a))
-    r = jnp.triu(r)
-    return (q, r) if full else (q[:, :k], r[:k])
-
-
 def _each(site: Site) -> list[Array]:
     """The same primitive, matrix by matrix."""
     primitive, params = site.equation.primitive, site.params
@@ -92,7 +64,7 @@ def _each(site: Site) -> list[Array]:
 
 def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
     def single(*rows: Any) -> Any:
-        order = _sorting_order(rows[:num_keys], reverse=False)
+        order = sorting_order(rows[:num_keys], reverse=False)
         return tuple(row[order] for row in rows)
 
     moved = [jnp.moveaxis(x, dimension, -1) for x in operands]
@@ -101,7 +73,7 @@ def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
 
 def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
     def single(row: Any) -> Any:
-        order = _sorting_order((row,), reverse=True)[:k]
+        order = sorting_order((row,), reverse=True)[:k]
         return row[order], order
 
     found = each_matrix(single, 1, jnp.moveaxis(operand, axis, -1))
@@ -122,7 +94,7 @@ def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
     return before
 
 
-def _sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
+def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
     """int32 positions of the keys in order; of equals the first comes first."""
     n = keys[0].shape[0]
     places = jnp.arange(n, dtype=jnp.int32)
@@ -232,47 +204,6 @@ def _digamma(x: Any, **_: Any) -> Any:
     return jnp.where((x <= 0) & (x == jnp.floor(x)), jnp.nan, jnp.where(below, reflected, y))
 
 
-SWEEPS = 12
-"""Of Jacobi's rotations: they converge quadratically, and need no more than nine up to 100 rows."""
-
-
-def _eigh(a: Any, *, lower: bool, sort_eigenvalues: bool, subset_by_index: Any, **_: Any) -> Any:
-    if subset_by_index is not None and tuple(subset_by_index) != (0, a.shape[-1]):
-        problem = f"eigenvalues {subset_by_index} alone have no C text"
-        raise InputError("export", problem, fix="compute all eigenvalues, and take those")
-    return each_matrix(lambda a: _single_eigh(a, lower), 2, a)
-
-
-def _single_eigh(a: Any, lower: bool) -> Any:
-    """Eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
-    n = a.shape[0]
-    half = jnp.tril(a) if lower else jnp.triu(a)
-    a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
-
-    def rotate(k: Any, carried: Any) -> Any:
-        a, v = carried
-        p, q = k // n, k % n
-        wanted = (p < q) & (a[p, q] != 0)
-        theta = (a[q, q] - a[p, p]) / (2 * jnp.where(wanted, a[p, q], 1.0))
-        t = jnp.where(theta < 0, -1.0, 1.0) / (jnp.abs(theta) + jnp.sqrt(theta * theta + 1))
-        c = jnp.where(wanted, 1 / jnp.sqrt(t * t + 1), 1.0)
-        s = jnp.where(wanted, t, 0.0) * c
-        rows = a[p], a[q]
-        a = a.at[p].set(c * rows[0] - s * rows[1]).at[q].set(jnp.where(p == q, a[q], s * rows[0] + c * rows[1]))
-        columns, vectors = (a[:, p], a[:, q]), (v[:, p], v[:, q])
-        a = a.at[:, p].set(c * columns[0] - s * columns[1])
-        a = a.at[:, q].set(jnp.where(p == q, a[:, q], s * columns[0] + c * columns[1]))
-        v = v.at[:, p].set(c * vectors[0] - s * vectors[1])
-        return a, v.at[:, q].set(jnp.where(p == q, v[:, q], s * vectors[0] + c * vectors[1]))
-
-    turned, vectors = lax.fori_loop(
-        0, SWEEPS * n * n, lambda k, x: rotate(k % (n * n), x), (a, jnp.eye(n, dtype=a.dtype))
-    )
-    values = jnp.diagonal(turned)
-    order = _sorting_order((values,), reverse=False)
-    return vectors[:, order], values[order]
-
-
 def _threefry(k1: Any, k2: Any, x1: Any, x2: Any, **_: Any) -> Any:
     """Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011): 20 rounds on two words."""
     turns = ((13, 15, 26, 6), (17, 29, 16, 24))
@@ -300,19 +231,31 @@ def _platform(site: Site) -> list[Array]:
     return inline_program(site, lambda *_: jnp.int32(jaxprs.platform_position(site.equation)))
 
 
+def _error_value(site: Site) -> list[Array]:
+    """Where equinox.error_if would raise, what it gives with EQX_ON_ERROR=nan: NaN, the largest integer, True."""
+    if not jaxprs.raises_of_equinox(site.equation):
+        raise site.lowering.refusal("pure_callback")
+
+    def value(aval: Any) -> Any:
+        kind = np.dtype(aval.dtype).kind
+        worst = np.nan if kind == "f" else kind == "b" or np.iinfo(aval.dtype).max
+        return constant(site.b, np.full(aval.shape, worst, aval.dtype), site.lowering.type_name(aval.dtype))
+
+    return [value(v.aval) for v in site.equation.outvars]
+
+
 RULES: dict[str, Rule] = {
     "lu_pivots_to_permutation": composite(_permutation),
-    "qr": composite(_qr),
     "sort": composite(_sort),
     "top_k": composite(_top_k),
     "erf_inv": composite(_erf_inv),
     "threefry2x32": composite(_threefry),
     "lgamma": composite(_lgamma),
     "digamma": composite(_digamma),
-    "eigh": composite(_eigh),
     "cumlogsumexp": composite(_cumlogsumexp),
     "custom_linear_solve": _custom_linear_solve,
     "platform_index": _platform,
+    "pure_callback": _error_value,
 }
 
 

@@ -1,0 +1,211 @@
+"""Time one call of functions of other libraries by trimtab.compile beside jax.jit and CasADi, and compare the results.
+
+    python benchmarks/foreign.py                      all of tests/compiler/foreign: a line for each, then the means
+    python benchmarks/foreign.py --library jaxlie     one library
+    python benchmarks/foreign.py --quick              two rounds: do they compile and agree?
+    python benchmarks/foreign.py --write              put the table into docs/benchmarks.md
+
+The programs take turns, in rounds whose order is drawn, each round on another input; a time is the least of all rounds,
+and a ratio that of two times: XLA hands even small programs to other threads, and on a busy machine its median says
+more about the machine. jax.jit is given arrays that lie on its device, and is waited for; trimtab.compile is given
+numpy arrays. CasADi's function is the C that it generates, compiled with -O3 -march=native, and called through its
+FunctionBuffer: the fastest way that it offers.
+The packages: pip install "trimtab[foreign,bench]"; a library that is not installed is left out.
+
+Exits with 1 where a function doesn't compile or agree as its list says, with --strict also when a target is missed.
+"""
+
+import argparse
+import importlib
+import math
+import random
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests")]
+import jax
+from paired import Ratio, load, machine, row
+
+import trimtab
+from compiler.foreign.agreement import (
+    CLOSE,
+    compute_leaves,
+    difference,
+    draw_runs,
+    measure_agreement,
+    measure_sensitivity,
+)
+from compiler.foreign.case import Case
+
+LIBRARIES = ("jaxlie", "brax", "equinox", "jaxopt", "blackjax", "diffrax", "optimistix", "jax_scipy", "own")
+COMMAND = "python benchmarks/foreign.py"
+PAGE, BEGIN, END = ROOT / "docs" / "benchmarks.md", "<!-- made by benchmarks/foreign.py -->", "<!-- end of foreign -->"
+TARGET, AGREE, TURN = 5.0, 65, 1e-3
+"""Wanted: times as fast as jax.jit, and functions that agree. How long a program's turn lasts (s)."""
+
+
+class Figure(NamedTuple):
+    """What was found of one function.
+
+    apart: difference relative to scale.  verdict: in words.  times: least per call (s) by program.
+    """
+
+    library: str
+    name: str
+    verdict: str
+    apart: float = math.nan
+    times: dict[str, float] = {}
+    good: bool = True
+
+    def ratio(self, program: str) -> float | None:
+        """Its time over trimtab's; None where it was not measured."""
+        return self.times[program] / self.times["trimtab"] if program in self.times else None
+
+
+def load_cases(library: str) -> list[Case]:
+    """The list of a library; empty where it is not installed."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return importlib.import_module(f"compiler.foreign.{library}_cases").CASES
+    except ModuleNotFoundError as missing:
+        print(f"{library} is left out: {missing}")
+        return []
+
+
+def programs(library: str, case: Case) -> dict[str, Any]:
+    """Functions of the number of a run, that compute it and wait for it; numbers are prepared."""
+    runs = draw_runs(case)
+    compiled, jitted = trimtab.compile(case.function, *runs[0]), jax.jit(lambda *arguments: case.function(*arguments))
+    on_device = [jax.tree.map(jax.numpy.asarray, r) for r in runs]
+
+    def by_jit(k: int) -> Any:
+        found = jitted(*on_device[k])
+        return found.block_until_ready() if isinstance(found, jax.Array) else jax.block_until_ready(found)
+
+    made = {"trimtab": lambda k: compiled(*runs[k]), "jax.jit": by_jit}
+    try:
+        from foreign_casadi import twin
+    except ModuleNotFoundError:
+        return made
+    call = twin(library, case.name, runs)
+    if call is not None:
+        found = [[call(k).copy()] for k in range(len(runs))]
+        wanted = [[np.concatenate([x.ravel() for x in leaves])] for leaves in compute_leaves(compiled, runs)]
+        if not difference(found, wanted) < 1e-9:
+            sys.exit(f"CasADi's {case.name!r} of {library} is another function: {difference(found, wanted):.1e} apart")
+        made["casadi"] = call
+    return made
+
+
+def measure_times(calls: dict[str, Any], rounds: int, runs: int) -> dict[str, float]:
+    """Least time of a call (s), by rounds in an order that is drawn anew."""
+    counts = {name: _calls_per_turn(call) for name, call in calls.items()}
+    times = dict.fromkeys(calls, math.inf)
+    rng = random.Random(0)
+    for i in range(rounds):
+        for name in rng.sample(list(calls), len(calls)):
+            call, k = calls[name], i % runs
+            start = time.perf_counter()
+            for _ in range(counts[name]):
+                call(k)
+            times[name] = min(times[name], (time.perf_counter() - start) / counts[name])
+    return times
+
+
+def _calls_per_turn(call: Any) -> int:
+    call(0)
+    start = time.perf_counter()
+    call(0)
+    return max(1, min(1000, int(TURN / (time.perf_counter() - start))))
+
+
+def measure(library: str, case: Case, rounds: int) -> Figure:
+    """Compile, compare and time one function."""
+    try:
+        found = measure_agreement(case)
+    except trimtab.InputError:
+        return Figure(library, case.name, f"refused: {case.refused or 'NOT IN THE LIST'}", good=bool(case.refused))
+    own = measure_sensitivity(case) if case.sensitive else 0.0
+    good = found.apart <= max(CLOSE, 10 * own) and found.same_in_lanes and not case.refused
+    verdict = "agrees" if found.apart <= CLOSE else f"as sensitive as jax.jit ({own:.0e})" if good else "WRONG"
+    times = measure_times(programs(library, case), rounds, len(draw_runs(case)))
+    return Figure(library, case.name, verdict, found.apart, times, good)
+
+
+def geometric_mean(figures: list[Figure], program: str) -> Ratio:
+    """Of a program's times over trimtab's, with the least and largest of them."""
+    ratios = [r for r in (f.ratio(program) for f in figures) if r is not None]
+    return Ratio(math.exp(np.mean(np.log(ratios))), min(ratios), max(ratios)) if ratios else Ratio(*[math.nan] * 3)
+
+
+def summary(figures: list[Figure]) -> list[str]:
+    """The rows of the page's first table."""
+    timed = [f for f in figures if f.times]
+    agree = sum(f.apart <= CLOSE for f in figures)
+    jit, twins = geometric_mean(figures, "jax.jit"), sum("casadi" in f.times for f in figures)
+    rows = [
+        row("functions of other libraries: compiled", f"{len(timed)} of {len(figures)}", "", COMMAND),
+        row(f"functions of other libraries: agree to {CLOSE:g}", f"{agree} of {len(figures)}", f"≥ {AGREE}", COMMAND),
+        row("functions of other libraries: jax.jit / trimtab.compile, geometric mean", jit, f"≥ {TARGET:g}", COMMAND),
+    ]
+    if twins:
+        what = f"{twins} of them: CasADi's C / trimtab.compile, geometric mean"
+        rows.append(row(what, geometric_mean(figures, "casadi"), "", COMMAND))
+    return rows
+
+
+def table(figures: list[Figure]) -> str:
+    """A row for each function."""
+    lines = ["| library | function | trimtab (us) | jax.jit / trimtab | CasADi / trimtab | apart | |", "|---" * 7 + "|"]
+    for f in figures:
+        took = f"{1e6 * f.times['trimtab']:.2f}" if f.times else ""
+        jit, casadi = (f"{f.ratio(n):.2f}" if n in f.times else "" for n in ("jax.jit", "casadi"))
+        apart = f"{f.apart:.0e}" if f.times else ""
+        lines.append(f"| {f.library} | {f.name} | {took} | {jit} | {casadi} | {apart} | {f.verdict} |")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--library", choices=LIBRARIES, action="append", help="only this one; may be given again")
+    p.add_argument("--rounds", type=int, default=15, help="(%(default)s)")
+    p.add_argument("--quick", action="store_true", help="2 rounds: only the agreement means something")
+    p.add_argument("--strict", action="store_true", help="exit with 1 also when a target is missed")
+    p.add_argument("--markdown", action="store_true", help="print rows for the documentation's table at the end")
+    p.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
+    a = p.parse_args()
+    if a.write and (a.library or a.quick):
+        p.error("the page's table is of all libraries, in full rounds")
+    began, figures = load(), []
+    print(f"{machine('jax')}\n{began}")
+    for library in a.library or LIBRARIES:
+        for case in load_cases(library):
+            f = measure(library, case, 2 if a.quick else max(1, a.rounds))
+            figures.append(f)
+            ratios = "  ".join(f"{n} x {f.ratio(n):.2f}" for n in f.times if n != "trimtab")
+            took = f"{1e6 * f.times['trimtab']:10.2f} us" if f.times else " " * 13
+            print(f"{library:10} {case.name:46} {took}  {ratios:35} {f.apart:.0e} {f.verdict}", flush=True)
+    rows = summary(figures)
+    print("\n".join(["", *(r.replace("|", " ") for r in rows), began, load()]))
+    if a.markdown:
+        print("\n".join(rows))
+    if a.write:
+        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        about = f"Measured on {machine('jax')}; {began.split('   ')[0]} at the start."
+        text = "\n\n".join([before + BEGIN, about, table(figures), END])
+        PAGE.write_text(text + rest.partition(END)[2], encoding="utf-8")
+    bad = [f"{f.library}: {f.name}" for f in figures if not f.good]
+    print(f"NOT as listed: {', '.join(bad)}" if bad else "all as listed")
+    met = geometric_mean(figures, "jax.jit").median >= TARGET and sum(f.apart <= CLOSE for f in figures) >= AGREE
+    return int(bool(bad) or (a.strict and not met))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
