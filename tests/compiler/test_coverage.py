@@ -12,6 +12,7 @@ from contracts.compiled import LANES, Case, compiled, primitives
 from trimtab.compiler.coverage import COVERED_PRIMITIVES, coverage_table
 from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import CALLS
+from trimtab.compiler.lower import ALTERNATIVES
 from trimtab.compiler.rules import RULES
 from trimtab.core.errors import InputError
 
@@ -52,6 +53,10 @@ def complex_numbers(x: jax.Array) -> jax.Array:
     return jnp.abs(x + 1j)  # refused
 
 
+def moving_sum(x: jax.Array, first: jax.Array) -> jax.Array:
+    return jax.lax.reduce_window(x, first, jax.lax.add, (2,), (1,), "VALID")  # refused
+
+
 def half_precision(x: jax.Array) -> jax.Array:
     return x.astype(np.float16) * 2  # refused
 
@@ -81,6 +86,7 @@ REFUSED = {
     "random_gamma": (lambda x: x + jax.random.gamma(jax.random.key(0), 2.0), "uniform"),  # refused
     "regularized_incomplete_beta": (lambda x: jax.scipy.special.betainc(2.0, 3.0, x), "linspace"),  # refused
     "bessel_i0e": (lambda x: jax.scipy.special.i0e(x), "mean"),  # refused
+    "reduce_window": (lambda x: moving_sum(x, x[0]), "numbers of Python"),  # refused
     "pure_callback": (host_call, "plain jax.numpy"),
     "debug_print": (printed, "logged signal"),
     "complex": (complex_numbers, "float64"),
@@ -121,6 +127,11 @@ def incomplete_beta(x: jax.Array) -> jax.Array:
     return 12 * jnp.mean(t * (1 - t) ** 2) * x
 
 
+def incomplete_gamma(x: jax.Array) -> jax.Array:
+    t = x * (jnp.arange(4000) + 0.5) / 4000
+    return jnp.mean(t * jnp.exp(-t)) * x
+
+
 def bessel(x: jax.Array) -> jax.Array:
     t = (jnp.arange(64) + 0.5) * jnp.pi / 64
     return jnp.mean(jnp.exp(x * (jnp.cos(t) - 1)))
@@ -133,6 +144,16 @@ SUBSTITUTES = {
     "fft": (cosines, TALL.ravel(), lambda x: np.fft.rfft(x).real, 1e-12),
     "random_gamma": (lambda seed: whole_gamma(seed).mean(), 3, lambda seed: 3.0, 0.2),
     "beta": (incomplete_beta, 0.3, lambda x: float(jax.scipy.special.betainc(2.0, 3.0, x)), 1e-6),
+    "igamma": (incomplete_gamma, 1.3, lambda x: float(jax.scipy.special.gammainc(2.0, x)), 1e-6),
+    "eig": (lambda a: jnp.linalg.eigh(a.T @ a)[0], TALL, lambda a: np.sort(np.linalg.eig(a.T @ a)[0]), 1e-10),
+    "reduce_window": (
+        lambda x: jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (2,), (1,), "VALID"),
+        TALL.ravel(),
+        lambda x: np.maximum(x[1:], x[:-1]),
+        0,
+    ),
+    "callback": (lambda x: jnp.sin(x), TALL, np.sin, 1e-15),
+    "print": (lambda x: x.sum(0), TALL, lambda x: x.sum(0), 1e-14),
     "bessel": (bessel, 0.7, lambda x: float(jax.scipy.special.i0e(x)), 1e-13),
 }
 
@@ -141,6 +162,12 @@ SUBSTITUTES = {
 def test_what_is_said_instead_compiles_and_agrees(name: str) -> None:
     function, argument, wanted, off = SUBSTITUTES[name]
     np.testing.assert_allclose(trimtab.compile(function, argument)(argument), wanted(argument), atol=off, rtol=0)
+
+
+def test_every_substitute_is_tried() -> None:
+    tried = {**dict.fromkeys(SUBSTITUTES), "schur": None}  # of schur the same is said as of eig
+    assert ALTERNATIVES["schur"] == ALTERNATIVES["eig"]
+    assert [name for name in ALTERNATIVES if not any(t in name for t in tried)] == []
 
 
 def test_primitives_of_other_packages_are_what_computes_them() -> None:
