@@ -26,13 +26,15 @@ def check_example(example: tuple[Any, ...], name: str) -> None:
         if not isinstance(value, ARRAYS):
             fix = "give arrays and numbers; fix what is none with functools.partial"
             raise InputError(PART, f"{where} is {type(value).__name__}, no array", fix=fix)
-        if isinstance(value, int) and not -(2**63) <= value < 2**63:
-            raise InputError(PART, f"{where} is no number of 64 bits: {value:.3g}", fix="give a float")
         if is_key(value):
-            fix = "give jax.random.key_data(key), and say jax.random.wrap_key_data(words) in the function"
+            fix = "give jax.random.key_data(key), and begin with key = jax.random.wrap_key_data(words)"
             raise InputError(PART, f"{where} is a typed key", fix=fix)
-        if isinstance(value, np.ndarray | np.generic) and (value.dtype.kind in "OSUMm" or value.dtype.fields):
-            raise InputError(PART, f"{where} holds {value.dtype}, no numbers", fix="give arrays of numbers")
+        try:
+            if not isinstance(value, jax.ShapeDtypeStruct):
+                jax.typeof(_native(value))
+        except (TypeError, ValueError, OverflowError) as reason:
+            fix = "give arrays of float64, float32, integers or bool"
+            raise InputError(PART, f"{where} cannot be used: {str(reason).splitlines()[0]}", fix=fix) from None
 
 
 def check_results(shapes: Any, name: str) -> None:
