@@ -12,6 +12,7 @@ from contracts.compiled import LANES, Case, compiled, primitives
 from trimtab.compiler.coverage import COVERED_PRIMITIVES, coverage_table
 from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import CALLS
+from trimtab.compiler.lower import ALTERNATIVES
 from trimtab.compiler.rules import RULES
 from trimtab.core.errors import InputError
 
@@ -52,6 +53,10 @@ def complex_numbers(x: jax.Array) -> jax.Array:
     return jnp.abs(x + 1j)  # refused
 
 
+def moving_sum(x: jax.Array, first: jax.Array) -> jax.Array:
+    return jax.lax.reduce_window(x, first, jax.lax.add, (2,), (1,), "VALID")  # refused
+
+
 def half_precision(x: jax.Array) -> jax.Array:
     return x.astype(np.float16) * 2  # refused
 
@@ -78,6 +83,7 @@ REFUSED = {
     "eig": (lambda x: jnp.linalg.eig(jnp.outer(x, x))[0].real, "eigh"),  # refused
     "fft": (lambda x: jnp.fft.rfft(x).real, "cosines"),  # refused
     "rng_bit_generator": (lambda x: x + jax.random.normal(jax.random.key(0, impl="rbg")), "threefry"),  # refused
+    "reduce_window": (lambda x: moving_sum(x, x[0]), "numbers of Python"),  # refused
     "pure_callback": (host_call, "plain jax.numpy"),
     "debug_print": (printed, "logged signal"),
     "complex": (complex_numbers, "float64"),
@@ -119,6 +125,14 @@ SUBSTITUTES = {
         1e-14,
     ),
     "fft": (cosines, TALL.ravel(), lambda x: np.fft.rfft(x).real, 1e-12),
+    "reduce_window": (
+        lambda x: jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (2,), (1,), "VALID"),
+        TALL.ravel(),
+        lambda x: np.maximum(x[1:], x[:-1]),
+        0,
+    ),
+    "callback": (lambda x: jnp.sin(x), TALL, np.sin, 1e-15),
+    "print": (lambda x: x.sum(0), TALL, lambda x: x.sum(0), 1e-14),
 }
 
 
@@ -126,6 +140,12 @@ SUBSTITUTES = {
 def test_what_is_said_instead_compiles_and_agrees(name: str) -> None:
     function, argument, wanted, off = SUBSTITUTES[name]
     np.testing.assert_allclose(trimtab.compile(function, argument)(argument), wanted(argument), atol=off, rtol=0)
+
+
+def test_every_substitute_is_tried() -> None:
+    tried = {**dict.fromkeys(SUBSTITUTES), "schur": None}  # of schur the same is said as of eig
+    assert ALTERNATIVES["schur"] == ALTERNATIVES["eig"]
+    assert [name for name in ALTERNATIVES if not any(t in name for t in tried)] == []
 
 
 def test_primitives_of_other_packages_are_what_computes_them() -> None:

@@ -3,6 +3,7 @@
 import re
 import subprocess
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -10,11 +11,12 @@ from firmware.host import KEY
 
 from trimtab.actuators.allocation import DirectActuation
 from trimtab.cli import main
+from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.export.boards import missing_tools
-from trimtab.export.firmware_folder import replace_hardware, samples_source, write_firmware
+from trimtab.export.firmware_folder import refuse_workspaces, replace_hardware, samples_source, write_firmware
 from trimtab.scenarios import catalogue
 from trimtab.wire.dialect import derive_dialect
 
@@ -40,6 +42,15 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="--out"):
         write_firmware(forward(), tmp_path / "file", KEY)
+
+
+def test_a_block_that_needs_a_workspace_is_refused():
+    def step(p, s, u):
+        return s, jnp.cumsum(jnp.sin(jnp.arange(30_000.0) * u))[::-1].sum()
+
+    wide = block_text(BlockDefinition("wide", "Wide.", step, lambda p: np.zeros(1), (), 0.0))
+    with pytest.raises(InputError, match="'wide' needs a workspace of 480000 bytes"):
+        refuse_workspaces([wide])
 
 
 def test_the_links_of_the_scenario_are_left_out_and_servo_frames_are_the_firmwares():

@@ -1,6 +1,5 @@
 """Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
 
-import functools
 import inspect
 import re
 import threading
@@ -13,10 +12,10 @@ import numpy as np
 from jax.core import Tracer
 
 from trimtab.compiler.block import function_block
+from trimtab.compiler.example import check_example, check_results, is_key, trace_example
 from trimtab.compiler.folder import ExportedFolder, export_function
 from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.ir import TYPES
-from trimtab.compiler.jaxprs import is_key
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
@@ -28,8 +27,6 @@ LANES = (1, 4, 8)
 VECTORS = 0.98
 """Share of a single run's operations in loops over arrays from which lanes gain nothing."""
 PART = "compile"
-ARRAYS = jax.ShapeDtypeStruct | jax.Array | np.ndarray | np.generic | bool | int | float | complex
-"""What an example may be made of."""
 
 
 def compile(
@@ -68,16 +65,15 @@ class CompiledFunction:
 
     def __init__(self, function: Callable[..., Any], example: tuple[Any, ...], lanes: int | None, threads: int) -> None:
         """Trace, lower, build and load; see `compile`."""
-        if lanes is not None and lanes not in LANES:
+        if lanes is not None and (isinstance(lanes, bool) or lanes not in LANES):
             raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
-        if not isinstance(threads, int) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
-        if not callable(function):
-            raise InputError(PART, f"{function!r} is no function", fix="compile(f, *example)")
         self.name = _function_name(function)
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
-        program, shapes = _trace(function, example, self.name)
+        program, shapes = trace_example(function, example, self.name)
+        check_results(shapes, self.name)
         self._lowered = Function(program)
         self._structure = jax.tree.structure(example)
         leaves, self._gives = jax.tree.flatten(shapes)
@@ -190,7 +186,7 @@ class CompiledFunction:
             raise self._refusal(problem)
         try:
             paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
-        except ValueError as reason:  # such as keys of a dict that cannot be ordered
+        except (ValueError, SystemError) as reason:  # such as keys of a dict that cannot be ordered, a list in itself
             raise self._refusal(f"the arguments are no trees: {reason}") from None
         if structure != self._structure:
             raise self._refusal(f"the arguments are built as {structure}, the example as {self._structure}")
@@ -213,9 +209,11 @@ class CompiledFunction:
             )
         if isinstance(value, np.ma.MaskedArray):
             raise self._refusal(f"{self._path(path)} has masked numbers", fix="fill them: x.filled(0.0)")
+        if is_key(value):
+            raise self._refusal(f"{self._path(path)} is a typed key", fix="pass jax.random.key_data(key)")
         try:
             found = np.asarray(value)
-        except Exception as reason:  # whatever an object's own __array__ raises
+        except Exception as reason:  # the object's own __array__ may raise anything
             raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
@@ -228,9 +226,14 @@ class CompiledFunction:
             raise self._refusal(f"{self._path(path)} holds {found.dtype}, the example {wanted.dtype}", fix=fix)
         try:
             with np.errstate(over="ignore"):
-                return np.require(found, wanted.dtype, ["C", "A"])
+                # types that are equal have several names, such as long long for int64: the text is given its own
+                return np.require(found, wanted.dtype, ["C", "A"]).view(wanted.dtype)
         except (OverflowError, TypeError, ValueError) as reason:
             raise self._refusal(f"{self._path(path)}: {reason}") from None
+
+    def __reduce__(self) -> Any:
+        """Pickled and copied as what it is made of, and compiled again from there."""
+        return CompiledFunction, (self._function, self._example, self._lanes, self._threads)
 
     def _path(self, path: Any) -> str:
         return f"{self._names[path[0].idx]}{jax.tree_util.keystr(path[1:])}"
@@ -255,7 +258,7 @@ def export_callable(
 ) -> ExportedFolder:
     """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
     name = _function_name(function) if name is None else identifier(name)
-    _check_example(example, name)
+    check_example(example, name)
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)
@@ -278,36 +281,6 @@ def _function_name(function: Callable[..., Any]) -> str:
     if name in C_LIBRARY:
         name += "_"
     return name if name.isascii() and re.fullmatch("[a-z_][A-Za-z0-9_]*", name) and name != "_lambda_" else "function"
-
-
-def _check_example(example: tuple[Any, ...], name: str) -> None:
-    for path, value in jax.tree_util.tree_flatten_with_path(example)[0]:
-        if not isinstance(value, ARRAYS):
-            where = f"argument {path[0].idx}{jax.tree_util.keystr(path[1:])}"
-            fix = "give arrays and numbers; fix what is none with functools.partial"
-            raise InputError(PART, f"{where} of the example for {name!r} is {type(value).__name__}, no array", fix=fix)
-        try:
-            kind = jax.typeof(value) if not isinstance(value, jax.ShapeDtypeStruct) else value
-        except (TypeError, ValueError, OverflowError) as reason:
-            said = str(reason).splitlines()[0]
-            fix = "give arrays of float64, float32, integers or bool, in the machine's own order of bytes"
-            raise InputError(PART, f"an array of the example for {name!r} cannot be used: {said}", fix=fix) from None
-        if is_key(kind):
-            fix = "pass jax.random.key_data(key), and begin with key = jax.random.wrap_key_data(data)"
-            raise InputError(PART, f"the example for {name!r} has a key of jax.random", fix=fix)
-
-
-def _trace(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
-    """The jaxpr, and the shapes of what it gives."""
-    _check_example(example, name)
-    try:
-        return jax.make_jaxpr(functools.partial(function), return_shape=True)(*example)  # a network may have no hash
-    except jax.errors.TracerArrayConversionError:
-        problem = f"{name!r} calls numpy, or other code that is not JAX's, with what is known only when it runs"
-        raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None
-    except jax.errors.ConcretizationTypeError as reason:
-        problem = f"{name!r} decides in Python on what is known only when it runs: {str(reason).splitlines()[0]}"
-        raise InputError(PART, problem, fix="use jnp.where, jax.lax.cond or jax.lax.fori_loop") from None
 
 
 def _argument_names(function: Callable[..., Any], count: int) -> list[str]:

@@ -26,6 +26,7 @@ class Function:
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
         self.b = Builder(hoist)
         lowering = Lowering(self.b, RULES, real)
+        lowering.check_sizes([*jaxpr.jaxpr.invars, *jaxpr.jaxpr.constvars])
         indexed = jaxprs.indexed_inputs(jaxpr.jaxpr)
         self.inputs = [
             parameter_array(v.aval.shape, lowering.type_name(v.aval.dtype), i in indexed)

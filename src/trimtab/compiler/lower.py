@@ -21,6 +21,7 @@ ALTERNATIVES = {
     "schur": "jnp.linalg.eigh for symmetric matrices, or do it before the flight, in design/",
     "fft": "a sum of products with cosines and sines that were computed before: jnp.cos(k n) @ x",
     "rng_bit_generator": "jax.random.key(seed), without impl: its bits are threefry's",
+    "reduce_window": "jax.lax.reduce_window with jax.lax.max and -jnp.inf, or jax.lax.add and 0.0: numbers of Python",
     "pure_callback": "plain jax.numpy: flight code cannot call back into Python",
     "io_callback": "a result of the function, or a logged signal: flight code cannot call back into Python",
     "debug_print": "a result of the function, or a logged signal: flight code cannot print",
@@ -69,9 +70,22 @@ class Lowering:
             name = type_name(dtype)
         except (KeyError, TypeError):
             where = f", from {self.source_line()}," if self.around else ""
+            kind = str(dtype)
             fix = "use float64, float32, integers or bool"
+            if kind.startswith("complex"):
+                fix = "compute with the real and the imaginary part as two arrays of float64"
             raise InputError("export", f"numbers of type {dtype}{where} have no C text", fix=fix) from None
         return self.real if name == "f64" else name
+
+    def check_sizes(self, variables: Any) -> None:
+        """Refuse arrays that a 32-bit index does not reach."""
+        for shape in (jaxprs.physical_shape(v.aval) for v in variables):
+            if math.prod(shape) >= 2**31:
+                where = f", from {self.source_line()}," if self.around else ""
+                problem = f"an array of shape {shape}{where} has {math.prod(shape)} elements"
+                raise InputError(
+                    "export", problem, fix="use arrays of fewer than 2**31 elements: their index has 32 bits"
+                )
 
     def new_array(self, aval: Any) -> Array:
         """A new buffer for an array of this abstract value."""
@@ -93,12 +107,14 @@ class Lowering:
         env: dict[Any, Array] = {}
         doomed: dict[Any, bool] = {}
         for var, data in zip(inner.constvars, jaxpr.consts, strict=True):
-            env[var], doomed[var] = constant(self.b, data, self.type_name(data.dtype)), False
+            words = jax.random.key_data(data) if jaxprs.is_key(var.aval) else data
+            env[var], doomed[var] = constant(self.b, words, self.type_name(words.dtype)), False
         for var, operand, dies in zip(inner.invars, operands, dying, strict=True):
             env[var], doomed[var] = operand, dies
         last = _last_uses(inner)
         for k, equation in enumerate(inner.eqns):
             self.around.append(equation)
+            self.check_sizes(equation.outvars)
             given = [self._operand_array(a, env) for a in equation.invars]
             dies = [self._is_last_use(a, k, env, doomed, last) for a in equation.invars]
             for i, array in enumerate(given):

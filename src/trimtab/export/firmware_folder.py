@@ -68,10 +68,11 @@ def write_firmware(
     scenario = replace_hardware(scenario)
     frame, command = message_structures(scenario)
     dialect = derive_dialect(frame, command)
-    world = block_text(world_block(scenario, seed=seed), real)
+    blocks = [block_text(world_block(scenario, seed=seed), real), *firmware_blocks(scenario, command, real)]
+    refuse_workspaces(blocks)
     texts = {
         f"exported/{name}": text
-        for block in (world, *firmware_blocks(scenario, command, real))
+        for block in blocks
         for name, text in ((f"{block.name}.h", block.header), (f"{block.name}.c", block.source))
     }
     texts["emulated/samples.h"] = SAMPLES_HEADER
@@ -111,6 +112,16 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
     doc = "Motor, propeller and encoder of the thrust fan."
     motor = timed_block("motor", doc, Motor(), MotorInput(duty=zero, voltage=zero))
     return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor)]
+
+
+def refuse_workspaces(blocks: list[BlockText]) -> None:
+    """Refuse blocks that need memory beside the stack: the firmware's sources give them none."""
+    for block in blocks:
+        if block.workspace:
+            problem = f"block {block.name!r} needs a workspace of {block.workspace} bytes, which the firmware has not"
+            raise InputError(
+                "firmware", problem, fix="smaller arrays, or trimtab export, whose caller gives the memory"
+            )
 
 
 SAMPLES_HEADER = f"""{LICENCE_NOTE}
