@@ -1,6 +1,7 @@
 """Tokens and types of C99 as far as generated text uses them: comments and directives resolved, nothing evaluated."""
 
 import re
+import struct
 from typing import Any, NamedTuple
 
 TOKEN = re.compile(
@@ -108,7 +109,7 @@ def read_number(text: str) -> tuple[Any, str]:
         short = text[-1] in "fF"
         body = text.rstrip("fF") if short else text
         number = float.fromhex(body) if body[:2] in ("0x", "0X") else float(body)
-        return number, "f32" if short else "f64"
+        return (struct.unpack("f", struct.pack("f", number))[0], "f32") if short else (number, "f64")
     wide, unsigned = "LL" in rest, "U" in rest
     for t in ("i32", "u32", "i64", "u64"):
         fits = bounds(t)[0] <= value <= bounds(t)[1]

@@ -44,7 +44,7 @@ class Program:
         self.call(name, Pointer(Memory(sources, "void")), Pointer(Memory(places, "void")), space, 1)
         return [[memory.at(p, i) for i in range(n)] for p, (_, n) in zip(places, results, strict=True)]
 
-    def call(self, name: str, *arguments: Any, turns: int = 200_000) -> Any:
+    def call(self, name: str, *arguments: Any, turns: int = 50_000) -> Any:
         """One call; whatever has no meaning is a Refusal."""
         self.space["fuel"].turns = turns
         try:
@@ -342,7 +342,10 @@ class Reader:
             raise self.fail(f"{sign} of {a[1]} and {b[1]}")
         if sign in ("<<", ">>"):
             t = common_type(a[1], "i32")
-            return self.wrap(f"({self.convert(a, t)} {sign} shift_count({b[0]}, {BITS[t]}))", t, sign == "<<"), t
+            count = f"shift_count({b[0]}, {BITS[t]})"
+            if sign == "<<" and t[0] == "i":
+                return f"shift_left({self.convert(a, t)}, {count}, {bounds(t)[1]})", t
+            return self.wrap(f"({self.convert(a, t)} {sign} {count})", t, sign == "<<"), t
         t = common_type(a[1], b[1])
         x, y = self.convert(a, t), self.convert(b, t)
         if sign in ("==", "!=", "<", ">", "<=", ">="):

@@ -185,6 +185,13 @@ def shift_count(n: int, bits: int) -> int:
     return n
 
 
+def shift_left(a: int, n: int, most: int) -> int:
+    """a << n of a signed number, which is defined where it is neither negative nor too large afterwards."""
+    if a < 0 or a << n > most:
+        raise Refusal(f"{a} << {n} of a signed number")
+    return a << n
+
+
 def truncate(x: float, least: int, most: int) -> int:
     """A floating-point number as an integer."""
     if x != x or math.isinf(x) or not least <= int(x) <= most:
