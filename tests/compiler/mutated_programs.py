@@ -37,7 +37,9 @@ def _odd(r: np.random.Generator, n: int) -> Any:
 
 def _place(r: np.random.Generator, n: int) -> Any:
     """An index, counted from the front or the back, or beyond: often the first, the last, and those just outside."""
-    return r.choice([0, n - 1, n, n + 1, -1, -n, -n - 1, 1, n - 2, int(r.integers(-n, n)), int(r.integers(-n, n)), 3 - n])
+    return r.choice(
+        [0, n - 1, n, n + 1, -1, -n, -n - 1, 1, n - 2, int(r.integers(-n, n)), int(r.integers(-n, n)), 3 - n]
+    )
 
 
 def _two_places(r: np.random.Generator, n: int) -> Any:
@@ -48,14 +50,18 @@ def _two_places(r: np.random.Generator, n: int) -> Any:
 
 def _integer(r: np.random.Generator) -> Any:
     """Small and large integers of both signs, and zero."""
-    return np.int64(r.choice([0, 1, -1, int(r.integers(-9, 9)), int(r.integers(-400, 400)), int(r.integers(-(2**62), 2**62))]))
+    return np.int64(
+        r.choice([0, 1, -1, int(r.integers(-9, 9)), int(r.integers(-400, 400)), int(r.integers(-(2**62), 2**62))])
+    )
 
 
 def rates(q: Any, w: Any) -> Any:
     """Quaternion kinematics."""
     a, b, c, d = q
     x, y, z = w
-    turn = 0.5 * jnp.stack([-b * x - c * y - d * z, a * x + c * z - d * y, a * y + d * x - b * z, a * z + b * y - c * x])
+    turn = 0.5 * jnp.stack(
+        [-b * x - c * y - d * z, a * x + c * z - d * y, a * y + d * x - b * z, a * z + b * y - c * x]
+    )
     return turn / jnp.sqrt(jnp.sum(q * q) + 0.1)
 
 
@@ -105,7 +111,14 @@ def until(x: Any, z: Any, n: Any) -> Any:
 def whole(a: Any, b: Any) -> Any:
     """Integers."""
     c = (a * 37 + b) ^ (b << 2)
-    return lax.rem(c, jnp.int64(11)), lax.div(c, jnp.int64(7)), c & 0xFF | a, jnp.where(a == b, c, b), (c > b).astype(jnp.int64) + a, c >> 3
+    return (
+        lax.rem(c, jnp.int64(11)),
+        lax.div(c, jnp.int64(7)),
+        c & 0xFF | a,
+        jnp.where(a == b, c, b),
+        (c > b).astype(jnp.int64) + a,
+        c >> 3,
+    )
 
 
 def short(x: Any, y: Any) -> Any:

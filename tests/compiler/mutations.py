@@ -5,7 +5,7 @@ have tests of their own. A change is a different program by construction:
 
 - an operator becomes another one: + -, * /, & |, < with its contrary >= or its mirror >, == with !=, % to /
 - a name in an expression becomes another in scope of the same type, the nearest of those
-- a constant changes in one of its first ten digits or its sign; a loop's bound, an index, a count becomes one more or less,
+- a constant changes in one of its first ten digits or its sign; a whole number (bound, index) becomes one more or less,
   except in the test of a clamp: x < 9 ? x : 9 is x < 10 ? x : 9; for the same reason < does not become <=
 - a statement is deleted, or exchanged with the next where that one reads what this one writes
 - the arms of a choice are exchanged; a cast is removed, but not right after =, which converts alike
@@ -81,7 +81,9 @@ class Mutator:
             clamp = after == "?" and self.tokens[k + 4].text == token.text
             return [] if clamp or (before == "[" and self._declares(k)) else ["constant"]
         if token.text in OTHERS:
-            unary = before in ("=", "(", ",", "?", ":", "return", "&", "|", "*") or token.text == "*" and before in NAMES
+            unary = before in ("=", "(", ",", "?", ":", "return", "&", "|", "*") or (
+                token.text == "*" and before in NAMES
+            )
             return [] if unary or after == ")" else ["operator"]
         if token.text == "?":
             return ["arms"]
@@ -93,7 +95,9 @@ class Mutator:
 
     def _declares(self, k: int) -> bool:
         k -= 2 if self.tokens[k].kind == "number" else 0
-        return self.tokens[k - 1].text in (*NAMES, "restrict") or self.tokens[k - 1].text == "*" == self.tokens[k - 2].text
+        return (
+            self.tokens[k - 1].text in (*NAMES, "restrict") or self.tokens[k - 1].text == "*" == self.tokens[k - 2].text
+        )
 
     def _replace(self, first: int, last: int, *texts: str) -> tuple[list[Token], str]:
         """With other tokens in the place of those from first to before last."""

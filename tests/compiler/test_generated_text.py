@@ -1,12 +1,12 @@
-"""The generated C means what JAX means, as an independent reader of its text says, and as the compiler says, to the bit."""
+"""An independent reader of the generated C gets JAX's numbers, and the compiled text's to the bit."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-
 from compiler.generated_texts import generate_text
 from compiler.reader.c_machine import Program
+
 from contracts import compiled, primitive_groups
 
 QUICK = ("conversions", "branches", "whiles", "reductions")

@@ -10,8 +10,24 @@ TOKEN = re.compile(
     r"|(?P<sign>->|\+\+|--|<<=|>>=|<<|>>|<=|>=|==|!=|&&|\|\||[-+*/%&|^]=|[-+*/%&|^~!<>=?:;,.(){}\[\]])"
     r"|(?P<space>\s+)"
 )
-KEYWORDS = frozenset("if else for while do break continue return sizeof typedef struct static const".split())
-QUALIFIERS = frozenset("static inline const restrict __restrict extern volatile".split())
+KEYWORDS = frozenset(
+    [
+        "if",
+        "else",
+        "for",
+        "while",
+        "do",
+        "break",
+        "continue",
+        "return",
+        "sizeof",
+        "typedef",
+        "struct",
+        "static",
+        "const",
+    ]
+)
+QUALIFIERS = frozenset(["static", "inline", "const", "restrict", "__restrict", "extern", "volatile"])
 BITS = {"i8": 8, "i16": 16, "i32": 32, "i64": 64, "u8": 8, "u16": 16, "u32": 32, "u64": 64, "bool": 1}
 NAMES = {f"{'u' if s == 'u' else ''}int{n}_t": f"{s}{n}" for s in "iu" for n in (8, 16, 32, 64)}
 NAMES |= {"double": "f64", "float": "f32", "bool": "bool", "int": "i32", "void": "void", "char": "char"}
@@ -40,7 +56,7 @@ class Type(NamedTuple):
     of: Any
     shape: str = ""
     const: bool = False
-    count: int = 0
+    size: int = 0
 
 
 def bounds(t: str) -> tuple[int, int]:
@@ -65,7 +81,8 @@ def tokenize(text: str, macros: dict[str, str]) -> list[Token]:
             elif word == "else":
                 shown[-1] = shown[-2] and not taken[-1]
             elif word == "endif":
-                shown.pop(), taken.pop()
+                shown.pop()
+                taken.pop()
             elif word == "define" and shown[-1]:
                 name, _, value = rest.partition(" ")
                 known[name] = value.strip()

@@ -4,12 +4,23 @@ import math
 from typing import Any
 
 from compiler.reader import c_memory as memory
-from compiler.reader.c_grammar import BITS, KEYWORDS, NAMES, QUALIFIERS, SIZES, Refusal, Token, Type
-from compiler.reader.c_grammar import bounds, common_type, read_number
+from compiler.reader.c_grammar import (
+    BITS,
+    KEYWORDS,
+    NAMES,
+    QUALIFIERS,
+    SIZES,
+    Refusal,
+    Token,
+    Type,
+    bounds,
+    common_type,
+    read_number,
+)
 from compiler.reader.c_memory import Memory, Pointer, cell
 
-LEVELS = "|| ; && ; | ; ^ ; & ; == != ; < > <= >= ; << >> ; + - ; * / %".split(";")
-LEVELS = {sign: level for level, signs in enumerate(LEVELS) for sign in signs.split()}
+RANKS = ("||", "&&", "|", "^", "&", "== !=", "< > <= >=", "<< >>", "+ -", "* / %")
+LEVELS = {sign: level for level, signs in enumerate(RANKS) for sign in signs.split()}
 KNOWN = {"true": ("True", "bool"), "false": ("False", "bool"), "INFINITY": ("inf", "f32"), "NAN": ("nan", "f32")}
 KNOWN |= {"DBL_MIN": (repr(2.0**-1022), "f64"), "DBL_MAX": (repr((2 - 2.0**-52) * 2.0**1023), "f64")}
 for name in BITS:
@@ -73,36 +84,36 @@ class Reader:
 
     def read(self) -> str:
         """All functions and tables."""
-        while self.text != "end":
+        while self.text() != "end":
             const = self.qualifiers()
             type_ = self.number_type()
             name = self.name()
-            if self.text == "(":
+            if self.text() == "(":
                 self.function(type_, name)
             else:
                 self.declaration(type_, const, name)
         return "\n".join(self.lines)
 
-    @property
     def text(self) -> str:
+        """The next token."""
         return self.tokens[self.k].text
 
     def fail(self, what: str) -> Refusal:
-        return Refusal(f"line {self.tokens[self.k].line}, at {self.text!r}: {what}")
+        return Refusal(f"line {self.tokens[self.k].line}, at {self.text()!r}: {what}")
 
     def take(self, text: str | None = None) -> str:
-        if text is not None and self.text != text:
+        if text is not None and self.text() != text:
             raise self.fail(f"{text!r} is missing")
         self.k += 1
         return self.tokens[self.k - 1].text
 
     def accept(self, text: str) -> bool:
-        same = self.text == text
+        same = self.text() == text
         self.k += same
         return same
 
     def name(self) -> str:
-        if self.tokens[self.k].kind != "name" or self.text in KEYWORDS or self.text in NAMES:
+        if self.tokens[self.k].kind != "name" or self.text() in KEYWORDS or self.text() in NAMES:
             raise self.fail("a name is missing")
         return self.take()
 
@@ -111,17 +122,17 @@ class Reader:
 
     def qualifiers(self) -> bool:
         const = False
-        while self.text in QUALIFIERS:
+        while self.text() in QUALIFIERS:
             const |= self.take() == "const"
         return const
 
     def number_type(self) -> Any:
-        if self.text not in NAMES:
+        if self.text() not in NAMES:
             raise self.fail("a type is missing")
         return NAMES[self.take()]
 
     def stars(self, type_: Any, const: bool) -> tuple[Any, bool]:
-        while self.text == "*":
+        while self.text() == "*":
             self.take()
             type_, const = Type(type_, "*", const), self.qualifiers()
         return type_, const
@@ -142,20 +153,20 @@ class Reader:
         start, kinds, names = self.k, [], []
         depth = 0
         while True:  # names whose address is taken: & after a sign that begins an expression
-            depth += {"{": 1, "}": -1}.get(self.text, 0)
-            if self.text == "&" and self.tokens[self.k - 1].text in ("(", ",", "="):
+            depth += {"{": 1, "}": -1}.get(self.text(), 0)
+            if self.text() == "&" and self.tokens[self.k - 1].text in ("(", ",", "="):
                 self.held.add(self.tokens[self.k + 1].text)
-            if self.text == "end" or (self.text == "}" and depth == 0):
+            if self.text() == "end" or (self.text() == "}" and depth == 0):
                 break
             self.k += 1
         self.k = start
         self.take("(")
-        while self.text != ")":
+        while self.text() != ")":
             const = self.qualifiers()
-            kind, const = self.stars(self.number_type(), const) if self.text != "void" else self.stars_of_void(const)
+            kind, const = self.stars(self.number_type(), const) if self.text() != "void" else self.stars_of_void(const)
             names.append(self.declare(self.name(), kind, const, True))
             kinds.append(kind)
-            if self.text != ")":
+            if self.text() != ")":
                 self.take(",")
         self.take(")")
         self.program.functions[name], self.result = (type_, kinds), type_
@@ -177,9 +188,9 @@ class Reader:
         """{ … }, or one statement, one step further in."""
         self.depth += 1
         self.scopes.append({})
-        if self.text == "{":
+        if self.text() == "{":
             self.take("{")
-            while self.text != "}":
+            while self.text() != "}":
                 self.statement()
             self.take("}")
         else:
@@ -189,7 +200,7 @@ class Reader:
         self.depth -= 1
 
     def statement(self) -> None:
-        word = self.text
+        word = self.text()
         if word == "{":
             self.write("if True:")
             return self.block()
@@ -204,7 +215,7 @@ class Reader:
             self.write(self.take())
         elif word == "return":
             self.take()
-            value = "" if self.text == ";" else self.convert(self.expression(), self.result)
+            value = "" if self.text() == ";" else self.convert(self.expression(), self.result)
             if (value == "") != (self.result == "void"):
                 raise self.fail("a result that the function does not have, or none")
             self.write(f"return {value}")
@@ -227,13 +238,13 @@ class Reader:
         kind, test, turn = self.take(), "True", ""
         self.take("(")
         if kind == "for":
-            if self.text in NAMES:
+            if self.text() in NAMES:
                 self.declaration(self.number_type(), False)
             else:
                 self.take(";")
-            test = test if self.text == ";" else self.truth(self.expression())
+            test = test if self.text() == ";" else self.truth(self.expression())
             self.take(";")
-            turn = "" if self.text == ")" else self.action()
+            turn = "" if self.text() == ")" else self.action()
         else:
             test = self.truth(self.expression())
         self.take(")")
@@ -269,9 +280,9 @@ class Reader:
         values: list[str] = []
         if self.accept("="):
             self.take("{")
-            while self.text != "}":
+            while self.text() != "}":
                 values.append(self.convert(self.choice(), type_))
-                if self.text != "}":
+                if self.text() != "}":
                     self.take(",")
             self.take("}")
             if len(values) > count:
@@ -282,12 +293,12 @@ class Reader:
 
     def action(self) -> str:
         """An expression for what it does: an assignment, a count, a call."""
-        if self.text == "(" and self.tokens[self.k + 1].text == "void" and self.tokens[self.k + 2].text == ")":
+        if self.text() == "(" and self.tokens[self.k + 1].text == "void" and self.tokens[self.k + 2].text == ")":
             self.k += 3
             return self.expression()[0]
         start = self.k
         value = self.unary(stored=True)
-        sign = self.text
+        sign = self.text()
         if sign == ";" and self.tokens[start].kind == "name" and self.tokens[start + 1].text == "(":
             return value[0]
         old = f"known({value[0]})" if "(" not in value[0] else value[0]
@@ -325,7 +336,7 @@ class Reader:
     def binary(self, least: int) -> Value:
         """Operators that bind as closely as this, or closer."""
         left = self.unary()
-        while (level := LEVELS.get(self.text, -1)) >= least:
+        while (level := LEVELS.get(self.text(), -1)) >= least:
             sign = self.take()
             right = self.binary(level + 1)
             if sign in ("&&", "||"):
@@ -368,7 +379,7 @@ class Reader:
         return f"((({value} + {half}) & {2 * half - 1}) - {half})"
 
     def unary(self, stored: bool = False) -> Value:
-        sign = self.text
+        sign = self.text()
         if sign in ("-", "~", "!", "+") and not stored:
             self.take()
             value = self.unary()
@@ -403,11 +414,11 @@ class Reader:
         return self.suffixes(self.primary(stored), stored)
 
     def suffixes(self, value: Value, stored: bool) -> Value:
-        while self.text == "[":
+        while self.text() == "[":
             self.take()
             index = self.expression()
             self.take("]")
-            value = self.element(value, index, stored and self.text != "[")
+            value = self.element(value, index, stored and self.text() != "[")
         return value
 
     def element(self, pointer: Value, index: Value, stored: bool) -> Value:
@@ -436,10 +447,14 @@ class Reader:
         name = self.name()
         if name in KNOWN:
             return KNOWN[name]
-        if self.text == "(":
+        if self.text() == "(":
             return self.called(name)
         v = self.variable(name)
-        if stored and self.text not in ("[", "->", ".") and (v.const or isinstance(v.type, Type) and v.type.shape == "[]"):
+        if (
+            stored
+            and self.text() not in ("[", "->", ".")
+            and (v.const or (isinstance(v.type, Type) and v.type.shape == "[]"))
+        ):
             raise self.fail(f"assignment to {name}, which is constant")
         python = f"at({v.python}, 0)" if v.held else v.python
         return (python if v.sure or v.held or stored else f"known({python})"), v.type
@@ -447,9 +462,9 @@ class Reader:
     def called(self, name: str) -> Value:
         self.take("(")
         given: list[Value] = []
-        while self.text != ")":
+        while self.text() != ")":
             given.append(self.expression())
-            if self.text != ")":
+            if self.text() != ")":
                 self.take(",")
         self.take(")")
         if name in ("UINT64_C", "INT64_C", "__builtin_expect"):
@@ -499,6 +514,6 @@ class Reader:
         python, s = value
         if not (isinstance(t, Type) and isinstance(s, Type) and t.shape == "*"):
             raise self.fail(f"{s} is no {t}")
-        if not explicit and (s.const and not t.const or s.of != t.of and "void" not in (s.of, t.of)):
+        if not explicit and ((s.const and not t.const) or (s.of != t.of and "void" not in (s.of, t.of))):
             raise self.fail(f"{s} is given for {t}")
         return python if s.of == t.of else f"cast_pointer({python}, {t.of!r})"

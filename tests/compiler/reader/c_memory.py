@@ -28,7 +28,7 @@ def library_function(name: str) -> tuple[Any, int, str] | None:
     return function, count, "f32" if short else "f64"
 
 
-class Memory(list):
+class Memory(list[Any]):
     """Numbers of one type, side by side; None where nothing was written."""
 
     __slots__ = ("type",)
@@ -120,7 +120,7 @@ def shift_pointer(p: Pointer, n: int) -> Pointer:
 
 def cast_pointer(p: Any, type_: Any) -> Any:
     """A pointer to another type: of a workspace, or the type that the memory has."""
-    if type_ in ("void", "char") or isinstance(type_, Type) and type_.of in ("void", "char"):
+    if type_ in ("void", "char") or (isinstance(type_, Type) and type_.of in ("void", "char")):
         return p
     type_ = type_.of if isinstance(type_, Type) and not type_.shape else type_
     if isinstance(p.memory, Workspace):
