@@ -6,7 +6,8 @@ have tests of their own. A change is a different program by construction:
 - an operator becomes another one: + -, * /, & |, < with its contrary >= or its mirror >, == with !=, % to /
 - a name in an expression becomes another in scope of the same type, the nearest of those
 - a constant changes in one of its first ten digits or its sign; a whole number (bound, index) becomes one more or less,
-  except in the test of a clamp: x < 9 ? x : 9 is x < 10 ? x : 9; for the same reason < does not become <=
+  except in the test of a clamp: x < 9 ? x : 9 is x < 10 ? x : 9; for the same reason < does not become <=, and the
+  name in that test stays: of two numbers that are the same where they are positive either may be asked
 - a statement is deleted, or exchanged with the next where that one reads what this one writes
 - the arms of a choice are exchanged; a cast is removed, but not right after =, which converts alike
 """
@@ -91,7 +92,12 @@ class Mutator:
             return ["deletion", "exchange"]
         if token.text == "(" and after in NAMES and self.tokens[k + 2].text == ")":
             return [] if before == "=" else ["cast"]
-        return ["name"] if token.kind == "name" and token.text in self.types and not self._declares(k) else []
+        clamp = self.tokens[k + 3].text == "?" and self.tokens[k + 4].text == token.text
+        return (
+            ["name"]
+            if not clamp and token.kind == "name" and token.text in self.types and not self._declares(k)
+            else []
+        )
 
     def _declares(self, k: int) -> bool:
         k -= 2 if self.tokens[k].kind == "number" else 0
