@@ -32,7 +32,7 @@ def _side(r: np.random.Generator) -> Any:
 def _odd(r: np.random.Generator, n: int) -> Any:
     """Numbers that are often equal, sometimes infinite or NaN."""
     x = _halves(r, n)
-    return np.where(r.random(n) < 0.4 * (r.random() < 0.5), r.choice([np.nan, np.inf, -np.inf], n), x)
+    return np.where(r.random(n) < 0.4 * (r.random() < 0.5), r.choice([np.nan, np.nan, np.nan, np.inf, -np.inf], n), x)
 
 
 def _place(r: np.random.Generator, n: int) -> Any:

@@ -43,6 +43,8 @@ class Mutator:
         start = next(k for k in range(self.first, len(tokens)) if tokens[k].text == "{") + 1
         self.types = self._types(start)
         self.body = range(start, len(tokens) - 17)  # without (void)in; (void)out; (void)workspace; (void)runs; }
+        self.excluded = 0
+        """Places in the test of a clamp, and casts right after =."""
         self.places = [k for k in self.body if self._kinds(k)]
 
     def mutations(self, seed: int) -> Iterator[Mutation]:
@@ -80,6 +82,7 @@ class Mutator:
         after = self.tokens[k + 1].text
         if token.kind == "number":
             clamp = after == "?" and self.tokens[k + 4].text == token.text
+            self.excluded += clamp
             return [] if clamp or (before == "[" and self._declares(k)) else ["constant"]
         if token.text in OTHERS:
             unary = before in ("=", "(", ",", "?", ":", "return", "&", "|", "*") or (
@@ -91,8 +94,10 @@ class Mutator:
         if token.text in (";", "{", "}"):
             return ["deletion", "exchange"]
         if token.text == "(" and after in NAMES and self.tokens[k + 2].text == ")":
+            self.excluded += before == "="
             return [] if before == "=" else ["cast"]
         clamp = self.tokens[k + 3].text == "?" and self.tokens[k + 4].text == token.text
+        self.excluded += clamp
         return (
             ["name"]
             if not clamp and token.kind == "name" and token.text in self.types and not self._declares(k)

@@ -63,7 +63,10 @@ def prepare_sample(sample: Sample) -> tuple[GeneratedText, list[Any], list[Any]]
 def reject(count: int, seed: int) -> None:
     """So many mutants, taken in turn from all functions."""
     prepared = [prepare_sample(s) for s in SAMPLES]
-    streams = [Mutator(text.tokens).mutations(seed) for text, _, _ in prepared]
+    mutators = [Mutator(text.tokens) for text, _, _ in prepared]
+    streams = [m.mutations(seed) for m in mutators]
+    places, excluded = sum(len(m.places) for m in mutators), sum(m.excluded for m in mutators)
+    print(f"{places} places may be changed, {excluded} are excluded")
     turns = itertools.zip_longest(*streams)
     mutants = ((k, m) for row in turns for k, m in enumerate(row) if m is not None)
     results, survivors = Counter(), []

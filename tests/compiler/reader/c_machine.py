@@ -175,7 +175,7 @@ class Reader:
             if v.held:
                 self.write(f"    {v.python} = Pointer(Memory([{v.python}], {v.type!r}))")
         self.block()
-        self.write("    return None")
+        self.write("    return None" if type_ == "void" else "    return known(None)")
         self.scopes.pop()
         self.held = set()
 
