@@ -55,7 +55,7 @@ class Program:
         self.call(name, Pointer(Memory(sources, "void")), Pointer(Memory(places, "void")), space, 1)
         return [[memory.at(p, i) for i in range(n)] for p, (_, n) in zip(places, results, strict=True)]
 
-    def call(self, name: str, *arguments: Any, turns: int = 50_000) -> Any:
+    def call(self, name: str, *arguments: Any, turns: int = 500_000) -> Any:
         """One call; whatever has no meaning is a Refusal."""
         self.space["fuel"].turns = turns
         try:
