@@ -1,0 +1,38 @@
+"""An independent reader of the generated C gets JAX's numbers, and the compiled text's to the bit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from compiler.generated_texts import generate_text
+from compiler.reader.c_machine import Program
+
+from contracts import compiled, primitive_groups
+
+QUICK = ("conversions", "branches", "whiles", "reductions")
+
+
+def same_bits(a: Any, b: Any) -> bool:
+    """Whether two arrays are equal, signs of zeros included; NaN is NaN."""
+    if a.dtype.kind != "f":
+        return bool(np.array_equal(a, b))
+    return bool(np.all(((a == b) & (np.signbit(a) == np.signbit(b))) | (np.isnan(a) & np.isnan(b))))
+
+
+@pytest.mark.parametrize(
+    "cases",
+    [pytest.param(g, marks=[] if g.__name__ in QUICK else pytest.mark.slow) for g in primitive_groups.ALL],
+    ids=lambda g: g.__name__,
+)
+def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:
+    made = cases()
+    function, sets = compiled.together(made)
+    text = generate_text(function, sets[0])
+    program = Program(text.tokens)
+    read = [text.evaluate(program, s) for s in sets]
+    built, wanted = compiled.compiled(made, 0), compiled.reference(function, sets)
+    owners = [c for c in made for _ in compiled.jax.tree.leaves(compiled.jax.eval_shape(c.function, *c.sets[0]))]
+    for row, c_row, jax_row in zip(read, built, wanted, strict=True):
+        for case, r, c, w in zip(owners, row, c_row, jax_row, strict=True):
+            assert same_bits(r, c), case.name
+            assert compiled.disagreement(case, w, r) is None, case.name
