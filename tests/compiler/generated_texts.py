@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+
 from compiler.reader.c_grammar import Token, tokenize
 from compiler.reader.c_machine import TYPES, Program
-
 from trimtab.compiler.function import lower_function
 
 CPU = Path("/proc/cpuinfo")

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from compiler.generated_texts import generate_text
 from compiler.reader.c_machine import Program
-
 from contracts import compiled, primitive_groups
 
 QUICK = ("conversions", "branches", "whiles", "reductions")

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+
 from compiler.generated_texts import GeneratedText, generate_text
 from compiler.mutated_programs import SAMPLES, Sample
 from compiler.mutations import Mutator

@@ -1,6 +1,7 @@
 """The reader of generated C: what C means, and what it refuses."""
 
 import pytest
+
 from compiler.reader.c_grammar import Refusal, tokenize
 from compiler.reader.c_machine import Program
 
