@@ -12,9 +12,10 @@ import numpy as np
 
 from trimtab.core.record import Quantity, leaves, part, record
 from trimtab.core.rng import Key
+from trimtab.core.signals import Frame
 from trimtab.core.time import Clock
 from trimtab.loop.autopilot import Autopilot, AutopilotState
-from trimtab.loop.structure import cast_like, step_if, strengthen_types, zeros_of
+from trimtab.loop.structure import cast_like, step_if, strengthen_types
 from trimtab.loop.world import World, WorldState
 
 
@@ -48,8 +49,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
     """States at rest before the first instant; refuses parts that don't fit each other."""
     key_world, key_autopilot = key.at("world"), key.at("autopilot")
     s = world.init(key_world, x)
-    _, frame = zeros_of("world", "the scenario", lambda s: world.sense(Clock(np.int64(0)), s), s)
-    a = autopilot.init(key_autopilot, frame)
+    a = autopilot.init(key_autopilot, Frame(t=jnp.zeros((), np.int64), samples=s.received))
     return strengthen_types(world.connect(key_world, s, a.command)), strengthen_types(a)
 
 
