@@ -2,12 +2,15 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
+from jax import numpy as jnp
 
 from compiler.generated_texts import generate_text
 from compiler.reader.c_machine import Program
 from contracts import compiled, primitive_groups
+from trimtab.compiler import pieces
 
 QUICK = ("conversions", "branches", "whiles", "reductions")
 
@@ -36,3 +39,22 @@ def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:
         for case, r, c, w in zip(owners, row, c_row, jax_row, strict=True):
             assert same_bits(r, c), case.name
             assert compiled.disagreement(case, w, r) is None, case.name
+
+
+def test_text_in_pieces_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, number in (("WHOLE", 60), ("PIECE", 30), ("LEAST", 5)):
+        monkeypatch.setattr(pieces, name, number)
+
+    def steps(x: Any, table: Any) -> Any:
+        total = jnp.sin(x) @ table[:5]
+        for k in range(6):
+            x = jnp.tanh(x * total + k) + table[5 - k : 10 - k]
+        return x, total, table.at[3].add(total)
+
+    rng = np.random.default_rng(0)
+    arguments = rng.normal(size=5), rng.normal(size=60)
+    text = generate_text(steps, arguments)
+    assert any(t.text == "go_piece3" for t in text.tokens)
+    wanted = jax.tree.leaves(jax.jit(steps)(*arguments))
+    for read, number in zip(text.evaluate(Program(text.tokens), arguments), wanted, strict=True):
+        np.testing.assert_allclose(read, number, rtol=0, atol=1e-13)

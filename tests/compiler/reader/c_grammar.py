@@ -95,7 +95,8 @@ def tokenize(text: str, macros: dict[str, str]) -> list[Token]:
 
 def _holds(test: str, known: dict[str, str]) -> bool:
     test = re.sub(r"defined\s*\(?\s*(\w+)\s*\)?", lambda m: str(int(m[1] in known)), test)
-    test = re.sub(r"[A-Za-z_]\w*", lambda m: known.get(m[0], "0") or "0", test)
+    while re.search(r"[A-Za-z_]\w*", test):
+        test = re.sub(r"[A-Za-z_]\w*", lambda m: known.get(m[0], "0") or "0", test)
     return bool(eval(test.replace("&&", " and ").replace("||", " or ").replace("!", " not ").replace(" not =", "!=")))
 
 
@@ -108,7 +109,7 @@ def _row_tokens(row: str, line: int, known: dict[str, str]) -> list[Token]:
             raise Refusal(f"line {line}: no token: {row[at:]!r}")
         at, kind = match.end(), match.lastgroup or ""
         if kind == "name" and match[0] in known:
-            tokens += _row_tokens(known[match[0]], line, {})
+            tokens += _row_tokens(known[match[0]], line, {k: v for k, v in known.items() if k != match[0]})
         elif kind != "space":
             tokens.append(Token(kind, match[0], line))
     return tokens

@@ -79,12 +79,16 @@ class Reader:
         self.lines: list[str] = []
         self.depth, self.names = 0, 0
         self.scopes: list[dict[str, Variable]] = [{}]
+        self.structs: dict[str, dict[str, Type]] = {}
         self.result: Any = "void"
         self.held: set[str] = set()
 
     def read(self) -> str:
-        """All functions and tables."""
+        """All functions, tables and structs."""
         while self.text() != "end":
+            if self.text() == "typedef":
+                self.struct()
+                continue
             const = self.qualifiers()
             type_ = self.number_type()
             name = self.name()
@@ -120,6 +124,26 @@ class Reader:
     def write(self, line: str) -> None:
         self.lines.append("    " * self.depth + line)
 
+    def struct(self) -> None:
+        """typedef struct { TYPE *NAME; TYPE NAME[COUNT]; … } NAME;"""
+        fields: dict[str, Type] = {}
+        for text in ("typedef", "struct", "{"):
+            self.take(text)
+        while not self.accept("}"):
+            const = self.qualifiers()
+            type_, _ = self.stars(self.number_type(), const)
+            name, count = self.name(), 1
+            shape = "[]" if self.accept("[") else ""
+            if shape:
+                count, _ = read_number(self.take())
+                self.take("]")
+            if name in fields:
+                raise self.fail(f"{name} is declared twice")
+            fields[name] = Type(type_, shape, False, count)
+            self.take(";")
+        self.structs[self.name()] = fields
+        self.take(";")
+
     def qualifiers(self) -> bool:
         const = False
         while self.text() in QUALIFIERS:
@@ -127,9 +151,13 @@ class Reader:
         return const
 
     def number_type(self) -> Any:
-        if self.text() not in NAMES:
+        if not self.is_type():
             raise self.fail("a type is missing")
-        return NAMES[self.take()]
+        name = self.take()
+        return Type(name, "struct") if name in self.structs else NAMES[name]
+
+    def is_type(self) -> bool:
+        return self.text() in NAMES or self.text() in self.structs
 
     def stars(self, type_: Any, const: bool) -> tuple[Any, bool]:
         while self.text() == "*":
@@ -208,7 +236,7 @@ class Reader:
             return self.branch()
         if word in ("for", "while"):
             return self.loop()
-        if word in ("const", "static") or word in NAMES:
+        if word in ("const", "static") or self.is_type():
             const = self.qualifiers()
             return self.declaration(self.number_type(), const)
         if word == "break":
@@ -221,6 +249,8 @@ class Reader:
             self.write(f"return {value}")
         elif word != ";":
             self.write(self.action())
+            while self.accept(","):
+                self.write(self.action())
         self.take(";")
 
     def branch(self) -> None:
@@ -268,6 +298,9 @@ class Reader:
                 value = self.convert(self.expression(), type_)
                 v = self.declare(name, type_, fixed, True)
                 self.write(f"{v.python} = {f'Pointer(Memory([{value}], {type_!r}))' if v.held else value}")
+            elif isinstance(type_, Type) and type_.shape == "struct":
+                v = self.declare(name, type_, fixed, True)
+                self.write(f"{v.python} = {self.cells(type_.of)}")
             else:
                 v = self.declare(name, type_, fixed, False)
                 self.write(f"{v.python} = {f'cell({type_!r})' if v.held else None}")
@@ -299,7 +332,7 @@ class Reader:
         start = self.k
         value = self.unary(stored=True)
         sign = self.text()
-        if sign == ";" and self.tokens[start].kind == "name" and self.tokens[start + 1].text == "(":
+        if sign in (";", ",") and self.tokens[start].kind == "name" and self.tokens[start + 1].text == "(":
             return value[0]
         old = f"known({value[0]})" if "(" not in value[0] else value[0]
         if sign in ("++", "--"):
@@ -398,6 +431,8 @@ class Reader:
         if sign == "&":
             self.take()
             v = self.variable(self.name())
+            if isinstance(v.type, Type) and v.type.shape == "struct":
+                return v.python, Type(v.type, "*")
             if not v.held:
                 raise self.fail("the address of this")
             return v.python, Type(v.type, "*", v.const)
@@ -405,7 +440,7 @@ class Reader:
             self.take()
             t = self.variable(self.name()).type
             return str(SIZES[t]), "u64"
-        if sign == "(" and (self.tokens[self.k + 1].text in NAMES or self.tokens[self.k + 1].text == "const"):
+        if sign == "(" and (self.tokens[self.k + 1].text in (*NAMES, *self.structs, "const")):
             self.take()
             const = self.qualifiers()
             t, _ = self.stars(self.number_type(), const)
@@ -414,12 +449,28 @@ class Reader:
         return self.suffixes(self.primary(stored), stored)
 
     def suffixes(self, value: Value, stored: bool) -> Value:
-        while self.text() == "[":
+        while self.text() in ("[", "->"):
+            if self.accept("->"):
+                value = self.field(value, self.name())
+                continue
             self.take()
             index = self.expression()
             self.take("]")
             value = self.element(value, index, stored and self.text() != "[")
         return value
+
+    def cells(self, struct: str) -> str:
+        """A struct in memory: a place for each member, which nobody has written."""
+        return f"{{{', '.join(f'{n!r}: cell({t.of!r}, {t.size})' for n, t in self.structs[struct].items())}}}"
+
+    def field(self, pointer: Value, name: str) -> Value:
+        """A member of the struct that is pointed to: a number or pointer in it, or where an array of it begins."""
+        t = pointer[1]
+        fields = self.structs.get(t.of.of, {}) if isinstance(t, Type) and isinstance(t.of, Type) else {}
+        if name not in fields:
+            raise self.fail(f"{name} of {t}")
+        place, kind = f"{pointer[0]}[{name!r}]", fields[name]
+        return (place, kind) if kind.shape else (f"at({place}, 0)", kind.of)
 
     def element(self, pointer: Value, index: Value, stored: bool) -> Value:
         t = pointer[1]
@@ -516,4 +567,6 @@ class Reader:
             raise self.fail(f"{s} is no {t}")
         if not explicit and ((s.const and not t.const) or (s.of != t.of and "void" not in (s.of, t.of))):
             raise self.fail(f"{s} is given for {t}")
+        if isinstance(t.of, Type) and t.of.shape == "struct" and explicit and s.of == "char":
+            return self.cells(t.of.of)
         return python if s.of == t.of else f"cast_pointer({python}, {t.of!r})"

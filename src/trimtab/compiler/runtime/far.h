@@ -19,10 +19,11 @@ TT_INLINE int tt_normalise(uint64_t *high, uint64_t *low)
         shift = 64;
     }
     for (int step = 32; step > 0; step >>= 1) {
-        if (*high >> (64 - step) != 0) continue;
-        *high = *high << step | *low >> (64 - step);
-        *low <<= step;
-        shift += step;
+        if (*high >> (64 - step) == 0) {
+            *high = *high << step | *low >> (64 - step);
+            *low <<= step;
+            shift += step;
+        }
     }
     return shift;
 }
@@ -197,7 +198,7 @@ TT_COLD double tt_far_atan2(int near, double y, double x, double r)
     double a = tt_abs(x), b = tt_abs(y), large, small, scale;
     if (near) return r;
     if (x != x || y != y) return x + y;
-    if (a > DBL_MAX && b > DBL_MAX) a = b = 1.0;
+    if (a > DBL_MAX && b > DBL_MAX) a = 1.0, b = 1.0;
     large = a > b ? a : b, small = a > b ? b : a;
     if (small <= large * 0x1p-60) { /* of nothing but the first order, also where it is subnormal */
         if (a >= b && tt_turn(1.0, x) > 0.0) return tt_turn(a == 0.0 ? 0.0 : b / a, y);
