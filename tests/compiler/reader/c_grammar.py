@@ -10,23 +10,8 @@ TOKEN = re.compile(
     r"|(?P<sign>->|\+\+|--|<<=|>>=|<<|>>|<=|>=|==|!=|&&|\|\||[-+*/%&|^]=|[-+*/%&|^~!<>=?:;,.(){}\[\]])"
     r"|(?P<space>\s+)"
 )
-KEYWORDS = frozenset(
-    [
-        "if",
-        "else",
-        "for",
-        "while",
-        "do",
-        "break",
-        "continue",
-        "return",
-        "sizeof",
-        "typedef",
-        "struct",
-        "static",
-        "const",
-    ]
-)
+CONTROL = ["if", "else", "for", "while", "do", "break", "continue", "return"]
+KEYWORDS = frozenset([*CONTROL, "sizeof", "typedef", "struct", "static", "const"])
 QUALIFIERS = frozenset(["static", "inline", "const", "restrict", "__restrict", "extern", "volatile"])
 BITS = {"i8": 8, "i16": 16, "i32": 32, "i64": 64, "u8": 8, "u16": 16, "u32": 32, "u64": 64, "bool": 1}
 NAMES = {f"{'u' if s == 'u' else ''}int{n}_t": f"{s}{n}" for s in "iu" for n in (8, 16, 32, 64)}

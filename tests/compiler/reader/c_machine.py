@@ -40,7 +40,7 @@ class Program:
     def __init__(self, tokens: list[Token]) -> None:
         self.functions: dict[str, tuple[Any, list[Any]]] = {}
         self.space: dict[str, Any] = {k: getattr(memory, k) for k in dir(memory) if not k.startswith("_")}
-        self.space |= {"inf": math.inf, "nan": math.nan, "fuel": memory.Fuel(0)}
+        self.space |= {"inf": math.inf, "nan": math.nan, "fuel": memory.Fuel(), "Type": Type}
         self.python = Reader(tokens, self).read()
         exec(self.python, self.space)
 
@@ -191,7 +191,7 @@ class Reader:
         self.take("(")
         while self.text() != ")":
             const = self.qualifiers()
-            kind, const = self.stars(self.number_type(), const) if self.text() != "void" else self.stars_of_void(const)
+            kind, const = self.stars(self.number_type(), const)
             names.append(self.declare(self.name(), kind, const, True))
             kinds.append(kind)
             if self.text() != ")":
@@ -206,11 +206,6 @@ class Reader:
         self.write("    return None" if type_ == "void" else "    return known(None)")
         self.scopes.pop()
         self.held = set()
-
-    def stars_of_void(self, const: bool) -> tuple[Any, bool]:
-        self.take("void")
-        const |= self.qualifiers()
-        return self.stars("void", const)
 
     def block(self) -> None:
         """{ … }, or one statement, one step further in."""
@@ -314,7 +309,7 @@ class Reader:
         if self.accept("="):
             self.take("{")
             while self.text() != "}":
-                values.append(self.convert(self.choice(), type_))
+                values.append(self.convert(self.expression(), type_))
                 if self.text() != "}":
                     self.take(",")
             self.take("}")
@@ -352,15 +347,12 @@ class Reader:
         return f"{value[0]} = {text}"
 
     def expression(self) -> Value:
-        return self.choice()
-
-    def choice(self) -> Value:
         test = self.binary(0)
         if not self.accept("?"):
             return test
         first = self.expression()
         self.take(":")
-        second = self.choice()
+        second = self.expression()
         if isinstance(first[1], Type) or isinstance(second[1], Type):
             raise self.fail("a choice of pointers")
         t = first[1] if first[1] == second[1] and first[1] in ("f32", "f64") else common_type(first[1], second[1])
@@ -386,10 +378,7 @@ class Reader:
             raise self.fail(f"{sign} of {a[1]} and {b[1]}")
         if sign in ("<<", ">>"):
             t = common_type(a[1], "i32")
-            count = f"shift_count({b[0]}, {BITS[t]})"
-            if sign == "<<" and t[0] == "i":
-                return f"shift_left({self.convert(a, t)}, {count}, {bounds(t)[1]})", t
-            return self.wrap(f"({self.convert(a, t)} {sign} {count})", t, sign == "<<"), t
+            return f"shift({self.convert(a, t)}, {b[0]}, {t!r}, {sign == '<<'})", t
         t = common_type(a[1], b[1])
         x, y = self.convert(a, t), self.convert(b, t)
         if sign in ("==", "!=", "<", ">", "<=", ">="):
@@ -398,9 +387,9 @@ class Reader:
             if sign not in ("+", "-", "*", "/"):
                 raise self.fail(f"{sign} of {t}")
             value = f"divide({x}, {y})" if sign == "/" else f"({x} {sign} {y})"
-            return (f"round_single({value})" if t == "f32" else value), t
+            return (f"single({value})" if t == "f32" else value), t
         if sign in ("/", "%"):
-            return f"{'quotient' if sign == '/' else 'remainder'}({x}, {y}, {bounds(t)[0]})", t
+            return f"{'quotient' if sign == '/' else 'remainder'}({x}, {y}, {t!r})", t
         return self.wrap(f"({x} {sign} {y})", t, sign in ("+", "-", "*")), t
 
     def wrap(self, value: str, t: str, needed: bool = True) -> str:
@@ -554,9 +543,9 @@ class Reader:
         if t == "f64":
             return python if s == "f32" else f"float({python})"
         if t == "f32":
-            return f"round_single({python})" if s == "f64" else f"single_of_integer({python})"
+            return f"single({python})"
         if s in ("f64", "f32"):
-            return f"truncate({python}, {bounds(t)[0]}, {bounds(t)[1]})"
+            return f"truncate({python}, {t!r})"
         if bounds(t)[0] <= bounds(s)[0] and bounds(s)[1] <= bounds(t)[1]:
             return python
         return self.wrap(python, t)

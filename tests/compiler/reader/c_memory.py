@@ -6,32 +6,32 @@ import math
 import struct
 from typing import Any
 
-from compiler.reader.c_grammar import SIZES, Refusal, Type
+import numpy as np
+
+from compiler.reader.c_grammar import BITS, SIZES, Refusal, bounds
 
 LIBRARY = ctypes.CDLL(ctypes.util.find_library("m") or None)
 ONE = "sqrt floor ceil trunc rint round fabs exp exp2 expm1 log log1p sin cos tan asin acos atan sinh cosh tanh asinh"
 ONE += " acosh atanh erf erfc cbrt lgamma tgamma"
-TWO, THREE = "pow fmod atan2 nextafter fmin fmax copysign", "fma"
-COUNTS = {name: k for k, names in enumerate((ONE, TWO, THREE), 1) for name in names.split()}
+TWO = "pow fmod atan2 fmin fmax copysign"
+COUNTS = {name: k for k, names in enumerate((ONE, TWO, "fma"), 1) for name in names.split()}
 FORMATS = {"f64": "d", "f32": "f", "i8": "b", "u8": "B", "bool": "B", "i16": "h", "u16": "H"}
 FORMATS |= {"i32": "i", "u32": "I", "i64": "q", "u64": "Q"}
 
 
 def library_function(name: str) -> tuple[Any, int, str] | None:
     """A function of math.h, the number of its arguments and their type, or None."""
-    short = name[-1] == "f" and name[:-1] in COUNTS and name not in COUNTS
-    if not short and name not in COUNTS:
+    single = name not in COUNTS and name[-1] == "f"
+    count = COUNTS.get(name[:-1] if single else name)
+    if count is None:
         return None
-    count, kind = COUNTS[name[:-1] if short else name], ctypes.c_float if short else ctypes.c_double
-    function = LIBRARY[name]
+    function, kind = LIBRARY[name], ctypes.c_float if single else ctypes.c_double
     function.restype, function.argtypes = kind, [kind] * count
-    return function, count, "f32" if short else "f64"
+    return function, count, "f32" if single else "f64"
 
 
 class Memory(list[Any]):
     """Numbers of one type, side by side; None where nothing was written."""
-
-    __slots__ = ("type",)
 
     def __init__(self, values: Any, type_: Any) -> None:
         super().__init__(values)
@@ -39,44 +39,20 @@ class Memory(list[Any]):
 
 
 class Workspace:
-    """Bytes without a type: what was written at an address is read there in the same type."""
+    """Bytes without a type. What begins at one of them as numbers of one type is a memory of these."""
 
     def __init__(self, size: int) -> None:
-        self.size, self.cells = size, {}
+        self.size, self.memories, self.type = size, dict[Any, Memory](), "void"
 
-
-class View:
-    """A workspace seen as numbers of one type, from its beginning."""
-
-    def __init__(self, workspace: Workspace, type_: str, first: int) -> None:
-        self.workspace, self.type, self.first, self.width = workspace, type_, first, SIZES[type_]
-        if first % self.width:
-            raise Refusal(f"{type_} at byte {first}")
-
-    def _address(self, k: int) -> int:
-        address = self.first + k * self.width
-        if not 0 <= address <= self.workspace.size - self.width:
-            raise Refusal(f"byte {address} of a workspace of {self.workspace.size}")
-        return address
-
-    def __getitem__(self, k: int) -> Any:
-        kind, value = self.workspace.cells.get(self._address(k), (self.type, None))
-        if kind != self.type:
-            raise Refusal(f"{kind} read as {self.type}")
-        return value
-
-    def __setitem__(self, k: int, value: Any) -> None:
-        address, cells = self._address(k), self.workspace.cells
-        for near in range(address - 7, address + self.width):
-            if near in cells and near + SIZES[cells[near][0]] > address:
-                del cells[near]
-        cells[address] = self.type, value
+    def view(self, first: int, type_: str) -> Memory:
+        """The numbers of a type from a byte on."""
+        if first % SIZES[type_] or not 0 <= first <= self.size:
+            raise Refusal(f"{type_} at byte {first} of {self.size}")
+        return self.memories.setdefault((first, type_), cell(type_, (self.size - first) // SIZES[type_]).memory)
 
 
 class Pointer:
     """A place in a memory."""
-
-    __slots__ = ("memory", "offset")
 
     def __init__(self, memory: Any, offset: int = 0) -> None:
         self.memory, self.offset = memory, offset
@@ -89,25 +65,20 @@ def cell(type_: Any, count: int = 1) -> Pointer:
 
 def at(p: Pointer, i: int) -> Any:
     """p[i]."""
-    k = p.offset + i
-    if k < 0:
-        raise Refusal(f"index {k}")
-    value = p.memory[k]
-    if value is None:
-        raise Refusal("memory is read that was not written")
-    return value
+    if p.offset + i < 0:
+        raise Refusal(f"index {i}")
+    return known(p.memory[p.offset + i])
 
 
 def put(p: Pointer, i: int, value: Any) -> None:
     """p[i] = value."""
-    k = p.offset + i
-    if k < 0:
-        raise Refusal(f"index {k}")
-    p.memory[k] = value
+    if p.offset + i < 0:
+        raise Refusal(f"index {i}")
+    p.memory[p.offset + i] = value
 
 
 def known(value: Any) -> Any:
-    """A local's value, or a function's."""
+    """What was written, or given back."""
     if value is None:
         raise Refusal("a value is read that was not given")
     return value
@@ -119,13 +90,12 @@ def shift_pointer(p: Pointer, n: int) -> Pointer:
 
 
 def cast_pointer(p: Any, type_: Any) -> Any:
-    """A pointer to another type: of a workspace, or the type that the memory has."""
-    if type_ in ("void", "char") or (isinstance(type_, Type) and type_.of in ("void", "char")):
+    """A pointer to another type: into a workspace, or to the type that the memory has."""
+    if type_ in ("void", "char"):
         return p
-    type_ = type_.of if isinstance(type_, Type) and not type_.shape else type_
     if isinstance(p.memory, Workspace):
-        return Pointer(View(p.memory, type_, p.offset))
-    if p.memory.type != type_:
+        return Pointer(p.memory.view(p.offset, type_))
+    if p.memory.type not in (type_, "void"):
         raise Refusal(f"a pointer to {p.memory.type} is taken for one to {type_}")
     return p
 
@@ -140,70 +110,49 @@ def copy_bytes(to: Pointer, source: Pointer, size: int) -> None:
         put(to, i, value if a == b else struct.unpack("<" + FORMATS[a], struct.pack("<" + FORMATS[b], value))[0])
 
 
-def round_single(x: float) -> float:
+def single(x: Any) -> float:
     """The nearest float32. Sums, products, quotients and roots of two of them may be rounded twice: it is the same."""
-    return ctypes.c_float(x).value
-
-
-def single_of_integer(n: int) -> float:
-    """The nearest float32, rounded once, ties to even."""
-    size = abs(n)
-    extra = size.bit_length() - 24
-    if extra <= 0:
-        return float(n)
-    high, low, half = size >> extra, size & ((1 << extra) - 1), 1 << (extra - 1)
-    high += low > half or (low == half and high & 1)
-    return math.copysign(float(high << extra), n)
+    kind = np.float64 if isinstance(x, float) else np.uint64 if x >= 0 else np.int64
+    with np.errstate(over="ignore"):
+        return float(kind(x).astype(np.float32))
 
 
 def divide(a: float, b: float) -> float:
     """a / b of floating-point numbers."""
-    if b:
-        return a / b
-    if a != a or a == 0 or b != b:
-        return math.nan
-    return math.copysign(math.inf, a) * math.copysign(1.0, b)
+    with np.errstate(all="ignore"):
+        return a / b if b else float(np.float64(a) / b)
 
 
-def quotient(a: int, b: int, least: int) -> int:
+def quotient(a: int, b: int, t: str) -> int:
     """a / b of integers, towards zero."""
-    if b == 0 or (b == -1 and a == least):
+    if b == 0 or (b == -1 and a == bounds(t)[0]):
         raise Refusal(f"{a} / {b}")
-    q = abs(a) // abs(b)
-    return q if (a < 0) == (b < 0) else -q
+    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
 
 
-def remainder(a: int, b: int, least: int) -> int:
+def remainder(a: int, b: int, t: str) -> int:
     """a % b of integers, with the sign of a."""
-    return a - b * quotient(a, b, least)
+    return a - b * quotient(a, b, t)
 
 
-def shift_count(n: int, bits: int) -> int:
-    """A shift's distance."""
-    if not 0 <= n < bits:
-        raise Refusal(f"shift by {n} of {bits} bits")
-    return n
+def shift(a: int, n: int, t: str, left: bool) -> int:
+    """a << n or a >> n; of a signed number to the left where it is neither negative nor too large afterwards."""
+    if not 0 <= n < BITS[t] or (left and t[0] == "i" and not 0 <= a << n <= bounds(t)[1]):
+        raise Refusal(f"shift of {a} by {n} of {BITS[t]} bits")
+    return (a << n) & bounds("u" + t[1:])[1] if left else a >> n
 
 
-def shift_left(a: int, n: int, most: int) -> int:
-    """a << n of a signed number, which is defined where it is neither negative nor too large afterwards."""
-    if a < 0 or a << n > most:
-        raise Refusal(f"{a} << {n} of a signed number")
-    return a << n
-
-
-def truncate(x: float, least: int, most: int) -> int:
+def truncate(x: float, t: str) -> int:
     """A floating-point number as an integer."""
-    if x != x or math.isinf(x) or not least <= int(x) <= most:
-        raise Refusal(f"{x} as an integer from {least}")
+    if not math.isfinite(x) or not bounds(t)[0] <= int(x) <= bounds(t)[1]:
+        raise Refusal(f"{x} as {t}")
     return int(x)
 
 
 class Fuel:
     """Turns of loops that are left."""
 
-    def __init__(self, turns: int) -> None:
-        self.turns = turns
+    turns = 0
 
     def burn(self) -> None:
         """One turn more."""
