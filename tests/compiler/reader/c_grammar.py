@@ -102,21 +102,18 @@ def _row_tokens(row: str, line: int, known: dict[str, str]) -> list[Token]:
 
 def read_number(text: str) -> tuple[Any, str]:
     """Value and type of a literal."""
-    if re.match(r"0[xX]", text) and not re.search(r"[.pP]", text):
-        digits = re.match(r"0[xX][0-9a-fA-F]+", text)
-        assert digits
-        value, rest = int(digits[0], 16), text[digits.end() :].upper()
-    elif re.fullmatch(r"\d+[uUlL]*", text):
-        value, rest = int(text.rstrip("uUlL")), text.lstrip("0123456789").upper()
-    else:
-        short = text[-1] in "fF"
-        body = text.rstrip("fF") if short else text
-        number = float.fromhex(body) if body[:2] in ("0x", "0X") else float(body)
-        return (struct.unpack("f", struct.pack("f", number))[0], "f32") if short else (number, "f64")
+    match = re.fullmatch(r"(0[xX][0-9a-fA-F.]+(?:[pP][+-]?\d+)?|[\d.]+(?:[eE][+-]?\d+)?)([uUlLfF]*)", text)
+    assert match
+    body, rest = match[1], match[2].upper()
+    hexadecimal = body[:2] in ("0x", "0X")
+    if re.search("[.pP]" if hexadecimal else "[.eE]", body):
+        number = float.fromhex(body) if hexadecimal else float(body)
+        return (struct.unpack("f", struct.pack("f", number))[0], "f32") if rest == "F" else (number, "f64")
+    value = int(body, 0)
     wide, unsigned = "LL" in rest, "U" in rest
     for t in ("i32", "u32", "i64", "u64"):
         fits = bounds(t)[0] <= value <= bounds(t)[1]
-        decimal = t == "u32" and not unsigned and text[:2] not in ("0x", "0X")
+        decimal = t == "u32" and not unsigned and not hexadecimal
         if fits and not (wide and t[1:] == "32") and not (unsigned and t[0] == "i") and not decimal:
             return value, t
     raise Refusal(f"{text} is too large for any type")

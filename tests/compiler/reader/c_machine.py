@@ -1,6 +1,7 @@
 """Reads generated C99 and makes Python of it, type by type and operator by operator; what is wrong C is refused."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from compiler.reader import c_memory as memory
@@ -21,13 +22,13 @@ from compiler.reader.c_memory import Memory, Pointer, cell
 
 RANKS = ("||", "&&", "|", "^", "&", "== !=", "< > <= >=", "<< >>", "+ -", "* / %")
 LEVELS = {sign: level for level, signs in enumerate(RANKS) for sign in signs.split()}
+ASSIGNING = ("=", "++", "--", *(f"{sign}=" for sign in ("|", "^", "&", "<<", ">>", "+", "-", "*", "/", "%")))
 KNOWN = {"true": ("True", "bool"), "false": ("False", "bool"), "INFINITY": ("inf", "f32"), "NAN": ("nan", "f32")}
 KNOWN |= {"DBL_MIN": (repr(2.0**-1022), "f64"), "DBL_MAX": (repr((2 - 2.0**-52) * 2.0**1023), "f64")}
-for name in BITS:
-    if name != "bool":
-        full = {"i": "INT", "u": "UINT"}[name[0]] + name[1:]
-        wide = name if BITS[name] >= 32 else "i32"
-        KNOWN |= {full + end: (f"({n})", wide) for end, n in zip(("_MIN", "_MAX"), bounds(name), strict=True)}
+for t in BITS:
+    if t != "bool":
+        ends, kind = zip(("_MIN", "_MAX"), bounds(t), strict=True), t if BITS[t] >= 32 else "i32"
+        KNOWN |= {f"{'U' * (t[0] == 'u')}INT{t[1:]}{end}": (f"({n})", kind) for end, n in ends}
 TYPES = {name.removesuffix("_t"): t for name, t in NAMES.items()} | {"float64": "f64", "float32": "f32"}
 """Names of numpy's types."""
 Value = tuple[str, Any]
@@ -81,7 +82,8 @@ class Reader:
         self.scopes: list[dict[str, Variable]] = [{}]
         self.structs: dict[str, dict[str, Type]] = {}
         self.result: Any = "void"
-        self.held: set[str] = set()
+        triples = zip(tokens, tokens[1:], tokens[2:], strict=False)  # & that begins an expression: it takes an address
+        self.held = {c.text for a, b, c in triples if b.text == "&" and a.text in ("(", ",", "=")}
 
     def read(self) -> str:
         """All functions, tables and structs."""
@@ -178,26 +180,9 @@ class Reader:
         if name in self.program.functions:
             raise self.fail(f"{name} is defined twice")
         self.scopes.append({})
-        start, kinds, names = self.k, [], []
-        depth = 0
-        while True:  # names whose address is taken: & after a sign that begins an expression
-            depth += {"{": 1, "}": -1}.get(self.text(), 0)
-            if self.text() == "&" and self.tokens[self.k - 1].text in ("(", ",", "="):
-                self.held.add(self.tokens[self.k + 1].text)
-            if self.text() == "end" or (self.text() == "}" and depth == 0):
-                break
-            self.k += 1
-        self.k = start
         self.take("(")
-        while self.text() != ")":
-            const = self.qualifiers()
-            kind, const = self.stars(self.number_type(), const)
-            names.append(self.declare(self.name(), kind, const, True))
-            kinds.append(kind)
-            if self.text() != ")":
-                self.take(",")
-        self.take(")")
-        self.program.functions[name], self.result = (type_, kinds), type_
+        names = self.several(")", self.parameter)
+        self.program.functions[name], self.result = (type_, [v.type for v in names]), type_
         self.write(f"def c_{name}({', '.join(v.python for v in names)}):")
         for v in names:
             if v.held:
@@ -205,17 +190,28 @@ class Reader:
         self.block()
         self.write("    return None" if type_ == "void" else "    return known(None)")
         self.scopes.pop()
-        self.held = set()
+
+    def parameter(self) -> Variable:
+        const = self.qualifiers()
+        kind, const = self.stars(self.number_type(), const)
+        return self.declare(self.name(), kind, const, True)
+
+    def several(self, end: str, item: Callable[[], Any]) -> list[Any]:
+        """What stands between commas up to this end."""
+        items: list[Any] = []
+        while not self.accept(end):
+            items.append(item())
+            if self.text() != end:
+                self.take(",")
+        return items
 
     def block(self) -> None:
         """{ … }, or one statement, one step further in."""
         self.depth += 1
         self.scopes.append({})
-        if self.text() == "{":
-            self.take("{")
-            while self.text() != "}":
+        if self.accept("{"):
+            while not self.accept("}"):
                 self.statement()
-            self.take("}")
         else:
             self.statement()
         self.write("pass")
@@ -293,12 +289,10 @@ class Reader:
                 value = self.convert(self.expression(), type_)
                 v = self.declare(name, type_, fixed, True)
                 self.write(f"{v.python} = {f'Pointer(Memory([{value}], {type_!r}))' if v.held else value}")
-            elif isinstance(type_, Type) and type_.shape == "struct":
-                v = self.declare(name, type_, fixed, True)
-                self.write(f"{v.python} = {self.cells(type_.of)}")
             else:
-                v = self.declare(name, type_, fixed, False)
-                self.write(f"{v.python} = {f'cell({type_!r})' if v.held else None}")
+                struct = isinstance(type_, Type) and type_.shape == "struct"
+                v = self.declare(name, type_, fixed, struct)
+                self.write(f"{v.python} = {self.cells(type_.of) if struct else f'cell({type_!r})' if v.held else None}")
             name = ""
             if not self.accept(","):
                 break
@@ -308,11 +302,7 @@ class Reader:
         values: list[str] = []
         if self.accept("="):
             self.take("{")
-            while self.text() != "}":
-                values.append(self.convert(self.expression(), type_))
-                if self.text() != "}":
-                    self.take(",")
-            self.take("}")
+            values = self.several("}", lambda: self.convert(self.expression(), type_))
             if len(values) > count:
                 raise self.fail(f"{len(values)} numbers for {count}")
             values += [self.convert(("0", "i32"), type_)] * (count - len(values))
@@ -321,7 +311,7 @@ class Reader:
 
     def action(self) -> str:
         """An expression for what it does: an assignment, a count, a call."""
-        if self.text() == "(" and self.tokens[self.k + 1].text == "void" and self.tokens[self.k + 2].text == ")":
+        if [t.text for t in self.tokens[self.k : self.k + 3]] == ["(", "void", ")"]:
             self.k += 3
             return self.expression()[0]
         start = self.k
@@ -330,17 +320,12 @@ class Reader:
         if sign in (";", ",") and self.tokens[start].kind == "name" and self.tokens[start + 1].text == "(":
             return value[0]
         old = f"known({value[0]})" if "(" not in value[0] else value[0]
-        if sign in ("++", "--"):
-            self.take()
-            new = self.arithmetic(sign[0], (old, value[1]), ("1", "i32"))
-        elif sign == "=":
-            self.take()
-            new = self.expression()
-        elif len(sign) > 1 and sign[-1] == "=" and sign not in ("==", "!=", "<=", ">="):
-            self.take()
-            new = self.arithmetic(sign[:-1], (old, value[1]), self.expression())
-        else:
+        if sign not in ASSIGNING:
             raise self.fail("this does nothing")
+        self.take()
+        new = ("1", "i32") if sign in ("++", "--") else self.expression()
+        if sign != "=":
+            new = self.arithmetic(sign[0] if sign in ("++", "--") else sign[:-1], (old, value[1]), new)
         text = self.convert(new, value[1])
         if value[0].startswith("at(") and value[0].endswith(")"):
             return f"put({value[0][3:-1]}, {text})"
@@ -390,11 +375,10 @@ class Reader:
             return (f"single({value})" if t == "f32" else value), t
         if sign in ("/", "%"):
             return f"{'quotient' if sign == '/' else 'remainder'}({x}, {y}, {t!r})", t
-        return self.wrap(f"({x} {sign} {y})", t, sign in ("+", "-", "*")), t
+        value = f"({x} {sign} {y})"
+        return (self.wrap(value, t) if sign in ("+", "-", "*") else value), t
 
-    def wrap(self, value: str, t: str, needed: bool = True) -> str:
-        if not needed:
-            return value
+    def wrap(self, value: str, t: str) -> str:
         if t[0] == "u":
             return f"({value} & {bounds(t)[1]})"
         half = 1 << BITS[t] - 1
@@ -414,21 +398,17 @@ class Reader:
                 raise self.fail("~ of a floating-point number")
             result = f"({sign}{self.convert(value, t)})"
             return (result if t in ("f64", "f32") else self.wrap(result, t)), t
-        if sign == "*":
-            self.take()
+        if self.accept("*"):
             return self.element(self.unary(), ("0", "i32"), stored)
-        if sign == "&":
-            self.take()
+        if self.accept("&"):
             v = self.variable(self.name())
             if isinstance(v.type, Type) and v.type.shape == "struct":
                 return v.python, Type(v.type, "*")
             if not v.held:
                 raise self.fail("the address of this")
             return v.python, Type(v.type, "*", v.const)
-        if sign == "sizeof":
-            self.take()
-            t = self.variable(self.name()).type
-            return str(SIZES[t]), "u64"
+        if self.accept("sizeof"):
+            return str(SIZES[self.variable(self.name()).type]), "u64"
         if sign == "(" and (self.tokens[self.k + 1].text in (*NAMES, *self.structs, "const")):
             self.take()
             const = self.qualifiers()
@@ -490,25 +470,17 @@ class Reader:
         if self.text() == "(":
             return self.called(name)
         v = self.variable(name)
-        if (
-            stored
-            and self.text() not in ("[", "->", ".")
-            and (v.const or (isinstance(v.type, Type) and v.type.shape == "[]"))
-        ):
+        fixed = v.const or (isinstance(v.type, Type) and v.type.shape == "[]")
+        if stored and fixed and self.text() not in ("[", "->"):
             raise self.fail(f"assignment to {name}, which is constant")
         python = f"at({v.python}, 0)" if v.held else v.python
         return (python if v.sure or v.held or stored else f"known({python})"), v.type
 
     def called(self, name: str) -> Value:
         self.take("(")
-        given: list[Value] = []
-        while self.text() != ")":
-            given.append(self.expression())
-            if self.text() != ")":
-                self.take(",")
-        self.take(")")
+        given: list[Value] = self.several(")", self.expression)
         if name in ("UINT64_C", "INT64_C", "__builtin_expect"):
-            return (given[0][0], "u64" if name[0] == "U" else "i64") if name[0] != "_" else given[0]
+            return given[0][0], {"U": "u64", "I": "i64"}.get(name[0], given[0][1])
         if name == "memcpy":
             return f"copy_bytes({', '.join(g[0] for g in given)})", "void"
         if name in self.program.functions:
