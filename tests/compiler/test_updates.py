@@ -96,3 +96,28 @@ def test_the_callers_array_is_not_written():
     first, second = compiled(ring, 2.0)
     assert np.array_equal(ring, np.arange(100.0))
     assert (first[3], first[5], second[3], second[5]) == (2.0, 5.0, 3.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    "f",
+    [
+        lambda r, i: r + r.at[i].set(7.0),
+        lambda r, i: r.at[i].set(7.0) * r.at[i].set(7.0),
+        lambda r, i: r.at[i].set(7.0) - r.at[i + 1].set(5.0),
+        lambda r, i: jnp.where(r > 0, r.at[i].set(7.0), 2 * r),
+        lambda r, i: jnp.where(r > 0, r.at[i].set(7.0), r),
+        lambda r, i: jnp.where((r > 0).at[i].set(False) & (r > 0), r, 1.0),
+        lambda r, i: jnp.concatenate([r, r.at[i].set(7.0)]),
+        lambda r, i: r.at[r.astype(int)].add(r.at[i].set(7.0)),
+        lambda r, i: lax.dynamic_update_slice(r.at[i].set(7.0), r[:50], (3,)),
+        lambda r, i: lax.cond(i > 3, lambda a, b: a - b, lambda a, b: b, r, r.at[i].set(7.0)),
+        lambda r, i: lax.fori_loop(0, 3, lambda _, c: (c[1], c[0].at[i].set(c[1][0])), (r, 2 * r))[1],
+    ],
+)
+def test_old_and_new_elements_in_one_operation(f):
+    ring = np.random.default_rng(4).normal(size=60)
+    for start in (lambda r: r, lambda r: 3 * r):  # the caller's array, and one of the program's own
+        for i in (0, 5, 58):
+            compiled = trimtab.compile(lambda r, i, start=start: f(start(r), i), ring, i)
+            wanted = jax.jit(lambda r, i, start=start: f(start(r), i))(ring, i)
+            np.testing.assert_allclose(compiled(ring, i), wanted, rtol=0, atol=1e-13)

@@ -119,7 +119,8 @@ class Lowering:
             dies = [self._is_last_use(a, k, env, doomed, last) for a in equation.invars]
             for i, array in enumerate(given):
                 if array.updates and not _takes_updates(equation, i):
-                    env[equation.invars[i]] = given[i] = apply_updates(self.b, array, dies[i])
+                    alone = dies[i] and is_alone(given, i)
+                    env[equation.invars[i]] = given[i] = apply_updates(self.b, array, alone)
             env.update(zip(equation.outvars, self._lower_equation(equation, given, dies), strict=True))
             self.around.pop()
         end = len(inner.eqns)
@@ -174,6 +175,11 @@ class Lowering:
         for array in operands:
             if array.size > 1:
                 store_in_memory(self.b, array)
+
+
+def is_alone(operands: list[Array], which: int) -> bool:
+    """Whether no other operand of an equation is read from the same buffer."""
+    return not any(a.buffer is operands[which].buffer for i, a in enumerate(operands) if i != which)
 
 
 def _takes_updates(equation: Any, operand: int) -> bool:

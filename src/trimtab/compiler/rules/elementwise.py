@@ -14,7 +14,7 @@ from trimtab.compiler.arrays import (
     read_element,
 )
 from trimtab.compiler.ir import Builder, Value, is_float
-from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.lower import Rule, Site, is_alone
 from trimtab.core.errors import InputError
 
 Element = Callable[[Site, list[Value]], Value]
@@ -65,7 +65,7 @@ def _select(site: Site) -> list[Array]:
         shared = all(c.buffer is cases[0].buffer and c.offset is None for c in cases)
         if shared and not test.shape and test.dtype == "bool":
             return [_select_updates(site, element_list(b, test)[0], cases)]
-        alone = [dies and not shared for dies in site.dying[1:]]
+        alone = [dies and is_alone(site.operands, i) for i, dies in enumerate(site.dying) if i]
         cases = [apply_updates(b, c, a) if c.updates else c for c, a in zip(cases, alone, strict=True)]
     return [map_elements(site, lambda v: select_case(b, v[0], v[1:]), [test, *cases])]
 
