@@ -32,8 +32,8 @@ nb_execution_mode = "auto"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 if os.environ.get("TRIMTAB_PAGES") == "quick":
-    # Minutes of flights, which tests/studies and tests/docs make, too: these pages come out without their numbers. They
-    # name their language, for a page that no kernel runs can't ask one.
+    # Minutes of flights: these pages come out without their numbers. Their cells are run by a slow test,
+    # tests/docs/test_pages.py. They name their language, for a page that no kernel runs can't ask one.
     nb_execution_excludepatterns = ["studies/hovercraft2006.md", "studies/hypersonic-further-work.md"]
     nb_execution_excludepatterns += ["estimators/ultrasonic-inertial.md"]
 

@@ -1,4 +1,5 @@
-/* The firmware: everything happens in vehicle_work, called again whenever the processor wakes. */
+/* The firmware: everything happens in vehicle_work, called again whenever the processor wakes. A board without a key
+   hears and says nothing; its servos stay neutral. */
 #include "key.h"
 #include "vehicle.h"
 
@@ -6,11 +7,13 @@ void run(void);
 
 void run(void) {
     static vehicle v;
-    static const uint8_t key[KEY_SIZE] = {KEY};
+    static vehicle_key key;
+    bool keyed = key_read(board_key(), &key);
     hardware_begin();
-    vehicle_begin(&v, key, BUILD_STAMP);
+    vehicle_begin(&v, key.secret, key.since);
     for (;;) {
-        vehicle_work(&v);
+        if (keyed) vehicle_work(&v);
+        else board_kick();
         board_wait();
     }
 }

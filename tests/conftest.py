@@ -1,7 +1,7 @@
 """Property tests: no deadline (first calls compile), and the same examples each time in CI. Memory: file by file.
 
 What XLA compiles is kept beside pytest's own cache, so that after an edit only what it touched is compiled again; and
-XLA's older emitters, which compile in half the time.
+XLA's older emitters, which compile in half the time; XLA_FLAGS= (empty) leaves it as users have it.
 """
 
 import os
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import slow_parts
 from hypothesis import settings
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
@@ -19,6 +20,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 settings.register_profile("trimtab", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("trimtab")
 
+SLOW_S = 900
+"""After which a slow test is given up, where it doesn't say otherwise: a busy machine takes five times as long."""
+
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled_programs_are_dropped():
@@ -26,3 +30,45 @@ def _compiled_programs_are_dropped():
     yield
     if "jax" in sys.modules:
         sys.modules["jax"].clear_caches()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--part", type=int, metavar="K", help=f"only the part K of {slow_parts.PARTS} of the slow tests")
+    parser.addoption("--slice", type=int, default=0, metavar="N", help="and slice N of those that are cut in slices")
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    part = config.getoption("part")
+    return part and f"slow tests: part {part} of {slow_parts.PARTS}, slice {config.getoption('slice')}"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files that have nothing of the part are not read: collecting all takes each process 15 s."""
+    part = config.getoption("part")
+    if not part or not collection_path.name.startswith("test_"):
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    file = collection_path.relative_to(config.rootpath).as_posix()
+    own = slow_parts.read_table()["files"].get(file, [0])[0]
+    return ("slow" not in text or (own not in (0, part) and "slow(of" not in text)) or None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of slow tests those of the part that was asked for, if one was; they may take longer than others."""
+    for item in items:
+        if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(SLOW_S))
+    part = config.getoption("part")
+    if not part:
+        return
+    files = slow_parts.read_table()["files"]
+
+    def is_due(item: pytest.Item) -> bool:
+        mark = item.get_closest_marker("slow")
+        if mark and "of" in mark.kwargs:
+            return sum(item.callspec.indices.values()) % mark.kwargs["of"] == config.getoption("slice")  # pyright: ignore[reportAttributeAccessIssue]
+        return mark is not None and slow_parts.part_of(item.nodeid, files) == part
+
+    due = [item for item in items if is_due(item)]
+    config.hook.pytest_deselected(items=[item for item in items if item not in due])
+    items[:] = due

@@ -40,10 +40,19 @@ def test_list_of_a_scenario_shows_settings_with_units():
     assert "navigation-error" in found["imperfections"]
 
 
+def test_friction_is_reached_by_its_path_and_listed():
+    assert "torque_viscous" in json.loads(call("list", NAME, "--json").stdout)["optional"]["world.vehicle.friction"]
+    path = "world.vehicle.friction.torque_viscous"
+    words = ("run", NAME, "--duration", "1", "--json", "--set")
+    free, drag = (json.loads(call(*words, f"{path}={n}").stdout)["ideal"]["final"]["yaw_rate"] for n in (0, 0.05))
+    assert drag < 0.8 * free
+    assert path in call("run", NAME, "--set", "world.vehicle.friction.torque=1").output
+
+
 def test_list_shows_numbers_vectors_and_tables():
     done = call("list", "hypersonic/impulse")
     assert done.exit_code == 0, done.output
-    assert "[1e-05,100,1e-05,100]" in done.stdout  # Q of the filter
+    assert "[1e-05,500,1e-05,6]" in done.stdout  # Q of the filter
     assert "2x9 numbers" in done.stdout  # K
     assert "moment | normal-force" in done.stdout
 
@@ -80,10 +89,10 @@ def test_a_setting_changes_the_flight_and_without_a_fault_it_is_nearer_to_ideal(
 
 
 def test_scenario_choice_is_a_setting():
-    rest = json.loads(
-        call("run", "hovercraft/heading-bang-bang", "--set", "initial=rest", "--duration", "3", "--json").stdout
-    )
-    assert rest["ideal"]["metrics"]["heading"]["first_reach_s"] is not None
+    words = ("run", "hovercraft/heading-bang-bang", "--duration", "3", "--json")
+    rest, moving = (json.loads(call(*words, *more).stdout)["ideal"] for more in ((), ("--set", "initial=moving")))
+    assert rest["metrics"]["heading"]["first_reach_s"] < 2
+    assert moving["metrics"]["heading"]["first_reach_s"] is None
 
 
 def test_out_writes_log_and_picture_that_open(tmp_path):
@@ -95,6 +104,18 @@ def test_out_writes_log_and_picture_that_open(tmp_path):
     assert log.metadata["scenario"] == NAME
     assert log.metadata["parameters"]["world.vehicle.mass"] == 2.6
     assert log.unit("truth.yaw_rate") == "rad/s"
+    twin = read_mcap(out / "ideal.mcap")
+    assert len(twin) == len(log)
+    assert "sensors.truth.value.yaw_rate" in twin.paths
+    assert "sensors.navigation.value.yaw_rate" in log.paths
+
+
+def test_a_run_is_that_of_its_seed_and_number():
+    flown = [call("run", NAME, "--duration", "1", "--no-ideal", "--seed", "3", "--run", k, "--json") for k in "0770"]
+    numbers = [json.loads(one.stdout) for one in flown]
+    assert [n["run"] for n in numbers] == [0, 7, 7, 0]
+    metrics = [n["real"]["metrics"] for n in numbers]
+    assert metrics[1] == metrics[2] != metrics[0] == metrics[3]
 
 
 def test_demo_says_where_its_picture_is(tmp_path):

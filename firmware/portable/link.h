@@ -19,7 +19,15 @@ typedef struct {
     uint32_t reflected; /* our own, sent back */
     uint32_t sent;
     uint32_t dropped;  /* messages for which the transmitter had no room */
+    uint32_t stale;    /* good signature, by a clock that is behind */
+    uint32_t leading;  /* good signature, by a clock that is far ahead */
 } link_counts;
+
+/* Whether something was refused whose sender is to be told: of another clock or key. asked: of a question for the time. */
+typedef struct {
+    bool due;
+    int64_t asked;
+} link_refusal;
 
 typedef struct {
     framer in;
@@ -30,7 +38,10 @@ typedef struct {
     uint64_t floor;      /* stamps up to this one are old: they may have been used before the start */
     uint64_t stamp;      /* our own, when it was last set by a message that came */
     int64_t stamped_at;  /* when that was, 100 ns */
+    uint64_t anchor;     /* our clock: the first stamp that was believed, carried on; nobody moves it */
+    int64_t anchored_at;
     link_counts counts;
+    link_refusal refusal;
 } link;
 
 void link_begin(link *l, const uint8_t key[KEY_SIZE], uint64_t floor);

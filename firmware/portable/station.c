@@ -1,19 +1,22 @@
 /* The standard protocol: heartbeat, arming, time synchronisation, servo outputs, status. */
 #include <string.h>
 
+#include "identity.h"
 #include "pulse.h"
+#include "tuning.h"
 #include "vehicle.h"
 
-enum { CMD_ARM_DISARM = 400, ACCEPTED = 0, DENIED = 2, UNSUPPORTED = 3 };
+enum { CMD_ARM_DISARM = 400, CMD_REQUEST_CONTROL = 32100, ACCEPTED = 0, REJECTED = 1, DENIED = 2, UNSUPPORTED = 3 };
 enum { TYPE_SURFACE_BOAT = 11, TYPE_GCS = 6, AUTOPILOT_GENERIC = 0, CUSTOM_MODE = 1, ARMED_FLAG = 128, MANUAL_FLAG = 64 };
+enum { MOST_COMMAND_LEAD = 200 * MILLISECOND };
 /* Modes as ground stations number them: the pilot, and the computer. */
 enum { MODE_MANUAL = 0, MODE_COMPUTER = 15 };
 enum { STANDBY = 3, ACTIVE = 4, CRITICAL = 5 };
-enum { SEVERITY_CRITICAL = 2, SEVERITY_NOTICE = 5, SEVERITY_INFO = 6 };
+enum { SEVERITY_CRITICAL = 2, SEVERITY_WARNING = 4, SEVERITY_NOTICE = 5, SEVERITY_INFO = 6 };
 
 static const char *const MODES[] = {"disarmed", "computer", "manual", "failsafe"};
 static const char *const CAUSES[] = {"start", "arm request", "disarm request", "no command", "no command since arming",
-                                     "takeover", "takeover ended", "pilot's radio lost"};
+                                     "takeover", "takeover ended", "pilot's radio lost", "fence", "envelope"};
 
 static const char *name(const char *const *names, int32_t k, int32_t n) { return k >= 0 && k < n ? names[k] : "?"; }
 
@@ -30,80 +33,18 @@ static void post(vehicle *v, const mavlink_message_t *message) {
 
 static uint16_t capped(uint32_t count) { return count > UINT16_MAX ? UINT16_MAX : (uint16_t)count; }
 
-static void acknowledge(vehicle *v, uint16_t command, uint8_t result) {
+/* to: NULL for all on the line. */
+static void acknowledge(vehicle *v, const sender *to, uint16_t command, uint8_t result) {
     mavlink_command_ack_t ack = {0};
     ack.command = command;
     ack.result = result;
-    ack.target_system = v->asked_system;
-    ack.target_component = v->asked_component;
+    if (command == CMD_ARM_DISARM || command == CMD_REQUEST_CONTROL)
+        ack.result_param2 = v->authority.owned ? (int32_t)v->authority.owner.session : 0;
+    if (to) {
+        ack.target_system = to->system;
+        ack.target_component = to->component;
+    }
     SEND(v, command_ack, ack);
-}
-
-static void hear_command_long(vehicle *v, const mavlink_message_t *message) {
-    mavlink_command_long_t c;
-    mavlink_msg_command_long_decode(message, &c);
-    if ((c.target_system && c.target_system != SYSTEM) || (c.target_component && c.target_component != COMPONENT)) return;
-    v->asked_system = message->sysid;
-    v->asked_component = message->compid;
-    if (c.command != CMD_ARM_DISARM) {
-        acknowledge(v, c.command, UNSUPPORTED);
-    } else if (c.param1 == 1.0f || c.param1 == 0.0f) {
-        v->failsafe_in.input.arm = c.param1 == 1.0f;
-        v->failsafe_in.input.disarm = c.param1 == 0.0f;
-        v->asked = true;
-    } else {
-        acknowledge(v, c.command, DENIED);
-    }
-}
-
-void station_answer(vehicle *v) {
-    v->asked = false;
-    acknowledge(v, CMD_ARM_DISARM, ACCEPTED); /* neither is ever refused: arming while armed changes nothing */
-}
-
-static void hear_timesync(vehicle *v, int64_t now, const mavlink_message_t *message) {
-    mavlink_timesync_t sync;
-    mavlink_msg_timesync_decode(message, &sync);
-    if (sync.tc1 != 0) return;
-    sync.tc1 = now * 100;
-    SEND(v, timesync, sync);
-}
-
-static void hear_drive_command(vehicle *v, const mavlink_message_t *message) {
-    mavlink_command_t c;
-    mavlink_msg_command_decode(message, &c);
-    failsafe_in *in = &v->failsafe_in;
-    in->input.command.t = c.t;
-    in->input.command.valid = c.valid != 0;
-    in->input.command.fresh = true;
-    in->input.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
-    in->input.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
-}
-
-void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message) {
-    switch (message->msgid) {
-    case MAVLINK_MSG_ID_COMMAND: hear_drive_command(v, message); break;
-    case MAVLINK_MSG_ID_TIMESYNC: hear_timesync(v, now, message); break;
-    case MAVLINK_MSG_ID_COMMAND_LONG: hear_command_long(v, message); break;
-    default: break; /* heartbeats, and what is for others */
-    }
-}
-
-void station_servos(vehicle *v, int64_t now) {
-    mavlink_servo_output_raw_t s = {0};
-    s.time_usec = (uint32_t)(now / 10);
-    s.servo1_raw = pulse_us(v->pulses[RUDDER]);
-    s.servo2_raw = pulse_us(v->pulses[THRUST]);
-    s.servo3_raw = pulse_us(v->pulses[LIFT]);
-    SEND(v, servo_output_raw, s);
-}
-
-void station_say(vehicle *v, uint8_t severity, const char *text) {
-    mavlink_statustext_t s = {0};
-    s.severity = severity;
-    size_t n = strlen(text);
-    memcpy(s.text, text, n < sizeof s.text ? n : sizeof s.text);
-    SEND(v, statustext, s);
 }
 
 enum { LINE = 50 };
@@ -126,12 +67,163 @@ static void add_number(line *l, uint32_t number) {
     add(l, at);
 }
 
+static void say_two(vehicle *v, uint8_t severity, const char *first, const char *second) {
+    line l = {0};
+    add(&l, first);
+    add(&l, second);
+    station_say(v, severity, l.text);
+}
+
+static void hear_arming(vehicle *v, const sender *s, float arm) {
+    if ((arm != 1.0f && arm != 0.0f) || !authority_allows(&v->authority, s)) {
+        acknowledge(v, s, CMD_ARM_DISARM, DENIED);
+        return;
+    }
+    if (arm == 1.0f && !v->failsafe_out.armed && board_refusal() != NULL) {
+        acknowledge(v, s, CMD_ARM_DISARM, REJECTED);
+        say_two(v, SEVERITY_CRITICAL, "not armed: ", board_refusal());
+        return;
+    }
+    if (arm == 1.0f) authority_arm(&v->authority, s);
+    v->failsafe_in.input.arm = arm == 1.0f;
+    v->failsafe_in.input.disarm = arm == 0.0f;
+    v->asker = *s;
+    v->asked = true;
+}
+
+static void hear_command_long(vehicle *v, const mavlink_message_t *message) {
+    mavlink_command_long_t c;
+    mavlink_msg_command_long_decode(message, &c);
+    if ((c.target_system && c.target_system != SYSTEM) || (c.target_component && c.target_component != COMPONENT)) return;
+    sender s = {message->sysid, message->compid, authority_session(c.command == CMD_ARM_DISARM ? c.param3 : c.param5)};
+    if (c.command == CMD_ARM_DISARM) {
+        hear_arming(v, &s, c.param1);
+    } else if (c.command == CMD_REQUEST_CONTROL && c.param2 == 1.0f && s.session != 0u) {
+        authority_hand_over(&v->authority, &s);
+        acknowledge(v, &s, c.command, ACCEPTED);
+    } else {
+        acknowledge(v, &s, c.command, UNSUPPORTED);
+    }
+}
+
+void station_answer(vehicle *v) {
+    v->asked = false;
+    acknowledge(v, &v->asker, CMD_ARM_DISARM, ACCEPTED); /* arming while armed changes nothing */
+}
+
+void station_refuse(vehicle *v, int64_t now) {
+    v->link.refusal.due = false;
+    if (now < v->next_refusal) return;
+    v->next_refusal = now + SECOND / 5;
+    mavlink_timesync_t sync = {0};
+    sync.tc1 = now * 100 + 1;
+    sync.ts1 = v->link.refusal.asked;
+    mavlink_message_t message;
+    mavlink_msg_timesync_encode_status(SYSTEM, COMPONENT, &v->link.status, &message, &sync);
+    link_send(&v->link, &message); /* also before somebody was believed: what is stored may be ahead of all */
+}
+
+static void hear_timesync(vehicle *v, int64_t now, const mavlink_message_t *message) {
+    mavlink_timesync_t sync;
+    mavlink_msg_timesync_decode(message, &sync);
+    if (sync.tc1 != 0) return;
+    sync.tc1 = now * 100;
+    SEND(v, timesync, sync);
+}
+
+/* A line on what commands are refused, each five seconds at most; whose the vehicle is, each second. */
+static void refuse_command(vehicle *v, int64_t now, const char *why) {
+    if (now >= v->next_text) {
+        v->next_text = now + 5 * SECOND;
+        station_say(v, SEVERITY_WARNING, why);
+    }
+    if (now >= v->next_owner) {
+        v->next_owner = now + SECOND;
+        acknowledge(v, NULL, CMD_REQUEST_CONTROL, ACCEPTED);
+    }
+}
+
+/* A command that leads our clock is of another: the failsafe would take none until its time. */
+static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t *message) {
+    mavlink_command_t c;
+    mavlink_msg_command_decode(message, &c);
+    sender s = {message->sysid, message->compid, c.session};
+    if (!authority_admits(&v->authority, &s)) {
+        refuse_command(v, now, "commands without authority refused");
+        return;
+    }
+    if (c.t > now + MOST_COMMAND_LEAD) {
+        v->leading++;
+        refuse_command(v, now, "commands of another clock refused");
+        return;
+    }
+    failsafe_in *in = &v->failsafe_in;
+    in->input.command.t = c.t;
+    in->input.command.valid = c.valid != 0;
+    in->input.command.fresh = true;
+    in->input.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
+    in->input.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
+}
+
+enum { IDENTITY_REQUEST = 0xF474, IDENTITY_LINE = 0xF475, IDENTITY_HEAD = 4 + IDENTITY_DIGEST };
+
+/* Which scenario and numbers it was built for, a line at a time, as trimtab.wire.identity asks for them. */
+static void hear_tunnel(vehicle *v, const mavlink_message_t *message) {
+    mavlink_tunnel_t t, answer = {0};
+    mavlink_msg_tunnel_decode(message, &t);
+    if (t.payload_type != IDENTITY_REQUEST || (t.target_system && t.target_system != SYSTEM)) return;
+    uint16_t index = (uint16_t)(t.payload[0] | t.payload[1] << 8);
+    if (index >= identity_lines) index = (uint16_t)(identity_lines - 1);
+    const char *line = identity_line[index];
+    size_t n = strlen(line), room = sizeof answer.payload - IDENTITY_HEAD;
+    if (n > room) n = room;
+    answer.payload[0] = (uint8_t)identity_lines;
+    answer.payload[1] = (uint8_t)(identity_lines >> 8);
+    answer.payload[2] = (uint8_t)index;
+    answer.payload[3] = (uint8_t)(index >> 8);
+    memcpy(answer.payload + 4, identity_digest, IDENTITY_DIGEST);
+    memcpy(answer.payload + IDENTITY_HEAD, line, n);
+    answer.target_system = message->sysid;
+    answer.target_component = message->compid;
+    answer.payload_type = IDENTITY_LINE;
+    answer.payload_length = (uint8_t)(IDENTITY_HEAD + n);
+    SEND(v, tunnel, answer);
+}
+
+void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message) {
+    if (tuning_hear(v, message)) return;
+    switch (message->msgid) {
+    case MAVLINK_MSG_ID_COMMAND: hear_drive_command(v, now, message); break;
+    case MAVLINK_MSG_ID_TIMESYNC: hear_timesync(v, now, message); break;
+    case MAVLINK_MSG_ID_TUNNEL: hear_tunnel(v, message); break;
+    case MAVLINK_MSG_ID_COMMAND_LONG: hear_command_long(v, message); break;
+    default: break; /* heartbeats, and what is for others */
+    }
+}
+
+void station_servos(vehicle *v, int64_t now) {
+    mavlink_servo_output_raw_t s = {0};
+    s.time_usec = (uint32_t)(now / 10);
+    s.servo1_raw = pulse_us(v->pulses[RUDDER]);
+    s.servo2_raw = pulse_us(v->pulses[THRUST]);
+    s.servo3_raw = pulse_us(v->pulses[LIFT]);
+    SEND(v, servo_output_raw, s);
+}
+
+void station_say(vehicle *v, uint8_t severity, const char *text) {
+    mavlink_statustext_t s = {0};
+    s.severity = severity;
+    size_t n = strlen(text);
+    memcpy(s.text, text, n < sizeof s.text ? n : sizeof s.text);
+    SEND(v, statustext, s);
+}
+
 void station_changed(vehicle *v) {
     line l = {0};
     const failsafe_out *out = &v->failsafe_out;
     add(&l, name(MODES, out->mode, 4));
     add(&l, ": ");
-    add(&l, name(CAUSES, out->cause, 8));
+    add(&l, name(CAUSES, out->cause, 10));
     station_say(v, out->mode == FAILSAFE ? SEVERITY_CRITICAL : SEVERITY_NOTICE, l.text);
 }
 
@@ -158,7 +250,7 @@ static void statistics(vehicle *v, int64_t now) {
     s.errors_comm = capped(v->link.in.broken);
     s.errors_count1 = capped(c->unsigned_frames);
     s.errors_count2 = capped(c->forged + c->reflected);
-    s.errors_count3 = capped(c->replayed);
+    s.errors_count3 = capped(c->replayed + c->stale + c->leading);
     s.errors_count4 = capped(board_lost() + c->dropped);
     SEND(v, sys_status, s);
     v->last_status = now;
@@ -183,5 +275,10 @@ static void work_done(vehicle *v) {
 void station_status(vehicle *v, int64_t now, int part) {
     if (part == 0) heartbeat(v);
     if (part == 1) statistics(v, now);
-    if (part == 2 && now / SECOND % 5 == 0) work_done(v);
+    if (part == 2 && !v->announced && link_heard(&v->link)) {
+        v->announced = true;
+        say_two(v, SEVERITY_INFO, "started: ", board_cause());
+    } else if (part == 2 && now / SECOND % 5 == 0) {
+        work_done(v);
+    }
 }

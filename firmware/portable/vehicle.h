@@ -6,13 +6,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "authority.h"
 #include "port.h"
 #include "failsafe.h"
 #include "link.h"
 #include "speed_regulator.h"
 
 enum { MILLISECOND = 10000, SECOND = 1000 * MILLISECOND }; /* in units of 100 ns */
-enum { TICK = MILLISECOND, REGULATOR = 10 * MILLISECOND, SERVO = 20 * MILLISECOND };
+enum { TICK = MILLISECOND, REGULATOR = 10 * MILLISECOND, SERVO = 20 * MILLISECOND, RECORD = 100 * MILLISECOND };
 enum { DISARMED, COMPUTER, MANUAL, FAILSAFE };
 
 typedef struct {
@@ -33,11 +34,16 @@ typedef struct {
     speed_regulator_out regulator_out;
     double duty;
     uint16_t pulses[CHANNELS];
-    int64_t next_tick, next_servo, next_regulator, next_quarter, last_status;
-    uint8_t asked_system, asked_component;
+    int64_t next_tick, next_servo, next_regulator, next_quarter, next_record, last_status;
+    authority authority;
+    sender asker;
     bool asked;       /* to arm or disarm: answered after the tick */
+    bool announced;   /* what the start came from was said */
+    int64_t next_refusal, next_owner, next_text;
+    uint32_t leading; /* commands refused so far, of a clock that is ahead */
     bool begun;       /* the failsafe has run since the start */
     bool released;    /* armed once since the start; an emulated vehicle is held until then */
+    int listed;       /* parameters sent of a list that was asked for */
     vehicle_load load;
 } vehicle;
 
@@ -54,6 +60,7 @@ void hardware_work(vehicle *v, int64_t now);
    parts; a line for people. */
 void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message);
 void station_answer(vehicle *v);
+void station_refuse(vehicle *v, int64_t now); /* tell one whose clock or key is another */
 void station_status(vehicle *v, int64_t now, int part);
 void station_servos(vehicle *v, int64_t now);
 void station_say(vehicle *v, uint8_t severity, const char *text);

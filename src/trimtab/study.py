@@ -19,10 +19,20 @@ from typing import Any, Literal, NamedTuple
 from trimtab.core.errors import InputError, closest
 
 Relation = Literal["within", "at most", "band", "inside", "overlaps", "direction", "same", "none"]
-Basis = Literal["printed", "text", "axis", "reference"]
+Basis = Literal["printed", "text", "axis", "reference", "own", "input"]
 Verdict = Literal["holds", "differs", "not reproduced"]
 
 INFINITY = math.inf
+BASES: dict[str, str] = {
+    "printed": "a number that the publication prints",
+    "text": "a statement of its text",
+    "axis": "read off the axis or a curve of one of its plots",
+    "reference": "from its numbers, by a program in tests/oracles that shares no code with this package",
+    "own": "what this package gave before: shows that it still does, and nothing about the publication",
+    "input": "what the computation was given: shows that it was used rightly",
+}
+"""Where the compared value of a row comes from. The first three are the publication's own."""
+PUBLISHED: tuple[Basis, ...] = ("printed", "text", "axis")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +47,7 @@ class Row:
     relation: how the two are compared.
     accepted: (low, high) of what is accepted; infinite on an open side.
     unit: of printed, computed and accepted.
-    basis: "printed", a number of the publication; "text", a statement of it; "axis", read off the axis of a plot;
-        "reference", in no table: it follows from printed numbers by a calculation that is independent of this package.
+    basis: where `printed` comes from, see BASES.
     must_hold: whether the study fails without it.
     note: what to know of it; of a row that need not hold, the reason.
     """
@@ -69,19 +78,24 @@ class Row:
         if self.computed is None:
             return False
         if self.relation == "same":
-            return self.computed == self.printed
+            return bool(self.computed == self.printed)
         if self.relation == "inside":
-            return low <= self.computed[0] and self.computed[1] <= high
+            return bool(low <= self.computed[0] and self.computed[1] <= high)
         if self.relation == "overlaps":
-            return low <= self.computed[1] and self.computed[0] <= high
+            return bool(low <= self.computed[1] and self.computed[0] <= high)
         if self.relation == "direction":
-            return low < self.computed < high
-        return low <= self.computed <= high
+            return bool(low < self.computed < high)
+        return bool(low <= self.computed <= high)
 
     @property
     def verdict(self) -> Verdict:
         """What is shown: a row that need not hold, and doesn't, is "not reproduced"."""
         return "holds" if self.holds else "differs" if self.must_hold else "not reproduced"
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it confirms something that the publication says: it holds, and what it is compared with is there."""
+        return self.holds and self.basis in PUBLISHED
 
     @property
     def fails(self) -> bool:
@@ -204,7 +218,7 @@ HEADINGS = ("figure", "printed", "computed", "accepted", "unit", "verdict", "whe
 
 
 def rows_table(rows: Iterable[Row]) -> str:
-    """One line a row; a star marks what is no number or statement of the publication itself (see Row.basis)."""
+    """One line a row; a star marks what is no number or statement of the publication itself (see BASES)."""
     lines = [_table_line(HEADINGS), _table_line("---" for _ in HEADINGS)]
     for row in rows:
         printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.hovercraft2006._pictures import Panel, draw_panels
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.logs.log import Log
@@ -20,8 +21,10 @@ from trimtab.sensors.navigation_errors import NavigationErrors
 SEEDS = range(200)
 Settings = tuple[tuple[str, str], ...]
 REST: Settings = (("initial", "rest"),)
+MOVING: Settings = (("initial", "moving"),)
+"""Settings of [1] fig. 6.11, and of fig. 6.12."""
 LITERAL: Settings = (*REST, ("autopilot.law.form", "literal"))
-"""Settings of [1] fig. 6.12, and with the proportional law as published."""
+"""Those of fig. 6.12 with the proportional law as published."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,13 +100,31 @@ def settling_time(t: Any, holds: Any) -> Any:
     return np.where(holds[..., -1], t[np.minimum(after, len(t) - 1)], np.inf)
 
 
-def draw_figure(figure: str, name: str, folder: Path, settings: Settings = ()) -> Path:
-    """A figure's picture, ideal beside real of the first seed."""
-    from trimtab.plots.run import plot_run
+SPEED, RATE, HEADING = "m/s", "rad/s", "rad"
+UNITS = {"surge_velocity": SPEED, "sway_velocity": SPEED, "yaw_rate": RATE, "heading": HEADING}
 
-    flown = load_scenario(name, settings)
-    path = folder / f"{figure}.png"
-    folder.mkdir(parents=True, exist_ok=True)
-    title = f"[1] {figure.replace('-', '. ', 1).replace('-', ', ', 1)}: {flown.name}"
-    plot_run(simulate(flown), fly_ideal(name, settings), path, title=title, targets=flown.targets)
-    return path
+
+def draw_flights(
+    path: Path, title: str, flights: Mapping[str, tuple[Any, Any]], limits: Mapping[str, Mapping[str, Any]]
+) -> Path:
+    """Signals of flights, a column each.
+
+    Args:
+        path: of the picture.
+        title: above it.
+        flights: column's words -> (t, signals of the truth by path).
+        limits: signal -> column's words -> ends of its axis or None.
+    """
+    panels = [
+        Panel(
+            words, "t (s)", f"{signal.replace('_', ' ')} ({UNITS[signal]})", ((t, y[f"truth.{signal}"], "", "-"),), at
+        )
+        for signal, by_column in limits.items()
+        for (words, (t, y)), at in zip(flights.items(), (by_column[w] for w in flights), strict=True)
+    ]
+    return draw_panels(path, title, panels, columns=len(flights))
+
+
+def first_seed(flown: TruthSignals) -> tuple[Any, Any]:
+    """Times and signals of the first run of many."""
+    return flown.t, {path: values[0] for path, values in flown.signals.items()}

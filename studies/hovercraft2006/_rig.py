@@ -3,16 +3,20 @@
 An estimate is of the time of its newest inertial sample, so it is compared with the truth of that time.
 """
 
+from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from studies.hovercraft2006._pictures import Panel, draw_panels
 from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.ranging.multilateration import assisted_heading, two_unit_heading
 from trimtab.estimators.ranging.position import RangingPosition
+from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.scenarios import catalogue
@@ -41,46 +45,50 @@ class Errors(NamedTuple):
     velocity: float
 
 
+def load_rig(name: str, settings: tuple[tuple[str, str], ...]) -> Scenario:
+    """A scenario of the rig with settings."""
+    scenario, rest = catalogue.load_scenario(f"navigation/{name}", dict(settings))
+    return with_settings(scenario, rest)
+
+
 @cache
 def fly_rig(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
     """SEEDS of a scenario of the rig, every millisecond."""
-    scenario, rest = catalogue.load_scenario(f"navigation/{name}", dict(settings))
     signals = SIGNALS + (UNITS if name == "platform-cricket" else ())
-    scenario = with_settings(scenario, rest)
-    return simulate_batch(scenario, seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
+    return simulate_batch(load_rig(name, settings), seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
 
 
 @cache
 def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
     """Of a scenario of the rig."""
     batch = fly_rig(name, settings)
-    t, found = to_seconds(batch.ticks), []
+    t, errors = to_seconds(batch.ticks), []
     late = t > SETTLED
     for run in range(len(batch.seeds)):
-        told = {n: batch.log[f"estimate.state.{n}"][run][late] for n in STATES}
+        nav = {n: batch.log[f"estimate.state.{n}"][run][late] for n in STATES}
         at = (t - batch.log["estimate.age"][run])[late]
         true = {n: np.interp(at, t, batch.log[f"truth.{n}"][run]) for n in STATES}
-        place = (told["north"] - true["north"]) + 1j * (told["east"] - true["east"])
-        found.append(
+        place = (nav["north"] - true["north"]) + 1j * (nav["east"] - true["east"])
+        errors.append(
             (
-                np.degrees(_rms(_wrap_angle(told["heading"] - true["heading"]))),
-                np.degrees(_rms(told["yaw_rate"] - true["yaw_rate"])),
+                np.degrees(_rms(_wrap_angle(nav["heading"] - true["heading"]))),
+                np.degrees(_rms(nav["yaw_rate"] - true["yaw_rate"])),
                 100 * _rms(place),
-                100 * _rms(_world_velocity(told) - _world_velocity(true)),
+                100 * _rms(_world_velocity(nav) - _world_velocity(true)),
             )
         )
-    return Errors(*(float(x) for x in np.median(found, axis=0)))
+    return Errors(*(float(x) for x in np.median(errors, axis=0)))
 
 
 @cache
 def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
     """Error (deg, rms) of the heading of two ultrasonic units, as it is and with inertial assistance.
 
-    Taken where unit B's fix arrives, 100 ms after that of unit A. What the vehicle moved in between is what its
-    navigation says of these two times of arrival.
+    Taken where unit B's fix arrives, 100 ms after that of unit A. What the vehicle moved in between is the integral of
+    the velocity of its navigation: a difference of its positions would count the jump of a fix between them as motion.
     """
     batch = fly_rig("platform-cricket", settings)
-    t, (a, b), found = to_seconds(batch.ticks), UNITS, []
+    t, (a, b), errors = to_seconds(batch.ticks), UNITS, []
     levers = np.zeros(2), np.array([0.0, BASE])
     direct = jax.vmap(lambda p, q: two_unit_heading(p, q, *levers))
     assisted: Any = jax.vmap(lambda p, q, m: assisted_heading(p, q, m, *levers))
@@ -90,10 +98,12 @@ def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[fl
         before = np.flatnonzero(log[f"{a}.fresh"])
         before = before[np.searchsorted(before, came) - 1]
         places = [np.stack([log[f"{u}.value.north"], log[f"{u}.value.east"]], 1)[came] for u in UNITS]
-        r = np.stack([log["estimate.state.north"], log["estimate.state.east"]], 1)
-        both = direct(*places), assisted(*places, r[came] - r[before])
-        found.append([np.degrees(_rms(_wrap_angle(np.asarray(h) - log["truth.heading"][came]))) for h in both])
-    raw, helped = np.median(found, axis=0)
+        v = _world_velocity({n: log[f"estimate.state.{n}"] for n in STATES})
+        moved: Any = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
+        step = moved[came] - moved[before]
+        both = direct(*places), assisted(*places, np.stack([step.real, step.imag], 1))
+        errors.append([np.degrees(_rms(_wrap_angle(np.asarray(h) - log["truth.heading"][came]))) for h in both])
+    raw, helped = np.median(errors, axis=0)
     return float(raw), float(helped)
 
 
@@ -104,7 +114,7 @@ def network_errors(rate: str) -> tuple[float, float]:
     Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
     the error (deg, rms) of the heading of both units when the replies to unit B are in.
     """
-    scenario, _ = catalogue.load_scenario("navigation/platform-cricket", {"rate": rate})
+    scenario = load_rig("platform-cricket", (("rate", rate),))
     units = np.array([[0.0, 0.0, 0.0], [0.0, BASE, 0.0]])
     ranging = UltrasonicRanging(units=units, clients=2)
     locate = RangingPosition(units=units, beacons=np.asarray(ranging.beacons.map))
@@ -120,6 +130,29 @@ def network_errors(rate: str) -> tuple[float, float]:
     error = np.degrees(_wrap_angle(batch.log[f"{path}.heading"] - batch.log["truth.heading"]))
     late = float(batch.log["estimate.age"][came].mean())
     return late, float(_rms(error[came & (batch.log[f"{path}.unit"] == 1)]))
+
+
+def draw_rig(path: Path, title: str, runs: Mapping[str, Batch]) -> Path:
+    """Errors of heading and rate of the first seed, and of position and velocity along north; runs: words -> run."""
+    whats = "heading (deg)", "rate (deg/s)", "north (cm)", "velocity north (cm/s)"
+    panels: dict[str, list[Any]] = {what: [] for what in whats}
+    for words, batch in runs.items():
+        t = to_seconds(batch.ticks)
+        nav = {n: batch.log[f"estimate.state.{n}"][0] for n in STATES}
+        at = t - batch.log["estimate.age"][0]
+        true = {n: np.interp(at, t, batch.log[f"truth.{n}"][0]) for n in STATES}
+        values = (
+            np.degrees(_wrap_angle(nav["heading"] - true["heading"])),
+            np.degrees(nav["yaw_rate"] - true["yaw_rate"]),
+            100 * (nav["north"] - true["north"]),
+            100 * (_world_velocity(nav) - _world_velocity(true)).real,
+        )
+        late = t > SETTLED
+        for curves, value in zip(panels.values(), values, strict=True):
+            curves.append((t[late][::10], value[late][::10], words, "-"))
+    every = [Panel("", "t (s)", f"error of {what}", tuple(curves)) for what, curves in panels.items()]
+    on_axis = all(np.ptp(b.log["truth.north"][0]) < 1e-9 for b in runs.values())
+    return draw_panels(path, title, every[:2] if on_axis else every, columns=2)
 
 
 def _world_velocity(state: dict[str, Any]) -> Any:

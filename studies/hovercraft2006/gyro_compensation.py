@@ -1,6 +1,6 @@
 """Gyro compensation, table 6.5: measured with the inverse over measured without it is the inverse.
 
-[1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.
+[1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 6.2.1.3.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from trimtab.estimators.inertial.gyro_compensated import GyroCompensator
 from trimtab.sensors.gyro_dynamics import TICK, DelayedGyro, frequency_response
 from trimtab.study import Row, within
 
-SECTION = "6.2.1.0"
+SECTION = "6.2.1.3"
 PLACE = "[1] table 6.5"
 
 
@@ -67,7 +67,7 @@ def rows() -> Iterator[Row]:
             G,
             PLACE,
             tolerance=0.055,
-            note="A delay of two samples and 30 Hz, fitted to these seven; its phase is right to 20 Hz only.",
+            note="Its one bandwidth, 30 Hz, was fitted to these seven; its phase is right to 20 Hz only.",
         )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from trimtab.core.record import replace
 from trimtab.core.time import ms, to_seconds
-from trimtab.estimators.flexible.discrete import TUNED_Q
+from trimtab.estimators.flexible.discrete import EQUAL_Q
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import InputLimits
 from trimtab.laws.stable_inversion import FitRange
@@ -90,7 +90,7 @@ class FlightOutcomes(NamedTuple):
 
 
 @cache
-def build_scenario(integral: bool, Q: tuple[float, ...] = TUNED_Q) -> Scenario:
+def build_scenario(integral: bool, Q: tuple[float, ...] = EQUAL_Q) -> Scenario:
     """What flies, before anything is spread; Q: of the filter."""
     plant = replace(NOMINAL, disturbance=Disturbance())
     made = hypersonic_scenario("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
@@ -116,7 +116,7 @@ def build_plants(factors: Any) -> Hypersonic:
 
 
 def fly_plants(
-    factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple[float, ...] = TUNED_Q
+    factors: Any, kinds: Any, *, integral: bool, seeds: Any = None, Q: tuple[float, ...] = EQUAL_Q
 ) -> FlightOutcomes:
     """Fly each plant.
 

@@ -44,7 +44,7 @@ class Threshold(NamedTuple):
 
 
 @cache
-def sobol_indices(size: float, integral: bool, n: int = 256) -> Indices:
+def sobol_indices(size: float, integral: bool, n: int = 128) -> Indices:
     """Sobol's indices of success, coefficients uniform in 1 +- size, any of KINDS, one noise for all.
 
     Args:
@@ -108,7 +108,9 @@ def rank_names(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
 
 
 def rank_correlation(total: Any, least: Any) -> float:
-    """Rank correlation of total indices and thresholds: 1 when both put the coefficients in the same order."""
+    """Rank correlation of total indices and thresholds: 1 for the same order, not a number where either has none."""
     capped = np.minimum(least, 1.0)
+    if np.ptp(total) == 0 or np.ptp(capped) == 0:
+        return np.nan
     found: Any = stats.spearmanr(total, -capped)
     return float(found.statistic)

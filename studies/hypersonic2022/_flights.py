@@ -19,18 +19,28 @@ from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 SIGNALS = ("truth", "law", "actuators", "estimate.state")
+"""Of a flight that is drawn."""
 LONG = 200.0
 """Length of the flights that are not a scenario's own (s)."""
 SETTLED = 20.0
 """From here on errors count (s): the filter's first error is gone."""
 SHORT = 60.0
-"""Where the flights of the independent program with noise ended (s), as far as its figures tell."""
+"""Length of the oracle's flights with noise (s)."""
 BRISK = (1e-5, 1.0, 1e-5, 1.0)
 """Q_eta of a filter between the tuned and the accurate one."""
 SMALL, MEDIUM, LARGE, LARGEST = (1000.0, 200.0), (3000.0, 500.0), (5000.0, 1000.0), (10000.0, 1500.0)
 """Climbs: ft and ft/s."""
 CRUISE = (0.0, 0.0)
+SOURCE: Any = {"filter": "equal", "integral": "off"}
+"""The package's settings that stand for [1]: it has no integral action, and one noise for both modes."""
+FLIGHT_DIGITS = 2e-3
+"""Part of a number up to which flights without noise agree with the oracle's, which tabulates no inner motion."""
 MODES = ("eta1", "eta1_rate", "eta2", "eta2_rate")
+KEPT = (
+    *("law.h_error", "law.V_error", "law.saturated", "actuators.u.Phi", "actuators.u.delta_e", "truth.alpha"),
+    *(f"{end}.{mode}" for mode in MODES for end in ("truth", "estimate.state")),
+)
+"""Of the flights that rows look at, of which several hundred are in memory at once."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +84,7 @@ class RunSignals:
 def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> RunSignals:
     """Seeds 0 … runs - 1 of a scenario, for its own length or another (s), rows a period apart."""
     wanted = None if length is None else seconds(length)
-    batch = simulate_batch(scenario, seeds=range(runs), signals=SIGNALS, log=True, log_period=period, duration=wanted)
+    batch = simulate_batch(scenario, seeds=range(runs), signals=KEPT, log=True, log_period=period, duration=wanted)
     return RunSignals(to_seconds(batch.ticks), batch.log)
 
 
@@ -82,14 +92,14 @@ def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, pe
 def fly_climb(
     climb: tuple[float, float], runs: int = 1, length: float = LONG, brisk: bool = False, **options: Any
 ) -> RunSignals:
-    """A climb (ft, ft/s) with options of the shipped flight; brisk: with BRISK as the filter's Q."""
+    """A climb (ft, ft/s) with options beside SOURCE; brisk: with BRISK as the filter's Q."""
     return fly_seeds(build_climb(climb, brisk=brisk, **options), runs, length)
 
 
 def build_climb(climb: tuple[float, float], brisk: bool = False, **options: Any) -> Scenario:
     """Its scenario."""
     dh, dV = climb
-    made = hypersonic_scenario("hypersonic/study", FilteredClimb(dh=dh, dV=dV), LONG, **options)
+    made = hypersonic_scenario("hypersonic/study", FilteredClimb(dh=dh, dV=dV), LONG, **SOURCE | options)
     return change_filter(made, Q=BRISK) if brisk else made
 
 

@@ -7,33 +7,25 @@ filter's gain at its steady value. Noise of the accelerometer enters as the filt
 vehicle", Aerospace 2022, 9(4), 206.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_lyapunov
 
-from trimtab.core.integrate import rk4
-from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
+from trimtab.core.record import replace
 from trimtab.core.time import to_seconds
-from trimtab.estimators.flexible.discrete import TUNED_Q, FlexibleModeFilter
-from trimtab.estimators.flexible.model import RigidFlight
-from trimtab.laws.path_command import PathPoint
-from trimtab.laws.path_inversion import invert_path
+from trimtab.estimators.flexible.discrete import EQUAL_Q, FlexibleModeFilter
 from trimtab.laws.stable_inversion import K_FLOWN
 from trimtab.scenarios.hypersonic._design import H, V
 from trimtab.scenarios.hypersonic._flight import TICK
-from trimtab.scenarios.hypersonic._internal import LevelTrim, level_trim
-from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
+from trimtab.scenarios.hypersonic._internal import level_trim
+from trimtab.scenarios.hypersonic._loop import sampled_loop
+from trimtab.vehicles.hypersonic import Hypersonic
 
 NOISE = 0.01
 """Of the accelerometer (rad/s^2 a sample)."""
 DETUNED = tuple((a, b) for a in (0.9, 1.0, 1.1) for b in (0.9, 1.0, 1.1) if (a, b) != (1.0, 1.0))
 """Factors of both modal frequencies: together, crossed, and one alone, 10 % off."""
-X, ETA, CHI, U = slice(0, 9), slice(9, 13), slice(13, 18), slice(18, 20)
-"""Of the loop's state: the plant's, the estimate of the modes, and the measured flight and input of one period ago."""
 
 
 class Quality(NamedTuple):
@@ -51,7 +43,7 @@ class Quality(NamedTuple):
     at: tuple[float, float]
 
 
-def loop_quality(Q: Any = TUNED_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
+def loop_quality(Q: Any = EQUAL_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
     """What the filter's Q (4,) and R, and the gain K (2, 9), give."""
     F, N = loop_matrices(Q, R, K)
     sigma = np.sqrt(np.diag(solve_discrete_lyapunov(F, NOISE**2 * np.outer(N, N))))
@@ -82,50 +74,4 @@ def loop_matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0,
     modes = believed.modes
     plant = replace(believed, modes=replace(modes, w1=modes.w1 * detuned[0], w2=modes.w2 * detuned[1]))
     kept = FlexibleModeFilter(craft=believed, Q=tuple(map(float, Q)), R=float(R), period=TICK)
-    model = kept.model()
-    P = solve_discrete_are(np.asarray(model.Ad).T, np.asarray(model.C)[:, None], np.asarray(model.Qd), [[kept.R]])
-    at = level_trim(believed, H, V)
-    z = rest_state(plant, believed, at)
-    F, N = _differentiate_period(plant, kept, np.asarray(K, float), P, at.zeta, z, 0.0)
-    return np.asarray(F), np.asarray(N)
-
-
-def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
-    """The loop's state (20,) in level flight: the plant bent as its own modes have it, the filter as it believes."""
-    x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
-    e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
-    chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
-    values = [*jax.tree.leaves(x), e1, 0.0, e2, 0.0, *chi, at.u.Phi, at.u.delta_e]
-    return np.array([float(value) for value in values])
-
-
-def step_period(plant: Any, kept: Any, K: Any, P: Any, zeta: Any, z: Any, w: Any) -> Any:
-    """The loop's state (20,) one period on, in the order in which it flies.
-
-    Args:
-        plant: the vehicle that flies.
-        kept: the filter.
-        K: gain (2, 9).
-        P: the filter's steady covariance before an update (4, 4).
-        zeta: wanted internal state (6,).
-        z: the loop's state.
-        w: noise of the accelerometer (rad/s^2).
-    """
-    x, believed = HypersonicState(*z[X]), kept.craft
-    before, held = RigidFlight(*z[CHI]), HypersonicInput(*z[U])
-    chi = RigidFlight(x.h, x.V * jnp.sin(x.theta - x.alpha), x.V, x.alpha, x.q)
-    model = kept.model()
-    eta, _ = kept.predict(model, z[ETA], P, before, held)
-    felt = plant.coupled_accelerations(0.0, x, held)[0] + w
-    eta = kept.update(model, eta, P, chi, held, felt).x
-    want = PathPoint(H, 0.0, 0.0, 0.0, V, 0.0, 0.0)
-    have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
-    v = K @ (have - jnp.stack([jnp.asarray(a) for a in (want.h, want.h_rate, want.V, *zeta)]))
-    u = invert_path(believed, chi.h, chi.h_rate, chi.V, chi.alpha, v[0], v[1]).u
-    moved = rk4(lambda t, x: plant.dynamics(t, x, u), 0.0, x, to_seconds(TICK))
-    return jnp.stack([*jax.tree.leaves(moved), *eta, *jax.tree.leaves(chi), u.Phi, u.delta_e])
-
-
-@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
-def _differentiate_period(*arguments: Any) -> Any:
-    return jax.jacfwd(step_period, (5, 6))(*arguments)
+    return sampled_loop(plant, kept, K, level_trim(believed, H, V))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._linear_loop import loop_quality
-from studies.hypersonic2022._trade import APART, BETTER, SHIPPED, TOGETHER, Activity, Setting, trade_curve
+from studies.hypersonic2022._trade import APART, BETTER, EQUAL, TOGETHER, Activity, Setting, trade_curve
 from trimtab.plots.style import BLUE, DPI, GREEN, GREY, VERMILION
 
 HIGHEST = 0.3
@@ -34,9 +34,9 @@ def draw_trade(folder: Path) -> Path:
 
 def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
     axes.axhspan(*TRACKING, color="#EEEEEE", zorder=0)
-    axes.text(0.53, 0.0084, "prototype, shipped filter", fontsize=8, color=GREY, ha="right", va="bottom")
+    axes.text(0.53, 0.0084, "required", fontsize=8, color=GREY, ha="right", va="bottom")
     for settings, colour, words in (
-        ((*TOGETHER[:4], SHIPPED, *TOGETHER[4:]), BLUE, "the same on both modes"),
+        ((*TOGETHER[:4], EQUAL, *TOGETHER[4:]), BLUE, "the same on both modes"),
         ((*APART[:5], BETTER, APART[5]), VERMILION, "each mode its own"),
     ):
         flown = [found[s.name][1] for s in settings]
@@ -62,7 +62,7 @@ def _draw_growth(axes: Any) -> None:
     apart = [loop_quality((1e-5, a, 1e-5, b)) for a, b in zip(grid, twos, strict=True)]
     for many, colour, words in ((both, BLUE, "the same on both modes"), (apart, VERMILION, "each mode its own")):
         axes.plot(np.rad2deg([q.elevator for q in many]), [q.worst for q in many], color=colour, lw=1.2, label=words)
-    for setting, colour, marker in ((SHIPPED, "black", "*"), (BETTER, GREEN, "D")):
+    for setting, colour, marker in ((EQUAL, "black", "*"), (BETTER, GREEN, "D")):
         q = loop_quality(setting.Q)
         axes.plot(np.rad2deg(q.elevator), q.worst, marker=marker, color=colour, markersize=11 if marker == "*" else 6)
     axes.axhspan(0, 0.15, color="#F6DDD0", zorder=0)
@@ -73,7 +73,10 @@ def _draw_growth(axes: Any) -> None:
 
 
 def _mark_settings(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> None:
-    for setting, colour, marker, words in ((SHIPPED, "black", "*", "shipped"), (BETTER, GREEN, "D", "better on both")):
+    for setting, colour, marker, words in (
+        (EQUAL, "black", "*", "equal noise"),
+        (BETTER, GREEN, "D", "better on both, the default"),
+    ):
         a = found[setting.name][1]
         x, h = np.rad2deg(np.sqrt(np.mean(a.elevator**2))), np.sqrt(np.mean(a.h**2))
         size = 11 if marker == "*" else 6

@@ -1,20 +1,17 @@
 """What is done to a flight: to its line, to its processes, and by strangers."""
 
-import os
 import random
 import signal
 from collections.abc import Callable
 from time import monotonic, sleep
 
-from studies.live_faults.flight import INJECTOR, FaultFlight, let_fly
+from studies.live_faults.flight import INJECTOR, FaultFlight
 from studies.live_faults.relay import DOWN, UP, Bend, Terminals
 from trimtab.links.open_link import open_link
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import CommandCode
 
-UNDISTURBED_S = 1.0
-"""For how long it flies until something is done."""
 TICK_S = 0.01
 DATAGRAM = 1000
 Act = Callable[[FaultFlight], None]
@@ -24,7 +21,7 @@ def inject_fault(text: str) -> Act:
     """A fault word, put in live."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         flight.inject_fault(text)
 
     return act
@@ -34,7 +31,7 @@ def cut_line(seconds: float) -> Act:
     """Nothing passes, either way."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         flight.relay.cut_line(seconds)
 
     return act
@@ -44,9 +41,9 @@ def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds:
     """Each packet one way becomes something else for a while."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         flight.relay.bend[direction] = make(random.Random(1))
-        let_fly(seconds)
+        flight.let_fly(seconds)
         flight.relay.bend.pop(direction)
 
     return act
@@ -91,7 +88,7 @@ def repeat_packets(_: random.Random) -> Bend:
 
 def replay_packets(flight: FaultFlight) -> None:
     """All that the autopilot has sent so far comes again, ten times as fast, while it flies."""
-    let_fly(UNDISTURBED_S)
+    flight.let_fly(flight.undisturbed_s)
     for packet in list(flight.relay.recent_packets[UP]):
         flight.relay.send_bytes(UP, packet)
         sleep(0.002)
@@ -99,10 +96,10 @@ def replay_packets(flight: FaultFlight) -> None:
 
 def replay_after_cut(flight: FaultFlight) -> None:
     """The line is cut for good; then all that the autopilot had sent, the request to arm too, comes again twice."""
-    let_fly(UNDISTURBED_S)
+    flight.let_fly(flight.undisturbed_s)
     recorded = list(flight.relay.recent_packets[UP])
     flight.relay.cut_line(60.0)
-    let_fly(0.6)
+    flight.let_fly(0.6)
     for packet in recorded * 2:
         flight.relay.send_bytes(UP, packet)
         sleep(0.005)
@@ -112,7 +109,7 @@ def pour_garbage(direction: int, total: int, seconds: float) -> Act:
     """Random bytes, evenly over a time."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S / 2)
+        flight.let_fly(flight.undisturbed_s / 2)
         send_stream(flight, direction, total, seconds)
 
     return act
@@ -136,7 +133,7 @@ def flood_line(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act
 
     def act(flight: FaultFlight) -> None:
         before, began = flight.relay.byte_counts[direction], monotonic()
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         rate = (flight.relay.byte_counts[direction] - before) / (monotonic() - began)
         send_stream(
             flight, direction, int(times * rate * seconds), seconds, tuple(flight.relay.recent_packets[direction])
@@ -149,32 +146,34 @@ def send_signal(who: str, number: int, then: int | None = None, after: float = 1
     """A signal to a process, and perhaps another one later."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         process = flight.vehicle if who == "vehicle" else flight.autopilot
         process.send(number)
         if then is not None:
-            let_fly(after)
+            flight.let_fly(after)
             process.send(then)
 
     return act
 
 
 def restart_autopilot(flight: FaultFlight) -> None:
-    """The autopilot is killed; when the vehicle has gone to failsafe, somebody starts another one."""
-    let_fly(UNDISTURBED_S)
+    """The autopilot is killed; with the vehicle in failsafe somebody starts another one, and confirms nothing."""
+    flight.let_fly(flight.undisturbed_s)
     flight.autopilot.kill()
     flight.vehicle.wait_for("failsafe: no command")
     flight.start_autopilot(1.5)
-    flight.wait_for_arming(2)
+    flight.vehicle.wait_for("arming refused: confirmation")
+    flight.let_fly(1.0)
+    flight.vehicle.send(signal.SIGINT)
 
 
 def restart_vehicle(flight: FaultFlight) -> None:
     """The vehicle is killed, and started again: its clock begins at zero, and it has not been armed."""
-    let_fly(UNDISTURBED_S)
+    flight.let_fly(flight.undisturbed_s)
     flight.vehicle.kill()
     flight.start_vehicle(1.0)
     flight.autopilot.wait_for("heard again")
-    let_fly(1.0)
+    flight.let_fly(1.0)
     for one in (flight.autopilot, flight.vehicle):
         one.send(signal.SIGINT)
 
@@ -183,10 +182,9 @@ def kill_writer(who: str) -> Act:
     """The process that writes a log is killed."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         process = flight.vehicle if who == "vehicle" else flight.autopilot
-        for child in process.children("stream_writer"):
-            os.kill(child, signal.SIGKILL)
+        process.kill_child("stream_writer")
 
     return act
 
@@ -196,9 +194,9 @@ def unplug_device(which: int, seconds: float) -> Act:
 
     def act(flight: FaultFlight) -> None:
         assert isinstance(flight.ends, Terminals)
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         flight.ends.unplug_device(which)
-        let_fly(seconds)
+        flight.let_fly(seconds)
         flight.ends.plug_device(which)
 
     return act
@@ -208,7 +206,7 @@ def disarm_without_key(signed: bool) -> Act:
     """Somebody without the key asks, a hundred times, to disarm."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         key = passphrase_key("another-key-than-that-of-the-vehicle") if signed else None
         link = open_link(flight.ends.listen)
         end = Endpoint(flight.knowledge.dialect, *INJECTOR, key, unsigned=not signed, datagrams=True)

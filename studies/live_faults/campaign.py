@@ -11,17 +11,22 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from studies.live_faults.case import CaseOutcome, fly_case
+from studies.live_faults.case import Case, CaseOutcome, fly_case
 from studies.live_faults.cases import all_cases
+from studies.live_faults.draw import DRAWN, flight_case, read_name
 from studies.live_faults.flight import NAME, VehicleKnowledge, collect_knowledge
+from studies.live_faults.processes_at_0_1 import NOT_FLOWN, try_process_case
 from trimtab.core.errors import InputError, closest
 from trimtab.scenarios import catalogue
 
 
 def select_cases(names: Sequence[str]) -> list[str]:
     """The names of these cases, or of all; refused where there is no such case."""
-    known = [case.name for case in all_cases()]
+    known = [case.name for case in (*all_cases(), *NOT_FLOWN)]
     for name in names:
+        if name.startswith(DRAWN):
+            read_name(name)
+            continue
         if name not in known:
             near = closest(name, known, 6) or known[:6]
             raise InputError("--only", f"there is no case {name!r}", choices=near, fix=f"--only {near[0]}")
@@ -55,8 +60,19 @@ def fly_cases(
 
 def _fly_named_case(name: str, folder: Path) -> CaseOutcome:
     """In a process of the pool."""
-    case = next(case for case in all_cases() if case.name == name)
-    return fly_case(case, _cached_ground(), folder)
+    if name.startswith(DRAWN):
+        return fly_twice(flight_case(read_name(name)), folder)
+    if name in (apart := {case.name: case for case in NOT_FLOWN}):
+        return try_process_case(apart[name], folder)
+    return fly_twice(next(case for case in all_cases() if case.name == name), folder)
+
+
+def fly_twice(case: Case, folder: Path) -> CaseOutcome:
+    """A case; once more where it failed while something was kept waiting, for that alone may be why."""
+    outcome = fly_case(case, _cached_ground(), folder)
+    if outcome.verdict != "kept waiting":
+        return outcome
+    return fly_case(case, _cached_ground(), folder.with_name(f"{folder.name}-again"))._replace(repeated=True)
 
 
 @functools.cache

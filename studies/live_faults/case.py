@@ -1,25 +1,52 @@
 """One case of the campaign: what is done, how it must end, what the logs must say; and the judgement of a flight."""
 
 import contextlib
+import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from studies.live_faults.flight import FaultFlight, ProcessResult, VehicleKnowledge
+import numpy as np
+
+from studies.live_faults.flight import NAME, FaultFlight, ProcessResult, VehicleKnowledge
 from studies.live_faults.process import NotReady
 from studies.live_faults.verdict import describe_course, failsafe_causes, find_violations
-from studies.live_faults.words import Evidence, EvidenceCheck, logged_event
+from studies.live_faults.words import Evidence, EvidenceCheck, list_unexplained, logged_event, printed_line
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
+from trimtab.run.replay import describe_replay, replay
+from trimtab.scenarios.recorded import rebuild_scenario
 
 FLY_S, AFTER_S = 4.0, 2.0
 """How long the autopilot flies from arming on, and how long the vehicle stays up after it."""
 FLIES, STOPS, EITHER = "flies on", "stops", "either"
 KILLED = -signal.SIGKILL
+REFUSED = 2
+ENDED = (0, 1)
+"""Exit statuses of an end that was not refused and did not crash; 1 where its result lists problems, and there only."""
 VEHICLE, AUTOPILOT = "vehicle-1", "autopilot-1"
 FAILSAFE = logged_event(VEHICLE, "failsafe: no command")
+
+
+CAUSE, UNEXPLAINED, REPLAY = "cause:", "unexplained:", "replay"
+"""How problems begin that are not of safety."""
+WAITING_S = 0.1
+"""What was kept waiting for longer (s), a process, the line or the campaign itself, may have failed by that alone."""
+
+
+class RefusedStart(NamedTuple):
+    """An autopilot that must be turned away, and then flies by what it was told to type.
+
+    says: what it must be told, a pattern.  keeps_environment: whether what was wrong with its surroundings stays so.
+    """
+
+    says: str
+    options: tuple[str, ...] = ()
+    scenario: str = NAME
+    environment: Callable[[FaultFlight], dict[str, str]] = lambda _: {}
+    keeps_environment: bool = True
 
 
 class Case(NamedTuple):
@@ -27,8 +54,10 @@ class Case(NamedTuple):
 
     does: what is done to a flight that has been armed, in words.  act: does it.  ends: FLIES, no failsafe; STOPS, one;
     EITHER.  words: what the logs must say.  broken: for how long (s) actuators obey nobody.  statuses: exit statuses
-    other than 0, by process.  fly: see FLY_S.  needs: why it can't be done here, or nothing.
-    partial: whose log can't be whole.
+    other than ENDED, by process.  fly: see FLY_S.  needs: why it can't be done here, or nothing.
+    partial: whose log can't be whole.  stopped_s: for how long a process was stopped on purpose (s), by its name.
+    refused_start: of an autopilot, before the flight.  explains: patterns of lines that what was done is a reason for;
+    None: any line may be there.  has_autopilot: else nobody flies it but what the act does.
     """
 
     name: str
@@ -43,10 +72,21 @@ class Case(NamedTuple):
     prepare: Callable[[FaultFlight], dict[str, dict[str, str]]] = lambda _: {}
     missing_requirement: Callable[[], str] = lambda: ""
     partial: tuple[str, ...] = ()
+    stopped_s: dict[str, float] = {}
+    refused_start: RefusedStart | None = None
+    vehicle_options: tuple[str, ...] = ()
+    autopilot_options: tuple[str, ...] = ()
+    explains: tuple[str, ...] | None = None
+    has_autopilot: bool = True
 
 
 class CaseOutcome(NamedTuple):
-    """What became of a case. problems: empty where it holds.  skipped: why it was not done."""
+    """What became of a case.
+
+    problems: empty where it holds.  skipped: why it was not done.  waited: what was kept waiting, for how long; empty
+    where nothing was.  replays: bit by bit, of those of the autopilots' logs that hold a step.  repeated: this is the
+    second flight, for in the first one something was kept waiting.
+    """
 
     name: str
     does: str
@@ -54,11 +94,21 @@ class CaseOutcome(NamedTuple):
     said: tuple[str, ...]
     problems: tuple[str, ...]
     skipped: str = ""
+    waited: str = ""
+    replays: tuple[bool, ...] = ()
+    repeated: bool = False
+
+    def has_problem(self, kind: str | None) -> bool:
+        """Whether one is of a kind; None: of none of them, so that the vehicle was not safe, or a process crashed."""
+        kinds = [next((k for k in (CAUSE, UNEXPLAINED, REPLAY) if p.startswith(k)), None) for p in self.problems]
+        return kind in kinds
 
     @property
     def verdict(self) -> str:
-        """In a word."""
-        return "skipped" if self.skipped else "fails" if self.problems else "holds"
+        """In a word or two. Kept waiting: it failed, on a machine that was too busy for any flight."""
+        if self.skipped or not self.problems:
+            return "skipped" if self.skipped else "holds"
+        return "kept waiting" if self.waited else "fails"
 
 
 def fly_case(case: Case, known: VehicleKnowledge, folder: Path) -> CaseOutcome:
@@ -71,25 +121,54 @@ def fly_case(case: Case, known: VehicleKnowledge, folder: Path) -> CaseOutcome:
         flight = FaultFlight(folder, known, serial=case.serial)
         try:
             given = case.prepare(flight)
-            flight.start_vehicle(case.fly + AFTER_S, **given.get("vehicle", {}))
-            flight.start_autopilot(case.fly, **given.get("autopilot", {}))
+            flight.start_vehicle(case.fly + AFTER_S, *case.vehicle_options, **given.get("vehicle", {}))
+            if not case.has_autopilot:
+                case.act(flight)
+                flight.end_vehicles()
+                return evaluate_flight(case, flight.finish())
+            if case.refused_start is None:
+                flight.start_autopilot(case.fly, *case.autopilot_options, **given.get("autopilot", {}))
+            else:
+                _start_after_refusal(flight, case.refused_start, case.fly)
             flight.wait_for_arming()
+            flight.relay.longest_wait_s = flight.overslept_s = 0.0
             case.act(flight)
             ended = flight.finish()
-            return evaluate_flight(case, ended)
+            own = {"the line": flight.relay.longest_wait_s, "the campaign": flight.overslept_s}
+            waits = [f"{who} {s:.2f} s" for who, s in own.items() if s > WAITING_S]
+            outcome = evaluate_flight(case, ended)
+            return outcome._replace(waited=", ".join([*waits, *([outcome.waited] if outcome.waited else [])]))
         finally:
             flight.close()
-    except (NotReady, InputError, OSError) as error:
+    except NotReady as error:
+        return CaseOutcome(case.name, case.does, "", (), (str(error),), waited=str(error) if error.is_late else "")
+    except (InputError, OSError) as error:
         return CaseOutcome(case.name, case.does, "", (), (f"{type(error).__name__}: {error}",))
+
+
+def _start_after_refusal(flight: FaultFlight, start: RefusedStart, duration: float) -> None:
+    """Turned away, and then as it was told."""
+    environment = start.environment(flight)
+    typed = flight.start_refused(*start.options, scenario=start.scenario, **environment)
+    if not typed:
+        raise NotReady(f"nothing to type in what it was told: {flight.refused[-1].output_text.strip()[-300:]}", False)
+    flight.start_as_told(typed, duration, **(environment if start.keeps_environment else {}))
 
 
 def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
     """By exit statuses, by what was said, and by the logs."""
     problems, logs = [], dict[str, Log]()
     for one in ended:
-        allowed = case.statuses.get(one.name, (0,))
+        if one.name.startswith("refused"):
+            start = case.refused_start
+            if start and (one.status != REFUSED or not re.search(start.says, one.output_text)):
+                problems.append(f"{one.name} ended with {one.status}: {one.output_text.strip()[-300:]}")
+            continue
+        allowed = case.statuses.get(one.name, ENDED)
         if one.status not in allowed:
             problems.append(f"{one.name} ended with {one.status}: {one.output_text.strip()[-300:]}")
+        elif one.status in ENDED and bool((one.result or {}).get("problems")) != bool(one.status):
+            problems.append(f"{one.name} ended with {one.status}, which is not what it says: {one.result}")
         if "Traceback" in one.output_text:
             problems.append(f"{one.name} crashed: {one.output_text.strip()[-300:]}")
         try:
@@ -98,14 +177,47 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
             problems.append(f"the log of {one.name} can't be read: {error}")
     happened = "; ".join(_describe_course(n, log) for n, log in logs.items() if n.startswith("vehicle"))
     for name, log in logs.items():
-        if name.startswith("vehicle") and KILLED not in case.statuses.get(name, ()):
+        if name.startswith("vehicle") and KILLED in case.statuses.get(name, ()):
+            cut = find_violations(log, broken=_actuator_fault_interval(case, log), whole=False)
+            problems += [f"{name}: {p}" for p in cut]
+        elif name.startswith("vehicle"):
             result = next(one.result for one in ended if one.name == name) or {}
             problems += [f"{name}: {p}" for p in _check_log(case, log, result if name in case.partial else None)]
     evidence = Evidence({one.name: one for one in ended}, logs)
     said = [words(evidence) for words in case.evidence_checks]
     if "" in said:
-        problems.append(f"nothing in the logs for what is asked of them, number {said.index('') + 1}")
-    return CaseOutcome(case.name, case.does, happened, tuple(s for s in said if s), tuple(problems))
+        problems.append(f"{CAUSE} nothing in the logs for what is asked of them, number {said.index('') + 1}")
+    if case.explains is not None:
+        problems += [f"{UNEXPLAINED} {line}" for line in list_unexplained(evidence, case.explains)]
+    if case.refused_start is not None:
+        said = [printed_line("refused-1", case.refused_start.says)(evidence), *said]
+    replays = [_check_replay(name, log) for name, log in logs.items() if name.startswith("autopilot") and len(log)]
+    problems += [p for p in replays if p]
+    texts = tuple(s for s in said if s)
+    waited = ", ".join(_list_waits(case, logs))
+    equal = tuple(not p for p in replays)
+    return CaseOutcome(case.name, case.does, happened, texts, tuple(problems), "", waited, equal)
+
+
+def _check_replay(name: str, log: Log) -> str:
+    """What is wrong with the autopilot's log flown once more over its frames; empty where all bits come again."""
+    try:
+        again = replay(log, rebuild_scenario(log, None))
+    except InputError as error:
+        return f"{REPLAY} of {name}: {error}"
+    return "" if again.exact else f"{REPLAY} of {name}: {describe_replay(again)}"
+
+
+def _list_waits(case: Case, logs: Mapping[str, Log]) -> list[str]:
+    """Processes that were kept waiting for their processor, by their own logs, while the vehicle was not held."""
+    waits = []
+    for name, log in logs.items():
+        path = "firmware.late" if name.startswith("vehicle") else "loop.late"
+        flown = ~log["firmware.held"].astype(bool) if "firmware.held" in log else np.ones(len(log), bool)
+        longest = float(np.max(log[path][flown], initial=0.0)) if path in log else 0.0
+        if longest > WAITING_S + case.stopped_s.get(name, 0.0):
+            waits.append(f"{name} {longest:.2f} s")
+    return waits
 
 
 def _describe_course(name: str, log: Log) -> str:

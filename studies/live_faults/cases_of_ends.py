@@ -4,7 +4,16 @@ import signal
 
 from studies.live_faults import acts, machine
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, KILLED, STOPS, VEHICLE, Case
-from studies.live_faults.words import counter_rise, logged_event, peak_level, printed_line
+from studies.live_faults.cases_of_authority import CONFIRM, SECOND
+from studies.live_faults.words import (
+    arming_count,
+    counter_rise,
+    exit_status,
+    logged_event,
+    outputs_safe,
+    peak_level,
+    printed_line,
+)
 
 DEAD = logged_event(AUTOPILOT, "the flying process is gone")
 SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
@@ -14,7 +23,12 @@ PROCESSES: list[Case] = [
         "vehicle-killed",
         "vehicle's process killed",
         acts.send_signal("vehicle", signal.SIGKILL),
-        evidence_checks=(logged_event(VEHICLE, "the flying process is gone"), SILENT),
+        evidence_checks=(
+            logged_event(VEHICLE, "the flying process is gone"),
+            SILENT,
+            outputs_safe("is gone"),
+            exit_status(AUTOPILOT, 1),
+        ),
         statuses={VEHICLE: (KILLED,)},
     ),
     Case(
@@ -42,8 +56,8 @@ PROCESSES: list[Case] = [
         "autopilot's process killed; in failsafe, a person starts another, which asks to arm",
         acts.restart_autopilot,
         STOPS,
-        (FAILSAFE, DEAD, logged_event("autopilot-2", "vehicle: computer: arm request")),
-        statuses={AUTOPILOT: (KILLED,)},
+        (FAILSAFE, DEAD, logged_event(SECOND, CONFIRM), arming_count(1)),
+        statuses={AUTOPILOT: (KILLED,), SECOND: (1,)},
         fly=20.0,
     ),
     Case(
@@ -65,13 +79,15 @@ PROCESSES: list[Case] = [
         acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT),
         STOPS,
         (FAILSAFE, counter_rise(AUTOPILOT, "loop.skipped", 400)),
+        stopped_s={AUTOPILOT: 1.0},
     ),
     Case(
         "vehicle-frozen",
         "vehicle's process stopped for 1 s (SIGSTOP, SIGCONT)",
         acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT),
         EITHER,
-        (peak_level(VEHICLE, "firmware.late", 0.9), SILENT),
+        (peak_level(VEHICLE, "firmware.late", 0.9), SILENT, outputs_safe("is stopped")),
+        stopped_s={VEHICLE: 1.0},
     ),
 ]
 """Ends that die, stop, or are told to end."""

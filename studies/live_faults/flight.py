@@ -1,10 +1,13 @@
 """A flight of a live pair: two processes, the line between them, and what is left when both have ended."""
 
 import contextlib
+import re
+import shlex
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from time import sleep
+from time import monotonic, sleep
 from typing import Any, NamedTuple
 
 from studies.live_faults.process import Process
@@ -19,6 +22,8 @@ from trimtab.wire.mavlink import Endpoint
 
 NAME = "hovercraft/forward"
 INJECTOR = 1, 192
+UNDISTURBED_S = 1.0
+"""For how long it flies until something is done."""
 
 
 class VehicleKnowledge(NamedTuple):
@@ -48,14 +53,18 @@ class FaultFlight:
     """One vehicle, the autopilots that fly it one after the other, and the line."""
 
     def __init__(self, folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> None:
-        self.folder, self.knowledge = folder, known
+        self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
         self.ends = Terminals(folder) if serial else Datagrams()
         self.relay = Relay(self.ends)
         self._key = folder / "config" / "keys" / "hovercraft.key"
         create_key(self._key)
         self._environment = {"TRIMTAB_CONFIG": str(folder / "config")}
+        self.overslept_s = 0.0
+        """The longest that one of the campaign's own waits lasted beyond what it was to last."""
         self.vehicles: list[Process] = []
         self.autopilots: list[Process] = []
+        self.refused: list[Process] = []
+        """Autopilots that were turned away before they flew."""
         self.cleanups: list[Callable[[], Any]] = []
 
     @property
@@ -77,18 +86,58 @@ class FaultFlight:
         """The folder of a process's log."""
         return self.folder / name
 
-    def start_vehicle(self, duration: float, **environment: str) -> None:
+    def let_fly(self, seconds: float) -> None:
+        """Let it fly, and remember how much longer that was."""
+        began = monotonic()
+        sleep(max(seconds, 0.0))
+        self.overslept_s = max(self.overslept_s, monotonic() - began - max(seconds, 0.0))
+
+    def start_vehicle(self, duration: float, *options: str, **environment: str) -> None:
         """Start it, and wait until it listens."""
         name = f"vehicle-{len(self.vehicles) + 1}"
-        words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s")
+        words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s", *options)
         self.vehicles.append(self._start_process(name, words, environment))
         self.vehicle.wait_for("listens on")
 
-    def start_autopilot(self, duration: float, **environment: str) -> None:
+    def copy_key(self, name: str) -> Path:
+        """A folder of another computer's, with the vehicle's key."""
+        keys = self.folder / name / "keys"
+        keys.mkdir(parents=True)
+        shutil.copy(self._key, keys)
+        return keys.parent
+
+    def start_twin(self) -> None:
+        """Start another vehicle on the same line, and wait until it listens."""
+        assert isinstance(self.ends, Datagrams)
+        name, listen = f"vehicle-{len(self.vehicles) + 1}", self.ends.add_vehicle()
+        elsewhere = {"TRIMTAB_CONFIG": str(self.copy_key("twin"))}
+        self.vehicles.append(self._start_process(name, ("vehicle", NAME, "--listen", listen), elsewhere))
+        self.vehicle.wait_for("listens on")
+
+    def start_autopilot(self, duration: float, *options: str, scenario: str = NAME, **environment: str) -> None:
         """Start it; it arms the vehicle by itself, once."""
         name = f"autopilot-{len(self.autopilots) + 1}"
-        words = ("fly", NAME, "--link", self.ends.link, "--duration", f"{duration} s")
+        words = ("fly", scenario, "--link", self.ends.link, "--duration", f"{duration} s", *options)
         self.autopilots.append(self._start_process(name, words, environment))
+
+    def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
+        """Start an autopilot that must be turned away; returns what it is told to type instead, or nothing."""
+        name = f"refused-{len(self.refused) + 1}"
+        words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
+        self.refused.append(self._start_process(name, words, environment))
+        self.refused[-1].finish()
+        fix = re.search(r"^Fix: trimtab (.*?)(?:   .*)?$", self.refused[-1].output_text, re.MULTILINE)
+        return fix[1] if fix else ""
+
+    def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
+        """Start an autopilot by what another one was told to type; a key's FILE is the vehicle's."""
+        words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
+        for option, value in (("--out", None), ("--duration", f"{duration} s")):
+            at = words.index(option)
+            words[at : at + 2] = [] if value is None else [option, value]
+        words = [word for word in words if word != "--json"]
+        name = f"autopilot-{len(self.autopilots) + 1}"
+        self.autopilots.append(self._start_process(name, tuple(words), environment))
 
     def _start_process(self, name: str, words: tuple[str, ...], environment: dict[str, str]) -> Process:
         given = {**self._environment, **environment}
@@ -119,7 +168,7 @@ class FaultFlight:
         for one in (*self.autopilots, *self.vehicles):
             one.finish()
         return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
-            self._process_result(p, "flight.mcap") for p in self.autopilots
+            self._process_result(p, "flight.mcap") for p in (*self.autopilots, *self.refused)
         ]
 
     def _process_result(self, process: Process, log: str) -> ProcessResult:
@@ -127,19 +176,19 @@ class FaultFlight:
             process.name, process.status, process.output_text, process.result, self.log_folder(process.name) / log
         )
 
+    def end_vehicles(self) -> None:
+        """Ask all of them to end, as a person would."""
+        for vehicle in self.vehicles:
+            vehicle.send(signal.SIGINT)
+
     def close(self) -> None:
         """End everything."""
-        for one in (*self.autopilots, *self.vehicles):
+        for one in (*self.autopilots, *self.vehicles, *self.refused):
             if one.status is None:
                 one.kill()
         self.relay.close()
         for clean in reversed(self.cleanups):
             clean()
-
-
-def let_fly(seconds: float) -> None:
-    """Let it fly."""
-    sleep(seconds)
 
 
 def remove_folder(folder: Path) -> None:

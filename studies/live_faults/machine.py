@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from time import sleep
 
-from studies.live_faults.acts import UNDISTURBED_S
-from studies.live_faults.flight import FaultFlight, let_fly
+from studies.live_faults.flight import FaultFlight
 
 DISK = 8_000_000
 """Bytes of the small disk."""
@@ -76,7 +75,7 @@ def prepare_clock_step(who: str, seconds: int) -> Prepare:
 
 def step_clock(flight: FaultFlight) -> None:
     """The wall clock jumps, and stays there."""
-    let_fly(UNDISTURBED_S)
+    flight.let_fly(flight.undisturbed_s)
     (flight.folder / "stepped").touch()
 
 
@@ -113,7 +112,7 @@ def fill_disk(name: str, free_after: float | None) -> Callable[[FaultFlight], No
     """All that is left of the small disk is taken, and perhaps given back."""
 
     def act(flight: FaultFlight) -> None:
-        let_fly(UNDISTURBED_S)
+        flight.let_fly(flight.undisturbed_s)
         ballast = flight.log_folder(name) / "ballast"
         with ballast.open("wb", 0) as file:
             try:

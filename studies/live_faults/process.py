@@ -16,7 +16,11 @@ START_S, END_S = 240.0, 120.0
 
 
 class NotReady(Exception):
-    """A process did not say what was waited for, or did not end."""
+    """A process did not say what was waited for, or did not end. is_late: it was not given the time, or hangs."""
+
+    def __init__(self, text: str, is_late: bool) -> None:
+        super().__init__(text)
+        self.is_late = is_late
 
 
 class Process:
@@ -62,7 +66,9 @@ class Process:
         given_up = monotonic() + patience
         while self.output_text.count(text) < count:
             if self.status is not None or monotonic() > given_up:
-                raise NotReady(f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}")
+                raise NotReady(
+                    f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}", self.status is None
+                )
             sleep(LOOK_S)
 
     def send(self, number: int) -> None:
@@ -75,13 +81,18 @@ class Process:
         found = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         return [int(n) for n in found if word in Path(f"/proc/{n}/cmdline").read_text()]
 
+    def kill_child(self, word: str) -> None:
+        """A process that it started, by a word of its command line, without a word."""
+        for child in self.children(word):
+            os.kill(child, signal.SIGKILL)
+
     def finish(self, patience: float = END_S) -> None:
         """Wait for its end; NotReady, and killed, where there is none."""
         try:
             self._process.wait(patience)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise NotReady(f"{self.name} did not end: {self.output_text.strip()[-300:]}") from None
+            raise NotReady(f"{self.name} did not end: {self.output_text.strip()[-300:]}", True) from None
 
     def kill(self) -> None:
         """Without a word."""

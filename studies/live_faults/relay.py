@@ -38,6 +38,8 @@ class Relay:
         self._cut_until = [0.0, 0.0]
         self._delayed_packets: list[tuple[float, int, int, bytes]] = []
         self._count = 0
+        self.longest_wait_s = 0.0
+        """How much longer than asked for the thread has slept: on a busy machine packets wait that long here."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -62,7 +64,10 @@ class Relay:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         while not self._stop.is_set():
             due = self._delayed_packets[0][0] - monotonic() if self._delayed_packets else 0.05
-            for direction, data in self._ends.wait(min(max(due, 0.0), 0.05)):
+            began, timeout = monotonic(), min(max(due, 0.0), 0.05)
+            packets = self._ends.wait(timeout)
+            self.longest_wait_s = max(self.longest_wait_s, monotonic() - began - timeout)
+            for direction, data in packets:
                 self._forward(direction, data)
             while self._delayed_packets and self._delayed_packets[0][0] <= monotonic():
                 _, _, direction, data = heapq.heappop(self._delayed_packets)
@@ -90,14 +95,21 @@ class Datagrams:
         self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
-            self._vehicle = free.getsockname()
+            self._vehicles = [free.getsockname()]
         self._near.bind(("127.0.0.1", 0))
         self._far.bind(("127.0.0.1", 0))
         self._near.setblocking(False)
         self._far.setblocking(False)
         self._pilot: Any = None
-        self.listen = f"udp://127.0.0.1:{self._vehicle[1]}"
+        self.listen = f"udp://127.0.0.1:{self._vehicles[0][1]}"
         self.link = f"udp://127.0.0.1:{self._near.getsockname()[1]}"
+
+    def add_vehicle(self) -> str:
+        """Where another vehicle on the same line is to listen."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self._vehicles.append(free.getsockname())
+        return f"udp://127.0.0.1:{self._vehicles[-1][1]}"
 
     def wait(self, timeout: float) -> list[tuple[int, bytes]]:
         """What comes, and which way it goes."""
@@ -114,7 +126,8 @@ class Datagrams:
         """To an end, or lost."""
         with contextlib.suppress(OSError):
             if direction == UP:
-                self._far.sendto(data, self._vehicle)
+                for vehicle in self._vehicles:
+                    self._far.sendto(data, vehicle)
             elif self._pilot is not None:
                 self._near.sendto(data, self._pilot)
 

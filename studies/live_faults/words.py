@@ -1,13 +1,14 @@
 """What a log must say: events, counters and gaps, each quoted where it is found."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from studies.live_faults.flight import ProcessResult
 from trimtab.logs.log import Log
+from trimtab.wire.streams import PIECE
 
 
 class Evidence(NamedTuple):
@@ -17,8 +18,46 @@ class Evidence(NamedTuple):
     logs: Mapping[str, Log]
 
 
+FROM_VEHICLE = "vehicle: "
+USUAL = (
+    r"^supervisor: (standby|flying): (start|automatic)",
+    r"^(vehicle: )?autopilot: (standby|flying|lost|ended)",
+    r"^(vehicle: )?(computer: arm request|disarmed: disarm request|disarmed: start)",
+    r"^(vehicle: )?commanded by 1/191 session",
+    r"^ended(, its time is over| by request)",
+    r"^the vehicle's (settings|messages) ",
+    r"^(vehicle: )?check .*: passed$",
+    r"^(autopilot|vehicle)  .*  ok$",
+    r"^ +check +value +limit$",
+)
+"""Lines of logs of any flight."""
 EvidenceCheck = Callable[[Evidence], str]
 """What a log says, quoted; empty where it doesn't."""
+
+
+def list_unexplained(evidence: Evidence, explains: Sequence[str]) -> list[str]:
+    """Lines of the logs for which nothing that was done, given by patterns, is a reason."""
+    known = [re.compile(p) for p in (*USUAL, *explains)]
+    return [
+        f"{who}: “{text}”"
+        for who, log in evidence.logs.items()
+        for text in _join_pieces([event["text"] for event in log.metadata.get("events", [])])
+        if not any(p.search(text) for p in known)
+    ]
+
+
+def _join_pieces(texts: Sequence[str]) -> list[str]:
+    """Lines of a log; what the vehicle said in pieces, because a status text has room for so much, is one line."""
+    lines: list[str] = []
+    is_open = False
+    for text in texts:
+        is_piece = text.startswith(FROM_VEHICLE)
+        if is_open and is_piece:
+            lines[-1] += text.removeprefix(FROM_VEHICLE)
+        else:
+            lines.append(text)
+        is_open = is_piece and len(text) == len(FROM_VEHICLE) + PIECE
+    return lines
 
 
 def logged_event(who: str, pattern: str) -> EvidenceCheck:
@@ -80,6 +119,60 @@ def printed_line(who: str, pattern: str) -> EvidenceCheck:
     def look(evidence: Evidence) -> str:
         found = re.search(f".*(?:{pattern}).*", evidence.process_results[who].output_text)
         return f"{who}, to people: “{found[0].strip()}”" if found else ""
+
+    return look
+
+
+def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
+    """A counter of a log that rose by less than what would be a fiction."""
+
+    def look(evidence: Evidence) -> str:
+        log = evidence.logs.get(who)
+        rise = limit if log is None or path not in log else int(log[path].max() - log[path].min())
+        return f"{who}: `{path}` {rise}" if rise < limit else ""
+
+    return look
+
+
+def absent_event(who: str, pattern: str) -> EvidenceCheck:
+    """A line that a log must not have."""
+    present = logged_event(who, pattern)
+
+    def look(evidence: Evidence) -> str:
+        return "" if who not in evidence.logs or present(evidence) else f"{who}: no line “{pattern}”"
+
+    return look
+
+
+def arming_count(number: int) -> EvidenceCheck:
+    """How often the vehicle was armed, by its own log."""
+
+    def look(evidence: Evidence) -> str:
+        events = evidence.logs["vehicle-1"].metadata.get("events", []) if "vehicle-1" in evidence.logs else []
+        count = sum(event["text"] == "computer: arm request" for event in events)
+        return f"vehicle-1: armed {count} times" if count == number else ""
+
+    return look
+
+
+def exit_status(who: str, number: int) -> EvidenceCheck:
+    """What a process ended with, for a script to trust."""
+
+    def look(evidence: Evidence) -> str:
+        status = evidence.process_results[who].status
+        return f"{who}: exit code {status}" if status == number else ""
+
+    return look
+
+
+def outputs_safe(why: str, most_ms: float = 100.0) -> EvidenceCheck:
+    """The vehicle's outputs went safe by themselves, so soon after the last row of its process."""
+
+    def look(evidence: Evidence) -> str:
+        file = evidence.process_results["vehicle-1"].log.with_name("outputs.txt")
+        text = file.read_text("utf-8") if file.exists() else ""
+        found = re.search(rf"safe, ([0-9.]+) ms after the last row: .*{why}.*", text)
+        return f"vehicle-1's outputs: “{found[0]}”" if found and float(found[1]) <= most_ms else ""
 
     return look
 

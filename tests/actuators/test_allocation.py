@@ -80,6 +80,16 @@ def test_command_is_the_definition_step_by_step():
     assert (np.abs(theta) < 29).any()
 
 
+@pytest.mark.parametrize("faults", [("dead-zone",), ("lookup-table", "dead-zone")])
+def test_a_demand_beyond_the_fan_asks_for_its_top_speed(faults):
+    """From the table as from the formula, whose speed rises without end."""
+    command, _ = _through(np.array([3.0, -3.0, 0.1]), np.zeros(3), *faults)
+    assert np.asarray(command.speed_rpm)[:2] == pytest.approx([12000, -12000], abs=1e-9)
+    assert 0 < command.speed_rpm[2] < 12000
+    free, _ = _through(np.array([3.0, -3.0]), np.zeros(2), *faults, "saturation")
+    assert (np.abs(free.speed_rpm) > 15000).all()
+
+
 def test_possible_demand_is_produced_within_interpolation():
     """[1] chapter 4: both tables in series; off the grid at most 0.0062 N, 0.0008 N above 0.1 N."""
     for size, worst in (((0.1, 0.55), 0.0008), ((0.05, 0.1), 0.0062)):

@@ -88,7 +88,7 @@ def test_a_command_that_comes_with_the_arming_acts_at_once():
 
 
 def test_no_command_for_250_ms_stops_the_thrust_and_1_s_later_the_lift_fan():
-    """Spec 4.2: 250 ms."""
+    """250 ms (reconstructed)."""
     run = flying()
     for t in range(41, 290):
         assert run(t).value == GOOD, t

@@ -40,7 +40,7 @@ def trip():
     return theta, force, back, np.ceil(np.abs(force) / 0.025) * 0.025 <= reach
 
 
-def test_check_09_shapes():
+def test_shapes():
     """[1] chapter 4: 14 rudder angles; forces 0 to 2 and -2 to 2 N in steps of 0.025 N."""
     forward = forward_speed_table(FAN)
     assert forward.values.shape == (14, 81)
@@ -88,7 +88,7 @@ def test_inverse_at_the_nodes(step_rpm, worst):
     assert worst / 2 < error < worst
 
 
-def test_check_09_speed_table_then_thrust_table(trip):
+def test_speed_table_then_thrust_table(trip):
     """Off the grid at most 0.0062 N (a quarter of a step, next to 0), 0.0008 N above 0.1 N; both under 1e-2 N."""
     _, force, back, free = trip
     error = np.abs(back - force)

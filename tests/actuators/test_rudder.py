@@ -62,7 +62,7 @@ def test_stops():
 
 
 @pytest.mark.parametrize(("psi", "theta"), [(14.6, -19.87), (-17.4, 24.93)])
-def test_check_09_rudder_of_force_angle(psi, theta):
+def test_rudder_of_force_angle(psi, theta):
     """[1] eq. 4.3 at the two rows of table 4.2 (printed there as -20 and 25)."""
     assert np.degrees(GEOMETRY.rudder_angle(psi * DEG)) == pytest.approx(theta, abs=0.005)
 

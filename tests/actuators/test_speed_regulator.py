@@ -1,4 +1,4 @@
-"""Speed regulator: the specification's figures on the motor model, anti-windup, and what a broken encoder does.
+"""Speed regulator: overshoot and settling on the motor model, anti-windup, and what a broken encoder does.
 
 [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 4.
 """
@@ -50,7 +50,7 @@ def closed(wanted, voltage=None, wire=None, block=regulator, speed_rpm=0.0):
 
 
 def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
-    """Spec 3.6; where the encoder stands between two counts moves the overshoot by some tenths of a percent."""
+    """By the reconstructed gains; where the encoder stands between two counts moves it by some tenths of a percent."""
     speeds, _ = closed([6000.0] * 300 + [9000.0] * 300)
     assert speeds[2900:3000] == pytest.approx(6000, abs=30)
     after = speeds[3000:]
@@ -61,7 +61,7 @@ def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
 
 
 def test_a_sag_of_1_v_costs_1_rpm():
-    """Spec 3.6: 7.2 to 6.2 V, closed loop."""
+    """7.2 to 6.2 V, with the reconstructed gains."""
     speeds, _ = closed([9000.0] * 800, np.where(np.arange(800) < 400, 7.2, 6.2))
     before, after = speeds[3000:4000].mean(), speeds[7000:].mean()
     assert abs(before - after) <= 1.0

@@ -33,7 +33,7 @@ def _oracle(n, theta):
 
 
 @pytest.mark.parametrize(("n", "y"), [(6, 0.2313), (8, 0.3685), (10, 0.4304), (12, 0.4638), (3, 0.2313), (1, 0.2313)])
-def test_check_09_reverse_ratio(n, y):
+def test_reverse_ratio(n, y):
     """[1] eq. 4.4; held below 6 krpm, where the cubic loses its meaning."""
     assert FAN.ratio(np.float64(1000 * n)) == pytest.approx(y, abs=5e-5)
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from trimtab.campaign.campaign import Campaign
+from trimtab.campaign.workers.local import RowCount, local_workers
+from trimtab.campaign.workers.prepare import prepare_campaign, scenario_of
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
@@ -47,6 +49,13 @@ def test_a_rerun_is_equal_to_its_row(flown, run):
     log = made.rerun(run)
     row = made.row(run, log)
     assert {name: row[name] for name in row} == {name: found.columns[name][run] for name in row}
+
+
+def test_friction_that_the_scenario_lacks_can_differ_from_run_to_run():
+    path = "world.vehicle.friction.torque_viscous"
+    ready = prepare_campaign(campaign(spread={path: "uniform(0, 0.02)"}).plan)
+    drawn = [scenario_of(ready, run).world.vehicle.friction.torque_viscous for run in range(8)]
+    assert 0 < min(drawn) < max(drawn) < 0.02
 
 
 def test_a_row_is_what_simulate_and_metrics_give(flown):
@@ -144,6 +153,24 @@ def test_flying_can_be_stopped_on_what_is_seen():
     found = made.run(stop=stop)
     assert seen == [64]
     assert len(found.columns["run"]) == 64
+
+
+def test_the_stop_rule_sees_rows_without_a_gap_only():
+    """Blocks that come out of their order wait for those before them; runs that fail are often the quick ones."""
+    seen = []
+
+    def stop(columns):
+        seen.append(list(columns["run"]))
+        return False
+
+    def out_of_order(ready, blocks, backend):
+        first, second, third, last = local_workers(1, RowCount(None))(ready, blocks, backend)
+        yield from (first, third, last, second)
+
+    made = campaign(runs=10, settings={"duration": "0.1"})
+    made.ready = made.ready._replace(block=3)
+    made.run(stop=stop, workers=out_of_order)
+    assert seen == [[0, 1, 2], [0, 1, 2], [0, 1, 2], list(range(10))]
 
 
 def test_who_runs_once_more_names_a_run_there_is():

@@ -13,6 +13,7 @@ from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.logs.samples import SampleSeries, log_samples
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
@@ -102,3 +103,37 @@ def test_what_does_not_fit_is_refused(file, choice, said):
     done = call(file, "--with", choice)
     assert done.exit_code == 2
     assert re.search(said, done.stderr)
+
+
+def looking() -> Passthrough:
+    """An estimator alone, of a log that nobody flew here."""
+    return Passthrough("scale")
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    """A log of another vehicle's samples, with the truth."""
+    ticks = np.arange(1, 51, dtype=np.int64) * 100_000
+    weight = np.sin(np.arange(50) / 7)
+    sensors = {"scale": SampleSeries(ticks, {"weight": weight})}
+    return write_mcap(log_samples(sensors, SampleSeries(ticks, {"weight": weight + 0.5})), tmp_path / "mine.mcap")
+
+
+def test_an_estimator_alone_needs_no_scenario(foreign, tmp_path):
+    done = call(foreign, "--estimator", "commands.test_replay:looking", "--out", tmp_path / "out.mcap")
+    assert done.exit_code == 0, done.output
+    assert "50 steps, 50 valid" in done.stdout
+    assert "weight: rms of its error 0.5" in done.stdout
+    np.testing.assert_array_equal(read_mcap(tmp_path / "out.mcap")["estimate.valid"], True)
+    found = json.loads(call(foreign, "--estimator", "commands.test_replay:looking", "--json").stdout)
+    assert found["errors"]["weight"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "fix"),
+    [(("--estimator", "planar"), "module:factory"), (("--out", "x.mcap"), "--estimator")],
+)
+def test_an_estimator_alone_is_named_in_full(foreign, words, fix):
+    done = call(foreign, *words)
+    assert done.exit_code == 2
+    assert fix in done.output

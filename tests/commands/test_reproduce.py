@@ -88,7 +88,9 @@ def test_json_has_the_documented_keys():
     done = call("hovercraft2006", "--only", "inertia", "--only", "rudder-and-thrust", "--json")
     assert done.exit_code == 0, done.output
     result = json.loads(done.stdout)
-    assert set(result) == {"study", "good", "verdicts", "rows"}
+    assert set(result) == {"study", "good", "verdicts", "bases", "rows"}
+    assert sum(basis["rows"] for basis in result["bases"].values()) == len(result["rows"])
+    assert sum(basis["holds"] for basis in result["bases"].values()) == result["verdicts"]["holds"]
     assert result["good"] is True
     assert sum(result["verdicts"].values()) == len(result["rows"])
     assert {row["group"] for row in result["rows"]} == {"inertia", "rudder-and-thrust"}
@@ -105,6 +107,7 @@ def test_exit_code_is_1_exactly_when_a_row_that_must_hold_fails(made_up, value, 
     for text in ("[length]", "It was raining.", "Black and white.", "[1] Somebody"):
         assert text in table.stdout
     assert ("differs" in table.stdout) == bool(code)
+    assert f"{1 - code} of 3 rows confirm something that the publication prints" in table.stdout
 
 
 def test_out_draws_the_figures(made_up, tmp_path):

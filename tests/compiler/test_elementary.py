@@ -393,6 +393,7 @@ def test_vectors_give_the_same_bits(call, variant):
 
 
 @needs_compiler
+@pytest.mark.sanitizer
 @pytest.mark.parametrize("lanes", [0, 4])
 def test_no_undefined_behaviour(tmp_path, lanes):
     """A sanitized program calls every function over all values; the first fault would end it."""
@@ -410,6 +411,15 @@ def test_no_undefined_behaviour(tmp_path, lanes):
 
 
 @needs_compiler
+@pytest.mark.skipif(not shutil.which("clang++"), reason="no clang++ here")
+@pytest.mark.parametrize("lanes", [4, 8])
+def test_clang_takes_all_vectors(tmp_path, lanes):
+    """Its vectors' truth values are not numbers, gcc's are."""
+    source = tmp_path / "all.cpp"
+    source.write_text(driver(lanes))
+    subprocess.run(["clang++", *VECTOR, "-fsyntax-only", str(source)], check=True)
+
+
 def test_only_what_is_wanted(tmp_path):
     """Every function compiles alone and brings no other with it but what it needs."""
     text = elementary_text(names=["atan"])

@@ -19,6 +19,8 @@ from trimtab.compiler.ir import TYPES
 from trimtab.compiler.workspace import STACK
 from trimtab.native.compiler import find_compiler
 
+pytestmark = pytest.mark.sanitizer
+
 FLAGS = ("-O2", "-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-w")
 
 
@@ -34,7 +36,6 @@ def test_large_arrays_do_not_lie_on_the_stack(n: int) -> None:
     assert (compiled.workspace > 0) == (n >= 10**5)
 
 
-@pytest.mark.slow
 def test_ten_million() -> None:
     x = np.linspace(0.0, 1.0, 10**7)
     assert trimtab.compile(long_sum, x)(x) == pytest.approx(float(long_sum(x)), rel=1e-10)
@@ -82,6 +83,7 @@ def test_blocks_get_their_workspace_from_python() -> None:
         assert block.outputs[0] == pytest.approx(float(step((), float(k), 0.001)[1]), rel=1e-11)
 
 
+@pytest.mark.slow
 def test_28_beacons_in_lanes_and_from_python() -> None:
     """gcc 12 vectorised what a loop left over with an alignment that its own stack did not have."""
     from trimtab.core.record import to_arrays
@@ -196,8 +198,16 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize("lanes", [0, 4])
-@pytest.mark.parametrize("name", programs())
+SLOWEST = ("ends", 4)
+"""As slow as all others together."""
+CASES = [
+    pytest.param(name, lanes, marks=pytest.mark.slow if (name, lanes) == SLOWEST else ())
+    for name in programs()
+    for lanes in (0, 4)
+]
+
+
+@pytest.mark.parametrize(("name", "lanes"), CASES)
 def test_clean_under_sanitizers_from_three_threads(name: str, lanes: int, tmp_path: Path) -> None:
     function, arguments = programs()[name]
     compiler = find_compiler("c++" if lanes else "c")

@@ -36,7 +36,7 @@ def flights(name: str, lanes: int) -> tuple[str, RunResults]:
 
 
 def bound_pieces(monkeypatch: pytest.MonkeyPatch, whole: int = 100, piece: int = 60) -> None:
-    for bound, size in (("WHOLE", whole), ("PIECE", piece), ("LEAST", 3)):
+    for bound, size in (("WHOLE", whole), ("WHOLE_BLOCK", whole), ("PIECE", piece), ("LEAST", 3)):
         monkeypatch.setattr(pieces, bound, size)
 
 

@@ -161,3 +161,11 @@ def test_triangular_systems(lower, transpose_a, left_side, sides):
 def test_batches_of_matrices():
     agree(jnp.linalg.solve, numbers(4, 8, 8) + 2 * np.eye(8), numbers(4, 8, 2, seed=1))
     agree(lambda a: jnp.linalg.cholesky(a @ jnp.swapaxes(a, 1, 2) + jnp.eye(8)), numbers(3, 8, 8))
+
+
+@pytest.mark.parametrize("mode", ["same", "full"])
+def test_what_is_padded_adds_nothing_to_a_convolution(mode):
+    kernel = np.array([1.0, np.inf, 2.0, np.nan])
+    compiled = trimtab.compile(lambda a, k: jnp.convolve(a, k, mode=mode), np.ones(8), kernel)
+    for k in (kernel, kernel[::-1]):
+        np.testing.assert_array_equal(compiled(np.ones(8), k), np.convolve(np.ones(8), k, mode))

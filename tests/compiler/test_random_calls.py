@@ -1,6 +1,7 @@
 """Random functions through `trimtab.compile`: JAX's numbers, the same bits in lanes and threads, no death of Python.
 
 All 10 000, or an eighth of them, in processes of their own: `python tests/compiler/test_random_calls.py --part 3/8`.
+CI tries a fiftieth each time (tests/slow_parts.py).
 """
 
 import argparse
@@ -50,12 +51,12 @@ def differences(calls: list[RandomCall], options: dict[str, int]) -> list[str]:
     alone = [compiled(s) for s in sets]
     jitted = jax.jit(together)
     for k in range(SETS):
-        wanted = jitted(sets[k])
-        for call, got, want in zip(calls, alone[k], wanted, strict=True):
+        for call, arguments, got, want in zip(calls, sets[k], alone[k], jitted(sets[k]), strict=True):
             assert jax.tree.structure(got) == jax.tree.structure(want)
-            for v, g, w in zip(call.outputs, jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
-                problem = difference(g, np.asarray(w), v.rough, call)
-                found += [f"seed {call.seed}, set {k}, {v.name}: {problem}"] if problem else []
+            problems = problems_of(call, got, want)
+            if problems:  # XLA may contradict itself: a scatter into a dynamic slice (seed 1078) is another jitted
+                problems = problems_of(call, got, call.function()(jax.tree.map(jax.numpy.asarray, arguments)))
+            found += [f"seed {call.seed}, set {k}, {problem}" for problem in problems]
     if options:
         many = compiled.lanes(jax.tree.map(lambda *v: np.stack(v), *sets))
         for k, one in enumerate(alone):
@@ -64,6 +65,13 @@ def differences(calls: list[RandomCall], options: dict[str, int]) -> list[str]:
                     if g[k].dtype != w.dtype or not np.array_equal(g[k], w, equal_nan=w.dtype.kind == "f"):
                         found.append(f"seed {call.seed}, run {k}, {v.name}, lanes {options}: {g[k]!r} not {w!r}")
     return found
+
+
+def problems_of(call: RandomCall, got: Any, wanted: Any) -> list[str]:
+    """A line for each of a function's results that is not JAX's."""
+    results = zip(call.outputs, jax.tree.leaves(got), jax.tree.leaves(wanted), strict=True)
+    lines = [(v.name, difference(g, np.asarray(w), v.rough, call)) for v, g, w in results]
+    return [f"{name}: {problem}" for name, problem in lines if problem]
 
 
 def difference(got: Any, wanted: Any, rough: bool, call: RandomCall) -> str:
@@ -115,11 +123,11 @@ def test_a_wrong_number_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any(f"seed {call.seed}" in line for line in differences([call], {}))
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-@pytest.mark.parametrize("part", range(1, 9))
+@pytest.mark.slow(of=50)
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("part", range(1, 51))
 def test_ten_thousand_functions(part: int) -> None:
-    assert not run_part(part, 8)
+    assert not run_part(part, 50)
 
 
 def run_part(part: int, parts: int, chunk: int = 10) -> list[str]:

@@ -121,3 +121,20 @@ def test_old_and_new_elements_in_one_operation(f):
             compiled = trimtab.compile(lambda r, i, start=start: f(start(r), i), ring, i)
             wanted = jax.jit(lambda r, i, start=start: f(start(r), i))(ring, i)
             np.testing.assert_allclose(compiled(ring, i), wanted, rtol=0, atol=1e-13)
+
+
+def test_two_numbers_that_a_loop_carries_may_begin_as_one_array():
+    """Only one of them may have its memory: what is written into it must not be seen in the other."""
+
+    def flight(x):
+        start = x * 2.0
+
+        def turn(k, carried):
+            a, b = carried
+            return a.at[k].set(b[k + 1] + a[k]), b.at[k + 2].add(a[k])
+
+        return lax.fori_loop(0, 40, turn, (start, start))
+
+    x = jnp.linspace(0.0, 1.0, 300)
+    for got, wanted in zip(trimtab.compile(flight, x)(x), flight(x), strict=True):
+        np.testing.assert_array_equal(got, wanted)

@@ -79,6 +79,7 @@ def orders():
         Case("axis", lambda x: jnp.sort(x.reshape(3, 4, 25), 1), [(x,) for x in many], lanes=False),
         Case("two keys", lambda x: lax.sort((jnp.round(x), x, -x), num_keys=2), [(x,) for x in many], lanes=False),
         Case("top", lambda x: lax.top_k(x, 3), [(rng.normal(size=9),) for _ in range(2)]),
+        Case("top of zeros", lambda x: lax.top_k(x, 3), [(np.array([-0.0, -1.0, 0.0, -0.0, 0.0]),)]),
         Case("quantiles", lambda x: (jnp.median(x), jnp.percentile(x, 30.0)), [(x,) for x in many], ulp=4, lanes=False),
         Case(
             "derivative", jax.grad(lambda x: (jnp.sort(x) * jnp.arange(8.0)).sum()), [(np.sin(some[1]),)], lanes=False

@@ -185,6 +185,8 @@ class Everything:
     pitch_acceleration: Any = quantity("rad/s^2", "Nose up.")
     Phi: Any = quantity("1", "Fuel ratio.")
     delta_e: Any = quantity("rad", "Elevator.", kind="angle")
+    distance: Any = quantity("m", "Way driven.")
+    turn: Any = quantity("rad", "Angle turned.", kind="angle")
 
 
 def everything(t: Any) -> Everything:
@@ -195,7 +197,8 @@ def everything(t: Any) -> Everything:
     ranges = 3.4 + 0.01 * jnp.sin(s + np.arange(4.0)), jnp.asarray([True] * 4), jnp.int32(0)
     flight = 26e3 + jnp.sin(s), jnp.cos(s), 2350.0 + jnp.sin(s), 0.03 + 0.01 * jnp.sin(s)
     rest = (0.01 * jnp.cos(s + k) for k in range(4))
-    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest)
+    driven = 0.8 * s, 0.2 * s
+    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest, *driven)
 
 
 def _feels(cls: type) -> str:

@@ -1,5 +1,7 @@
 """Cases of singular values, reflections, three diagonals, special functions, and what equinox raises."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,13 +15,24 @@ rng = np.random.default_rng(15)
 
 
 def reflections():
-    def pieces(a):
-        packed, factors = jnp.linalg.qr(a, mode="raw")
-        packed = packed.T
-        c = jnp.arange(12.0).reshape(4, 3) if a.shape[0] == 4 else jnp.ones((a.shape[0], 2))
-        turned = [ormqr(packed, factors, c, transpose=t) for t in (False, True)]
-        right = [ormqr(packed, factors, c.T, left=False, transpose=t) for t in (False, True)]
-        return packed, factors, lax.linalg.householder_product(packed, factors), turned, right
+    # One use in each program: LAPACK's dorm2r writes ones into what it reads and puts it right again after, while XLA
+    # runs beside it what doesn't depend on it.
+    uses = {
+        "product": lambda packed, factors, c: lax.linalg.householder_product(packed, factors),
+        "turned": ormqr,
+        "turned back": functools.partial(ormqr, transpose=True),
+        "from the right": lambda packed, factors, c: ormqr(packed, factors, c.T, left=False),
+        "from the right, back": lambda packed, factors, c: ormqr(packed, factors, c.T, left=False, transpose=True),
+    }
+
+    def pieces(use):
+        def factor_and_use(a):
+            packed, factors = jnp.linalg.qr(a, mode="raw")
+            packed = packed.T
+            c = jnp.arange(12.0).reshape(4, 3) if a.shape[0] == 4 else jnp.ones((a.shape[0], 2))
+            return packed, factors, use(packed, factors, c)
+
+        return factor_and_use
 
     def bands(dl, d, du, b):
         return lax.linalg.tridiagonal_solve(dl, d, du, b)
@@ -30,19 +43,21 @@ def reflections():
         dl[0] = du[-1] = d[n // 2] = 0  # rows are exchanged
         return dl, d, du, rng.normal(size=(n, columns))
 
+    square = rng.normal(size=(4, 4)) + 2 * np.eye(4), np.eye(4), np.zeros((4, 4))
     return [
-        Case(
-            "reflections",
-            pieces,
-            [(rng.normal(size=(4, 4)) + 2 * np.eye(4),), (np.eye(4),), (np.zeros((4, 4)),)],
-            close=1e-12,
+        *(Case(f"reflections, {name}", pieces(use), [(a,) for a in square], close=1e-12) for name, use in uses.items()),
+        *(
+            Case(f"tall, {name}", pieces(use), [(rng.normal(size=(6, 3)),) for _ in range(3)], close=1e-12)
+            for name, use in uses.items()
         ),
-        Case("tall", pieces, [(rng.normal(size=(6, 3)),) for _ in range(3)], close=1e-12),
-        Case(
-            "far scales",
-            lambda a: pieces(a)[1:4],
-            [(rng.normal(size=(4, 4)) * [1e-200, 1.0, 1e200, 1e-5],) for _ in range(3)],
-            close=1e-11,
+        *(
+            Case(
+                f"far scales, {name}",
+                lambda a, use=uses[name]: pieces(use)(a)[1:],
+                [(rng.normal(size=(4, 4)) * [1e-200, 1.0, 1e200, 1e-5],) for _ in range(3)],
+                close=1e-11,
+            )
+            for name in ("product", "turned", "turned back")
         ),
         Case("bands", bands, [banded(7, 2) for _ in range(3)], close=1e-12),
         Case("two bands", jax.vmap(bands), [tuple(np.stack([x] * 2) for x in banded(60, 1))] * 3, close=1e-12),

@@ -14,6 +14,7 @@ from trimtab.core.record import (
     Part,
     Quantity,
     Scalar,
+    absent_parts,
     declarations,
     leaves,
     option,
@@ -24,7 +25,9 @@ from trimtab.core.record import (
     replace,
     to_arrays,
     with_leaf,
+    with_part_of,
 )
+from trimtab.vehicles.hovercraft import Hovercraft
 
 
 @record
@@ -199,6 +202,17 @@ def test_numeric_reaches_records_in_mappings_and_tuples_at_the_top():
     made = to_arrays({"a": (Gains(1, 2),)})
     assert made["a"][0].k1.dtype == np.float64
     assert to_arrays(()) == ()
+
+
+def test_a_setting_of_an_absent_part_puts_it_there_and_nothing_else_does():
+    craft = {"craft": Hovercraft()}
+    assert [path for path, _ in absent_parts(craft)] == ["craft.friction"]
+    there = with_part_of(craft, "craft.friction.torque_viscous")
+    assert there["craft"].friction.torque_viscous == 0.0
+    assert list(absent_parts(there)) == []
+    for path in ("craft.friction", "craft.friction.drag", "craft.mass", "friction.torque_viscous"):
+        assert with_part_of(craft, path) is craft
+    assert with_part_of(there, "craft.friction.torque_viscous") is there
 
 
 def test_records_pass_through_transformations():

@@ -116,7 +116,7 @@ def _printed_update(R, turn):
 
 
 def test_matrix_update_turns_in_the_body():
-    """Spec 2.1: B(k) = B(k-1) Eᵀ to rounding; E B, and the printed first term over |v|², are wrong by much more.
+    """B(k) = B(k-1) Eᵀ to rounding; E B, and the printed first term over |v|², are wrong by much more.
 
     Oracle: the product of scipy's rotations, the turn in the body after the attitude.
     """

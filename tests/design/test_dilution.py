@@ -48,6 +48,15 @@ def test_outside_the_cones_and_in_a_row_there_is_no_fix():
     assert found.coverage(limit=9.0) == pytest.approx(np.mean(found.dilution <= 9.0))
 
 
+@pytest.mark.parametrize("common_error", [False, True])
+def test_what_is_not_visible_says_nothing_of_the_common_error_either(common_error):
+    """Four of six rates, by textbook: (H'H)^-1 of those there are."""
+    directions, visible = np.random.default_rng(2).uniform(-0.7, 0.7, (6, 2)), np.array([1, 0, 1, 1, 0, 1], bool)
+    H = np.column_stack([directions[visible], np.ones(4)]) if common_error else directions[visible]
+    wanted = np.sqrt(np.trace(np.linalg.inv(H.T @ H)[:2, :2]))
+    assert float(dilution(directions, visible, common_error=common_error)) == pytest.approx(wanted, rel=1e-12)
+
+
 def test_more_beacons_never_dilute_more():
     rng = np.random.default_rng(1)
     directions = rng.uniform(-0.7, 0.7, (500, 6, 2))

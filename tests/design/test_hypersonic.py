@@ -1,6 +1,6 @@
 """The design tools on the hypersonic vehicle: trim, Lie derivatives, exact linearisation and internal dynamics.
 
-[H] is the specification of the system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import math
@@ -19,8 +19,6 @@ from trimtab.design.trim import trim
 from trimtab.design.zero_dynamics import zero_dynamics
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes
-
-pytestmark = pytest.mark.slow
 
 H, V, DEG = 85000.0, 7702.0808, math.pi / 180
 FREE = ("alpha", "theta", "eta1", "eta2", "Phi", "delta_e")
@@ -51,7 +49,7 @@ def form(model, level):
 
 
 def test_check_02_trim(model, level):
-    """Acceptance check 2, [H] 2.4: to 1e-5 relative, residual below 1e-10."""
+    """Oracle, trim: to 1e-5 relative, residual below 1e-10."""
     x, u = model.state(level.x), model.input(level.u)
     got = [x.alpha / DEG, u.Phi, u.delta_e / DEG]
     np.testing.assert_allclose(got, [1.596784, 0.264449, 12.427146], rtol=1e-5)
@@ -60,7 +58,7 @@ def test_check_02_trim(model, level):
 
 
 def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_ground(level):
-    """[H] 2.4."""
+    """Oracle, trim."""
     for kmode in ("paper", "author"):
         found = trim(model_of(kmode), free=FREE, bounds=BOUNDS).require_trim()
         np.testing.assert_allclose([*found.x, *found.u], [*level.x, *level.u], rtol=1e-9, atol=1e-12)
@@ -79,8 +77,9 @@ def test_a_trim_that_does_not_exist_says_why(model):
     assert "at a bound are" in found.why[1]
 
 
+@pytest.mark.slow
 def test_lie_derivatives(model, level):
-    """[H] 3.1, off the trim, for the field expanded about the actual elevator: f = x'(u) - g u, g = dx'/du."""
+    """[1] eqs. 4-8, off the trim, for the field expanded about the actual elevator: f = x'(u) - g u, g = dx'/du."""
     x = jnp.asarray(model.point({"theta": 0.05, "alpha": 0.03, "q": 0.01})[0])
     u = np.array([0.3, 0.2])
     f, g = affine_fields(model, u)
@@ -105,8 +104,9 @@ def test_lie_derivatives(model, level):
     assert all(float(lie_derivative(altitude, gj)(x)) == 0.0 for gj in g)
 
 
+@pytest.mark.slow
 def test_relative_degree_and_decoupling(model, form):
-    """[H] 3.1: degrees 2 and 1, dv/du and its determinant at the trim; 2.5: what is not affine."""
+    """[1] eqs. 4-8: degrees 2 and 1, dv/du and its determinant at the trim; what is not affine."""
     found = form.degree
     assert (found.degrees, found.total, found.is_defined) == ({"h": 2, "V": 1}, 3, True)
     np.testing.assert_allclose(found.matrix, [[0.685649, 86.387771], [24.596085, -40.341697]], rtol=2e-6)
@@ -114,6 +114,7 @@ def test_relative_degree_and_decoupling(model, form):
     assert curved_inputs(model, form.x0, form.u0, radius=RADIUS) == {"delta_e": ("V",)}
 
 
+@pytest.mark.slow
 def test_extended_by_the_elevator_it_is_affine(model, form):
     longer = extend_inputs(model, ("delta_e",))
     x, u = np.append(form.x0, form.u0[1]), np.array([form.u0[0], 0.0])
@@ -127,8 +128,9 @@ def test_extended_by_the_elevator_it_is_affine(model, form):
     np.testing.assert_allclose(found.determinant, -2152.4612, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_check_04_exact_linearisation(form):
-    """Acceptance check 4, [H] 3.3: A[4,:] = e_Q and B[4,:] = [-1/V, 0] to 1e-9; and the printed rows of 3.3."""
+    """[1] eqs. 4-8: A[4,:] = e_Q and B[4,:] = [-1/V, 0] to 1e-9; and the oracle's rows."""
     linear = linearise(form.model())
     assert linear.states == ("h", "h'", "V", *INTERNAL)
     np.testing.assert_allclose(linear.A[3], np.eye(9)[4], atol=1e-9)
@@ -152,7 +154,7 @@ def test_check_04_exact_linearisation(form):
     ],
 )
 def test_check_05_internal_dynamics(kmode, unstable, rest, digits, level):
-    """Acceptance check 5, [H] 3.3: exactly one pole on the right, 3.2894 +- 1e-3 (`parker`)."""
+    """[1] eqs. 4-8: exactly one pole on the right, 3.2894 +- 1e-3 (`parker`)."""
     found = zero_dynamics(model_of(kmode), level.x, level.u, internal=INTERNAL, radius=RADIUS)
     assert found.verdict == "non-minimum phase"
     assert (found.poles.real > 0).sum() == 1
@@ -167,8 +169,9 @@ def test_check_05_internal_dynamics(kmode, unstable, rest, digits, level):
     assert found.why[0].endswith((", in alpha, q", ", in q, alpha"))
 
 
+@pytest.mark.slow
 def test_check_06_inversion(form, model):
-    """Acceptance check 6, [H] 3.2: |(h'', V') - v| below 1e-9 over the grid, with the general inversion."""
+    """[1] eqs. 4-8: |(h'', V') - v| below 1e-9 over the grid, with the general inversion."""
     grid = [(h, V, a * DEG) for h in (80e3, 95e3) for V in (7e3, 9e3) for a in (0.0, 2.0, 4.0)]
     states = jnp.array([[h, V, a, a + 0.002, 0.0, 0, 0, 0, 0] for h, V, a in grid])
     v = jnp.array([1.5, -2.0])
@@ -184,7 +187,7 @@ def test_check_06_inversion(form, model):
 
 
 def test_open_loop_poles(model, level):
-    """[H] 3.3, u held."""
+    """[1] eqs. 4-8, u held."""
     poles = linearise(model, level.x, level.u).poles()
     want = [1.6957, -1.7658, -8.0e-4 + 0.0419j, 0.0, -0.3053 + 15.960j, -0.3455 + 18.393j]
     for p, digits in zip(want, [1e-4, 1e-4, 1e-4, 1e-6, 1e-3, 1e-3], strict=True):

@@ -24,8 +24,8 @@ from trimtab.design.margins import (
     ("loop", "milliseconds"),
     [(loops.zero, 433), (loops.forward, 191), (loops.spin, 279), (loops.reverse, 380)],
 )
-def test_check_25_delay_margins(loop, milliseconds):
-    """Specification of the hovercraft, check 25 and section 4.4, [1] section 5.3.3: within 2 %."""
+def test_delay_margins(loop, milliseconds):
+    """[1] section 5.3.3, from the loop's gain and phase: within 2 %."""
     assert delay_margin(loop()).delay == pytest.approx(milliseconds * 1e-3, rel=0.02)
 
 
@@ -98,8 +98,8 @@ def test_refusals_of_the_delay_margin():
 
 
 @pytest.mark.parametrize(("loop", "milliseconds"), [(loops.zero, 276), (loops.forward, 172), (loops.reverse, 365)])
-def test_check_25_jitter_margins(loop, milliseconds):
-    """Specification of the hovercraft, check 25 and section 4.4, [1] section 5.3.3: within 2 %."""
+def test_jitter_margins(loop, milliseconds):
+    """[1] section 5.3.3, from the loop's gain and phase: within 2 %."""
     assert jitter_margin(loop()) == pytest.approx(milliseconds * 1e-3, rel=0.02)
 
 
@@ -187,14 +187,14 @@ def by_every_pattern(a, q, steps, start, tries):
 
 
 @pytest.mark.parametrize(("a", "q"), [(1.5, 0.6), (1.5, 2 / 3), (-3.0, 0.4), (0.5, 0.9)])
-def test_check_25_packet_loss_recursion(a, q):
-    """Specification of the hovercraft, check 25, [1] eqs. 5.2, 5.3: exact."""
+def test_packet_loss_recursion(a, q):
+    """[1] eqs. 5.2, 5.3: exact."""
     found = mean_squares(a, q, 9, start=2.0)
     for k in range(10):
         assert found[k] == pytest.approx(by_every_pattern(a, q, k, 2.0, 2), rel=1e-13)
 
 
-def test_check_25_packet_loss_limit():
+def test_packet_loss_limit():
     """[1] eq. 5.3: 1/(1 - a^2 q^2), 5.263 at a = 1.5, q = 0.6; without bound from |a| q = 1 on."""
     assert mean_square(1.5, 0.6) == pytest.approx(1 / 0.19, rel=1e-14)
     assert mean_squares(1.5, 0.6, 400)[-1] == pytest.approx(1 / 0.19, rel=1e-13)

@@ -40,8 +40,8 @@ def turning(x, u):
     return jnp.concatenate([x1, x2[:1]])
 
 
-def test_check_08_byrnes_isidori_excludes_a_smooth_stabiliser():
-    """Acceptance check 8, exact: ranks 3 and 2 < n1 = 3. [1] section 2.3."""
+def test_byrnes_isidori_excludes_a_smooth_stabiliser():
+    """Ranks 3 and 2 < n1 = 3. [1] section 2.3."""
     v = byrnes_isidori(f1, f2, 3, 3, 2)
     assert (v.rank_f2, v.rank_inputs, v.n1) == (3, 2, 3)
     assert v.h1
@@ -50,16 +50,16 @@ def test_check_08_byrnes_isidori_excludes_a_smooth_stabiliser():
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e-2])
-def test_check_08_brockett_is_solvable_only_on_a_line(scale):
-    """Acceptance check 8, exact: (b1, b2, b3, 0) is reached if and only if b3 = -d b2. [1] section 2.3."""
+def test_brockett_is_solvable_only_on_a_line(scale):
+    """Exact: (b1, b2, b3, 0) is reached if and only if b3 = -d b2. [1] section 2.3."""
     draws = np.random.default_rng(3).uniform(-scale, scale, (5, 3))
     for b1, b2, off in draws:
         assert is_reachable(turning, [b1, b2, -D * b2, 0.0], 2)
         assert not is_reachable(turning, [b1, b2, -D * b2 + off, 0.0], 2)
 
 
-def test_check_08_brockett_verdict():
-    """Acceptance check 8: controllability rank 3 of 4 with the eigenvalue 0 left over, and the image has holes."""
+def test_brockett_verdict():
+    """Controllability rank 3 of 4 with the eigenvalue 0 left over, and the image has holes."""
     v = brockett(turning, 4, 2)
     assert v.controllability_rank == 3
     assert v.uncontrollable_unstable == ()

@@ -23,7 +23,7 @@ def test_it_finds_the_heading_at_every_angle(roll, pitch):
 
 
 def test_the_arc_cosine_loses_half_of_the_digits():
-    """Spec 2.5: why acos is not used."""
+    """Why acos is not used."""
     psi = 1e-9
     b = np.asarray(from_euler(0.0, 0.0, psi).T @ FIELD)[:2]
     w = FIELD[:2]

@@ -8,7 +8,7 @@ TABLE = np.array(TABLE_5_2)
 """Angle (deg), true and measured range (cm), their ratio: [1] table 5.2, height 270.48 cm."""
 
 
-def test_check_22_cone_table():
+def test_cone_table():
     """Table 5.2 of [1] within 1.2e-4, the ratio as printed and as the quotient of the printed ranges."""
     beta = np.radians(TABLE[:, 0])
     assert abs(range_ratio(beta) - TABLE[:, 3]).max() < 1.2e-4

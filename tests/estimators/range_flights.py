@@ -36,7 +36,7 @@ SLOT = ms(100)
 TWO_LEFT = np.array([True, False, False, True])
 LEVERS = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
 IMU = InertialNoise(gyro=np.deg2rad(0.72) ** 2, gyro_walk=1e-8, forward=0.082**2, starboard=0.082**2, force_walk=1e-8)
-"""The IMU's figures as specification 2.2 has them."""
+"""The IMU's figures: 3.5 deg/sqrt(h) and 0.4 m/s/sqrt(h) of the maker's data sheet, a sample of 6.5536 ms."""
 BIASES = np.array([np.deg2rad(0.7), 0.1, 0.1])
 """Their standard deviations."""
 ARM, RATE = 0.3048, np.deg2rad(-115.0)

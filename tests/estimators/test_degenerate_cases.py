@@ -1,4 +1,4 @@
-"""The four forms where theory knows the answer: no aiding, and perfect sensors (issue 4)."""
+"""The four forms where theory knows the answer: no aiding, and perfect sensors."""
 
 import jax
 import jax.numpy as jnp

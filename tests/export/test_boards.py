@@ -49,14 +49,18 @@ def flight(name):
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize("target", ["cortex-m7", "cortex-m4"])
 def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
-    """The dual-filter INS with its history of delayed fixes, law and allocation, as one exported step."""
+    """The dual-filter INS with its history of delayed fixes, law and allocation, as one exported step.
+
+    Bounds are 2 % above what gcc 12.2 gives.
+    """
     flown = on_the_board(flight("inertial_flight").scenario(), target, tmp_path, steps=1000)
     least, median, most = flown.instructions_per_step
     print(f"INS on {target}: {least} … {most} instructions, median {median}, stack {flown.stack_bytes} B")
+    print(f"95 %: {np.percentile(flown.instructions, 95):.0f}")
     assert median < 1500  # nothing came
-    assert np.percentile(flown.instructions, 95) < 10_000  # IMU and heading
-    assert most < 20_000  # a position as well
-    assert flown.stack_bytes < 8192
+    assert np.percentile(flown.instructions, 95) < 12_760  # IMU and heading
+    assert most < 17_850  # a position as well
+    assert flown.stack_bytes < 8_740
 
 
 @pytest.mark.slow
@@ -73,7 +77,7 @@ def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
     print(f"ranging on {target}: {least} … {most} instructions, median {median}, RAM {flown.ram_bytes} B")
     assert median < 2000  # nothing came
     assert most < 300_000  # a ping, 0.1 s late
-    assert flown.ram_bytes < 80_000
+    assert flown.ram_bytes < 98_300  # of which 30 144 are the workspace, in double
     assert flown.stack_bytes < 32_768
 
 
@@ -84,16 +88,17 @@ HEAVY = [pytest.mark.slow, pytest.mark.timeout(600)]
 @pytest.mark.parametrize(
     ("settings", "instructions", "stack", "ram"),
     [
-        ({"internal": "noncausal"}, 3_600, 11_264, 196_608),
-        pytest.param({"internal": "quasi-static"}, 5_700, 11_264, 3_584, marks=HEAVY),
-        pytest.param({"internal": "preview"}, 200_000, 50_176, 5_120, marks=HEAVY),
+        pytest.param({"internal": "noncausal"}, 4_290, 11_264, 196_608, marks=HEAVY),
+        pytest.param({"internal": "quasi-static"}, 6_280, 11_264, 3_584, marks=HEAVY),
+        pytest.param({"internal": "preview"}, 455_000, 121_800, 23_200, marks=HEAVY),
         pytest.param({"filter": "adaptive"}, 108_500, 43_008, 199_680, marks=HEAVY),
     ],
 )
 def test_filter_of_the_modes_and_stable_inversion_fly_on_the_board(settings, instructions, stack, ram, tmp_path):
     """The hypersonic vehicle's whole autopilot in double on a Cortex-M7, 200 steps a second: well inside 5 ms.
 
-    Bounds are 2 % above what gcc 12.2 gives: 3514, 5543, 196 206 and 106 358 instructions at most.
+    Bounds are 2 % above what gcc 12.2 gives: 4204, 6153, 446 477 and 101 325 instructions at most.
+    The look ahead took 196 206, and 49 kB of stack, as long as its axes of 41 points were written out.
     """
     scenario, _ = catalogue.load_scenario("hypersonic/noise", settings)
     flown = on_the_board(scenario, "cortex-m7", tmp_path)

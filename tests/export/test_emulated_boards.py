@@ -4,9 +4,14 @@ import ctypes
 import subprocess
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.block import BlockDefinition, block_text
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.compiler.folder import SampleVectors, write_folder
+from trimtab.compiler.workspace import STACK
 from trimtab.core.errors import InputError
 from trimtab.export import boards as microcontroller
 from trimtab.export.boards import EXACT, TARGETS, emulate, read_vectors
@@ -200,3 +205,26 @@ def test_unknown_target_and_missing_tools_name_the_fix(tmp_path, monkeypatch):
     (tmp_path / "arm-none-eabi-gcc").write_text("#!/bin/sh\necho libm.a\n")
     (tmp_path / "arm-none-eabi-gcc").chmod(0o755)
     assert microcontroller.missing_tools() == packages.split()[1:]
+
+
+@needs_board
+def test_a_step_that_needs_a_workspace_is_given_it(tmp_path):
+    """What a large program keeps beside its structures lies where the caller says; it counts as RAM."""
+
+    def step(p, s, u):
+        x = jnp.cumsum(jnp.sin(jnp.arange(3000.0) * u))[::-1]
+        return s + 1.0, jnp.sum(x * jnp.cumsum(x)) + s
+
+    text = block_text(BlockDefinition("autopilot", "A.", step, lambda p: jnp.float64(0.0), (), 0.0))
+    assert text.workspace > 0
+    here, inputs, outputs = CompiledBlock(text), np.array([[0.1], [-0.7], [2.0]]), np.zeros((3, 1))
+    for row_in, row_out in zip(inputs, outputs, strict=True):
+        here.inputs[:] = row_in
+        here.step()
+        row_out[:] = here.outputs
+    about = {"scenario": "none", "part": "autopilot", "period_s": 0.01}
+    write_folder(tmp_path / "large", text, SampleVectors(inputs, outputs), about, "f64")
+    flown = emulate(tmp_path / "large", "cortex-m7")
+    np.testing.assert_array_equal(flown.outputs, outputs)
+    assert text.workspace < flown.ram_bytes < text.workspace + 1000
+    assert flown.stack_bytes < STACK + 1024

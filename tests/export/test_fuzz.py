@@ -3,12 +3,15 @@
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from contracts.compiled import LANES, compiled, reference, together
 from contracts.programs import TOLERANCE, Program, Writer, random_program
 from contracts.variables import Var
+from trimtab import compile as compile_function
 from trimtab.compiler import text
 
 BATCH = 50
@@ -27,10 +30,29 @@ def wrong(programs: list[Program], shapes: tuple[int, ...] = (0, LANES)) -> list
         owners = [(p, v) for p in programs for v in p.outputs]
         for k, (p, v) in enumerate(owners):
             for i, (w, g) in enumerate(zip(wanted.result(), got, strict=True)):
-                if not _agree(w[k], g[k], v.exact):
+                if not _agree(w[k], g[k], v.exact) and not _is_computed_alike_step_by_step(p, v, i, g[k]):
                     problem = f"{v.name}, set {i}, lanes {lanes}:\n{g[k]!r}\nnot\n{w[k]!r}"
                     found.setdefault(p.seed, (p._replace(outputs=[v]), problem))
     return list(found.values())
+
+
+def _is_computed_alike_step_by_step(p: Program, v: Var, i: int, got: Any) -> bool:
+    """Whether JAX agrees where it compiles nothing: XLA takes x * x of integers for never negative, though it wraps."""
+    case = p._replace(outputs=[v]).case()
+    with jax.disable_jit():
+        (wanted,) = jax.tree.leaves(case.function(*map(jnp.asarray, case.sets[i])))
+    return v.kind != "f" and _agree(np.asarray(wanted), got, exact=True)
+
+
+def test_what_xla_believes_of_squares_is_not_held_against_c() -> None:
+    def add(i: Any, a: Any) -> Any:
+        return a.at[i * i].add(i * i, mode="drop")
+
+    i, a = np.int32(46341), np.arange(7, dtype=np.int32)
+    with jax.disable_jit():
+        wanted = np.asarray(add(jnp.asarray(i), jnp.asarray(a)))
+    np.testing.assert_array_equal(wanted, a)  # the square wraps, far below the array: it is dropped
+    np.testing.assert_array_equal(compile_function(add, i, a)(i, a), wanted)
 
 
 def _agree(wanted: Any, got: Any, exact: bool) -> bool:
@@ -70,7 +92,7 @@ def test_some_programs() -> None:
     check(range(FEW))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(of=50)
 @pytest.mark.parametrize("first", range(0, MANY, 200))
 def test_ten_thousand_programs(first: int) -> None:
     check(range(10_000 + first, 10_000 + first + 200))

@@ -2,11 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.export.export_c import export_c
-from trimtab.export.verify import verify_folder
+from trimtab.export.verify import compare_samples, verify_folder
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
@@ -34,6 +35,23 @@ def test_a_changed_gain_is_found_with_step_and_name(folder):
     assert name.startswith("law.")
     assert got != wanted
     assert 0 < step < 200
+
+
+def test_a_sample_that_is_no_number_where_one_is_wanted_is_found():
+    wanted = np.array([[1.0, np.nan], [2.0, np.nan]])
+    assert compare_samples(wanted.copy(), wanted, ["a", "b"], np.array([0.1, 0.1]))[1] is None
+    for got in (np.nan, np.inf, 2.2):
+        bad = np.array([[1.0, np.nan], [got, np.nan]])
+        assert compare_samples(bad, wanted, ["a", "b"], np.array([0.1, 0.1]))[1][:2] == (1, "a")
+    assert compare_samples(np.ones((2, 2)), wanted, ["a", "b"], np.array([9.0, 9.0]))[1][:2] == (0, "b")
+
+
+def test_whole_numbers_and_flags_have_no_tolerance(folder):
+    about = json.loads((folder / "export.json").read_text())
+    assert {name: about["tolerance"][name] == 0 for name in ("command.valid", "law.lyapunov")} == {
+        "command.valid": True,
+        "law.lyapunov": False,
+    }
 
 
 def test_text_that_warns_is_refused(folder):

@@ -52,18 +52,20 @@ def written(tmp_path_factory):
 def fuzzer(written, tmp_path_factory):
     here = Path(__file__).parent
     output = tmp_path_factory.mktemp("fuzz") / "fuzz"
-    return compile_here(written.folder, output, *SANITIZERS, str(here / "host.c"), str(here / "fuzz.c"))
+    sources = [str(here / name) for name in ("host.c", "power.c", "fuzz.c")]
+    return compile_here(written.folder, output, *SANITIZERS, *sources)
 
 
 @pytest.fixture(scope="session")
 def library(written, tmp_path_factory):
     output = tmp_path_factory.mktemp("host") / "host.so"
-    source = str(Path(__file__).parent / "host.c")
-    made = ctypes.CDLL(str(compile_here(written.folder, output, "-O1", "-shared", "-fPIC", source)))
+    sources = [str(Path(__file__).parent / name) for name in ("host.c", "power.c")]
+    made = ctypes.CDLL(str(compile_here(written.folder, output, "-O1", "-shared", "-fPIC", *sources)))
     made.host_sent.restype = ctypes.c_size_t
     made.host_width.restype = made.host_duty.restype = ctypes.c_uint16
     made.host_kept.restype = ctypes.c_uint64
     made.host_surge.restype = ctypes.c_double
+    made.host_record.restype = ctypes.POINTER(ctypes.c_uint32)
     return made
 
 

@@ -28,7 +28,7 @@ static uint32_t draw(uint32_t below) {
 /* A good frame of some message, its payload drawn. */
 static size_t frame(link *l, uint8_t *to) {
     mavlink_message_t m;
-    mavlink_command_t c = {now - draw(1000), 1.0e-3 + 1e-6 * draw(1000), (double)draw(24000) - 12000, (uint8_t)draw(2)};
+    mavlink_command_t c = {now - draw(1000), 1.0e-3 + 1e-6 * draw(1000), (double)draw(24000) - 12000, (uint8_t)draw(2), draw(3)};
     mavlink_timesync_t t = {0, now};
     mavlink_command_long_t a = {0};
     a.command = (uint16_t)(399 + draw(3));
@@ -91,7 +91,7 @@ static int expect(const char *what, uint32_t found, uint32_t least, uint32_t mos
 
 int main(int count, char **arguments) {
     static link own, plain, forger;
-    uint32_t found[9];
+    uint32_t found[16];
     state = count > 1 ? strtoull(arguments[1], NULL, 10) : 1;
     size_t wanted = count > 2 ? strtoull(arguments[2], NULL, 10) : 1000000, given = 0;
     link_begin(&own, KEY, 2000);

@@ -11,6 +11,7 @@ from trimtab.wire.stamps import EPOCH, PER_SECOND
 KEY = passphrase_key("a-key-for-these-tests-only")
 STAMP = 1_000_000
 COUNTS = ("accepted", "unsigned", "forged", "replayed", "reflected", "broken", "skipped", "sent", "dropped")
+COUNTS += ("stale", "leading", "foreign", "leading_commands")
 MS = 10_000
 
 

@@ -4,6 +4,8 @@ import subprocess
 
 import pytest
 
+pytestmark = pytest.mark.sanitizer
+
 
 @pytest.mark.parametrize(
     ("seed", "size"),

@@ -1,12 +1,16 @@
 """The portable firmware on the computer, in a time of the test's own: duties to the millisecond, and who gets in."""
 
 import ctypes
+import itertools
 
 import numpy as np
 import pytest
 from firmware.host import COUNTS, KEY, MS, STAMP, Host, values
 
+from trimtab.actuators.speed_regulator import SpeedRegulator
+from trimtab.export.firmware_folder import key_image
 from trimtab.wire.keys import passphrase_key
+from trimtab.wire.stamps import EPOCH, PER_SECOND
 
 NEUTRAL, FULL = 3000, 1000
 
@@ -162,7 +166,7 @@ def test_nothing_recorded_before_a_restart_gets_in(library, written):
     second = Host(library, written.dialect, stored=kept)
     second.work(b"".join([*old, late]))
     assert second.counts()["accepted"] == 0
-    assert second.counts()["replayed"] == 21
+    assert second.counts()["stale"] == 21
     second.peer = first.other(clock=lambda: first.clock() + 5.0)
     second.work(second.pack("HEARTBEAT", type=6))
     assert second.counts()["accepted"] == 1
@@ -198,10 +202,119 @@ def test_the_c_library_lets_in_only_what_ours_does(host):
 
 
 def test_the_key_is_owner_only_and_nowhere_else(written):
-    key = written.folder / "key.h"
-    assert key.stat().st_mode & 0o077 == 0
-    numbers = ", ".join(map(str, KEY.secret))
-    assert numbers in key.read_text()
-    others = [f for f in written.files if f != key and numbers in f.read_text()]
-    assert others == []
+    key = written.folder / "key.bin"
+    assert key.stat().st_mode & 0o777 == 0o600
+    assert KEY.secret in key.read_bytes()
+    numbers = ", ".join(map(str, KEY.secret)).encode()
+    others = [p for p in written.folder.rglob("*") if p.is_file() and p != key]
+    assert [p for p in others if KEY.secret in p.read_bytes() or numbers in p.read_bytes()] == []
     assert STAMP  # the tests' first stamp is older than any build's
+
+
+def test_the_board_reads_the_key_it_was_given_and_no_other(library):
+    class VehicleKey(ctypes.Structure):
+        _fields_ = (("secret", ctypes.c_uint8 * 32), ("since", ctypes.c_uint64))
+
+    since = EPOCH + 12_345.5
+    image, key = key_image(KEY, since), VehicleKey()
+    assert library.host_key(image, ctypes.byref(key))
+    assert (bytes(key.secret), key.since) == (KEY.secret, round(12_345.5 * PER_SECOND))
+    for k in range(len(image)):  # a bit of every byte
+        assert not library.host_key(image[:k] + bytes([image[k] ^ 1 << k % 8]) + image[k + 1 :], ctypes.byref(key))
+    assert not library.host_key(b"\xff" * len(image), ctypes.byref(key))
+    assert not library.host_key(None, ctypes.byref(key))
+
+
+def test_the_watchdog_is_kicked_by_whole_ticks_only(host):
+    """Once a millisecond, its work done: a loop that goes round without time, or hangs in a tick, never does."""
+    host.run(10)
+    before = host.library.host_kicks()
+    for _ in range(50):
+        host.work()  # time stands still
+    assert host.library.host_kicks() == before
+    host.run(250)
+    assert host.library.host_kicks() == before + 250
+
+
+def test_a_board_that_must_not_be_armed_says_why(host):
+    host.library.host_refuse(1)
+    said = host.arm()
+    (ack,) = [m for m in said if m.name == "COMMAND_ACK"]
+    assert ack.get("result") == 1
+    assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["not armed: no crystal"]
+    host.run(100, host.command())
+    assert host.pulses() == [NEUTRAL, NEUTRAL, NEUTRAL - FULL]
+    host.library.host_refuse(0)
+    flying(host)
+    host.library.host_refuse(1)
+    host.arm()  # flying already: nothing is taken away
+    host.run(100, host.command())
+    assert host.pulses()[1] > NEUTRAL
+    host.arm(False)
+    assert host.pulses()[1] == NEUTRAL
+
+
+def test_what_the_start_came_from_is_said_once(host):
+    said = host.run(4000, host.pack("HEARTBEAT", type=6))
+    assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"].count("started: watchdog") == 1
+
+
+def test_the_black_box_gets_the_flight_and_each_change_of_mode(host):
+    assert host.library.host_recorded() == 0
+    flying(host, 3000)
+    host.run(2000)  # the commands stop: failsafe, lift off
+    rows = [host.library.host_record(i)[:6] for i in range(host.library.host_recorded())]
+    modes = [row[1] & 0xFF for row in rows]
+    assert [modes[0], *(b for a, b in itertools.pairwise(modes) if a != b)] == [1, 3]
+    times = np.array([row[0] for row in rows])
+    assert (np.diff(times) <= 100).all()
+    assert max(row[2] >> 16 for row in rows) > NEUTRAL  # thrust
+    assert max(row[3] >> 16 for row in rows) == 6000  # rpm wanted
+    assert [row[4] & 0xFFFF for row in rows if row[1] & 0xFF == 1][-1] == pytest.approx(6000, rel=0.02)  # measured
+    assert rows[-1][4] >> 16 > 1000  # age of the command, ms
+
+
+def test_time_for_slow_work_is_given_while_disarmed_only(host):
+    host.run(3000)
+    assert host.library.host_rests() == 3
+    flying(host, 2000)
+    assert host.library.host_rests() == 3
+
+
+PARAMETERS = ["reg.kp", "reg.ki", "reg.limit", "reg.stall", "reg.stall_duty"]
+REAL32 = 9
+
+
+def parameters(messages):
+    return {m.get("param_id").rstrip("\0"): m.get("param_value") for m in messages if m.name == "PARAM_VALUE"}
+
+
+def set_parameter(host, name, value):
+    packet = host.pack("PARAM_SET", target_system=1, param_id=name, param_value=value, param_type=REAL32)
+    return host.run(1, packet)
+
+
+def test_parameters_are_listed_set_within_bounds_and_outlast_the_power(library, written):
+    host = Host(library, written.dialect)
+    defaults = parameters(host.run(10, host.pack("PARAM_REQUEST_LIST", target_system=1)))
+    regulator = SpeedRegulator()
+    assert list(defaults) == PARAMETERS
+    assert list(defaults.values()) == pytest.approx([getattr(regulator, name[4:]) for name in PARAMETERS])
+    assert parameters(set_parameter(host, "reg.kp", 0.125)) == {"reg.kp": 0.125}
+    for wrong in (-0.1, 1.5, np.nan, np.inf):
+        said = set_parameter(host, "reg.kp", wrong)
+        assert parameters(said) == {"reg.kp": 0.125}  # what holds
+        texts = [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"]
+        assert texts == ["parameter refused: out of bounds"]
+    assert parameters(set_parameter(host, "reg.nothing", 0.5)) == {}
+    read = host.pack("PARAM_REQUEST_READ", target_system=1, param_id="reg.kp", param_index=-1)
+    assert parameters(host.run(1, read)) == {"reg.kp": 0.125}
+    again = Host(library, written.dialect, stored=1)
+    assert parameters(again.run(10, again.pack("PARAM_REQUEST_LIST"))) == defaults | {"reg.kp": 0.125}
+
+
+def test_no_parameter_is_changed_while_armed(host):
+    flying(host)
+    said = set_parameter(host, "reg.kp", 0.5)
+    assert parameters(said) == {"reg.kp": pytest.approx(0.08)}
+    assert [m.get("text").rstrip("\0") for m in said if m.name == "STATUSTEXT"] == ["parameter refused: armed"]

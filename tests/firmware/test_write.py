@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,14 +11,23 @@ from click.testing import CliRunner
 from firmware.host import KEY
 
 from trimtab.actuators.allocation import DirectActuation
+from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.cli import main
 from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.export.boards import missing_tools
-from trimtab.export.firmware_folder import refuse_workspaces, replace_hardware, samples_source, write_firmware
+from trimtab.export.firmware_folder import (
+    firmware_blocks,
+    refuse_workspaces,
+    replace_hardware,
+    samples_source,
+    write_firmware,
+)
+from trimtab.run.blocks import message_structures
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
 from trimtab.wire.dialect import derive_dialect
 
 
@@ -96,3 +106,46 @@ def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch):
         return
     done = subprocess.run(["make", "-s"], cwd=tmp_path / "out", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    image = (tmp_path / "out" / "key.bin").read_bytes()
+    assert image[8:40] not in (tmp_path / "out" / "firmware.elf").read_bytes()
+
+
+def test_port_and_what_is_said_of_it_agree():
+    """Each function of port.h is written by every board, and the README counts them."""
+    firmware = Path(__file__).parents[2] / "firmware"
+    text = re.sub(r"/\*.*?\*/", "", (firmware / "portable" / "port.h").read_text(), flags=re.DOTALL)
+    functions = re.findall(r"(board_\w+)\(", text)
+    assert f"what a board has to offer: {len(functions)} functions" in (firmware / "README.md").read_text()
+    emulated = (firmware / "emulated" / "hardware.c").read_text()
+    for board in ("mps2", "stm32f405"):
+        sources = "".join(path.read_text() for path in (firmware / "boards" / board).glob("*.c")) + emulated
+        assert [f for f in functions if not re.search(rf"^[a-z].*\b{f}\(.*\) {{", sources, re.MULTILINE)] == []
+    callers = [*(firmware / "portable").glob("*.c"), firmware / "main.c"]
+    called = "".join(path.read_text() for path in callers)
+    assert [f for f in functions if f"{f}(" not in called] == []
+    page = (firmware.parent / "docs" / "export" / "boards.md").read_text()
+    assert "twelve" not in page
+    assert all(hook in page for hook in ("hardware_begin", "hardware_work"))
+    pattern = r"/\* ((?:(?!\*/).)*) \*/\n((?:[^\n]+\);\n)+)"  # as on the page, which prints them
+    comments = re.findall(pattern, (firmware / "portable" / "port.h").read_text(), re.DOTALL)
+    assert re.findall(r"(board_\w+)\(", "".join(f for _, f in comments)) == functions
+    assert "four functions" not in (firmware.parent / "docs" / "how-to" / "first-flight.md").read_text()
+
+
+def test_the_firmware_names_modes_and_causes_as_the_failsafe_does():
+    text = (Path(__file__).parents[2] / "firmware" / "portable" / "station.c").read_text()
+    for name, words in (("MODES", MODES), ("CAUSES", CAUSES)):
+        (listed,) = re.findall(rf"const {name}\[\] = {{(.*?)}};", text, re.DOTALL)
+        assert tuple(re.findall(r'"([^"]*)"', listed)) == words
+        assert f"name({name}, out->{name[:-1].lower()}, {len(words)})" in text
+
+
+def test_the_gains_that_were_set_are_the_boards():
+    """A regulator's gain, a motor's inertia; the defaults for a scenario without a regulated fan."""
+    settings = {"world.actuators.fan.regulator.kp": "0.0123", "world.actuators.fan.motor.inertia": "4.56e-5"}
+    for given, wanted in (({}, (0.08, 2.2e-5)), (settings, (0.0123, 4.56e-5))):
+        scenario = build("hovercraft/forward", given)
+        _, command = message_structures(replace_hardware(scenario))
+        _, regulator, motor = firmware_blocks(scenario, command, "f64")
+        texts = [re.search(rf"->{name} = (.*);", b.source) for b, name in ((regulator, "kp"), (motor, "inertia"))]
+        assert [float(found[1]) for found in texts] == pytest.approx(wanted, rel=1e-15)

@@ -89,8 +89,8 @@ HELP = (
 STUDIES = {
     "hovercraft2006": (
         *("control-laws", "stabilisability", "rudder-and-thrust", "inertia", "radio-links", "ultrasonic-cone"),
-        *("simulated-autopilot", "simulated-heading", "heading-filter", "mended-covariances"),
-        *("velocity-position-filter", "gyro-compensation", "gyro-square-wave", "navigation-summary"),
+        *("simulated-autopilot", "simulated-heading", "heading-filter"),
+        *("velocity-position-filter", "gyro-compensation", "gyro-square-wave"),
         "hardware-flights",
     ),
     "hypersonic2022": (

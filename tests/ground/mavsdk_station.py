@@ -6,6 +6,8 @@ import time
 
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action
+from mavsdk.plugins.ftp import Ftp
+from mavsdk.plugins.log_files import LogFiles
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
@@ -31,13 +33,17 @@ def explore(system):
     telemetry.subscribe_position_velocity_ned(
         lambda v, *_: seen.update(position=[v.position.north_m, v.position.east_m, v.position.down_m])
     )
+    telemetry.subscribe_position(lambda v, *_: seen.update(place=[v.latitude_deg, v.longitude_deg]))
+    telemetry.subscribe_home(lambda v, *_: seen.update(home=[v.latitude_deg, v.longitude_deg]))
     telemetry.subscribe_armed(lambda v, *_: seen.update(now_armed=bool(v)))
     telemetry.subscribe_health(lambda v, *_: seen.update(local_position_ok=bool(v.is_local_position_ok)))
     telemetry.subscribe_status_text(lambda v, *_: texts.append(v.text))
     direct.subscribe_message("HEARTBEAT", lambda m, *_: modes.append(json.loads(m.fields_json)["custom_mode"]))
-    until(lambda: modes and {"attitude", "position", "now_armed", "local_position_ok"} <= seen.keys())
+    until(lambda: modes and {"attitude", "position", "now_armed", "local_position_ok", "place", "home"} <= seen.keys())
     armed, mass = [seen["now_armed"]], [param.get_param_float("WV_MASS")]
     first = modes[-1]
+    files = Ftp(system).list_directory("/logs").entries
+    logs = [entry.size_bytes for entry in LogFiles(system).get_entries()]
     param.set_param_float("WV_MASS", 2.8)
     mass.append(param.get_param_float("WV_MASS"))
     for act, wanted in ((action.arm, True), (action.disarm, False)):
@@ -50,7 +56,14 @@ def explore(system):
     until(lambda: modes[-1] != first)
     del seen["now_armed"]
     count = len(param.get_all_params().float_params)
-    return seen | {"armed": armed, "mass": mass, "modes": [first, modes[-1]], "texts": texts, "parameters": count}
+    return (
+        seen
+        | {"armed": armed, "mass": mass, "modes": [first, modes[-1]], "texts": texts, "parameters": count}
+        | {
+            "files": [file.name for file in files],
+            "logs": logs,
+        }
+    )
 
 
 def main():

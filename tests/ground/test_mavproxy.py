@@ -14,7 +14,7 @@ from ground.serving import PATIENCE, served
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(importlib.util.find_spec("MAVProxy") is None, reason="pip install --no-deps MAVProxy fastcrc"),
+    pytest.mark.skipif(importlib.util.find_spec("MAVProxy") is None, reason="pip install --no-deps MAVProxy"),
 ]
 AGAIN = 3.0
 
@@ -77,7 +77,8 @@ def mavproxy(port, home):
 
 
 def test_mavproxy_with_the_key_reads_arms_and_changes(tmp_path):
-    with served(tmp_path) as vehicle, mavproxy(vehicle.port, tmp_path / "home") as station:
+    more = ("--origin", "38.9897,-76.9378,20", "--out", str(tmp_path / "out"), "--parameters", str(tmp_path / "kept"))
+    with served(tmp_path, *more) as vehicle, mavproxy(vehicle.port, tmp_path / "home") as station:
         station.type(f"signing key {vehicle.passphrase}", "Setup signing key")
         station.type("", "Detected vehicle 1:1")
         station.type("param fetch", r"Received \d+ parameters")
@@ -85,6 +86,12 @@ def test_mavproxy_with_the_key_reads_arms_and_changes(tmp_path):
         station.type("param set WV_MASS 2.75")
         station.type("param show WV_MASS", r"WV_MASS\s+2\.75")
         station.type("param fetch WV_MASS", r"WV_MASS\s*=\s*2\.75")
+        station.type("long PREFLIGHT_STORAGE 1", "Parameters stored, for the next start")
+        station.type("status GLOBAL_POSITION_INT", r"lat : 38989[67]")
+        station.type("status HOME_POSITION", "HOME_POSITION {latitude")
+        station.type("ftp list /logs", r"vehicle\.mcap")
+        station.type("log list", r"Log 2 ")
+        station.type("link", r"link 1 OK \(.*, 0 lost, 0\.0% loss")
         station.type("status ATTITUDE", "ATTITUDE {time_boot_ms")
         station.type("status LOCAL_POSITION_NED", "LOCAL_POSITION_NED {time_boot_ms")
         station.type("mode MANUAL", "Mode MANUAL")

@@ -1,6 +1,7 @@
 """An independent implementation of MAVLink, and of its signatures, as ground station of a running vehicle."""
 
 import hashlib
+import json
 import socket
 import time
 
@@ -13,6 +14,7 @@ PATIENCE = 30.0
 """Seconds; only a failure takes this long."""
 SIGNING_EPOCH = 1_420_070_400
 ARM, SET_MODE, SET_INTERVAL = 400, 176, 511
+REBOOT, STORAGE, TAKEOFF, UNSUPPORTED = 246, 245, 22, 3
 GUIDED, MANUAL = 15, 0
 
 
@@ -25,6 +27,8 @@ class Peer:
         self.mav = common.MAVLink(self, srcSystem=255, srcComponent=190)
         self.mav.robust_parsing = True
         self.sent, self.bytes_heard, self._beat = [], 0, 0.0
+        self.gaps = self.unknown = 0
+        self._numbers = {}
         if passphrase:
             signing = self.mav.signing
             signing.secret_key = hashlib.sha256(passphrase.encode()).digest()
@@ -49,7 +53,13 @@ class Peer:
         except TimeoutError:
             return []
         self.bytes_heard += len(packet)
-        return self.mav.parse_buffer(packet) or []
+        messages = self.mav.parse_buffer(packet) or []
+        for message in messages:
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            self.gaps += sender in self._numbers and message.get_seq() != (self._numbers[sender] + 1) & 0xFF
+            self._numbers[sender] = message.get_seq()
+            self.unknown += message.get_type() == "BAD_DATA" or message.get_type().startswith("UNKNOWN")
+        return messages
 
     def await_(self, name, good=lambda message: True, ask=lambda: None):
         """The first message of a name that is good; asks twice a second."""
@@ -90,13 +100,18 @@ class Peer:
 
 
 def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
-    with served(tmp_path) as vehicle:
+    with served(tmp_path, "--origin", "38.9897,-76.9378,20") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
         beat = peer.await_("HEARTBEAT")
         assert (beat.type, beat.custom_mode, beat.base_mode & 128) == (11, GUIDED, 0)
         for name in ("ATTITUDE", "LOCAL_POSITION_NED", "VFR_HUD", "SERVO_OUTPUT_RAW", "SYS_STATUS", "SYSTEM_TIME"):
             peer.await_(name)
         assert peer.await_("EXTENDED_SYS_STATE").landed_state == 1
+        seen, home = peer.await_("GLOBAL_POSITION_INT"), peer.await_("HOME_POSITION")
+        assert (seen.lat, seen.lon, seen.alt) == (home.latitude, home.longitude, home.altitude)
+        assert abs(seen.lat - 389_897_000) < 1000  # it begins within a few metres of its world's origin
+        battery = peer.await_("BATTERY_STATUS")
+        assert (set(battery.voltages), battery.battery_remaining) == ({0xFFFF}, -1)
 
         def read():
             peer.mav.param_request_read_send(1, 1, b"WV_MASS", -1)
@@ -119,6 +134,40 @@ def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
         assert report["released_s"] is not None
         assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
         peer.close()
+
+
+def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_path, monkeypatch):
+    """Reads the log that is being written, by pymavlink's client, signed, from a vehicle that runs."""
+    mavftp, mavutil = (pytest.importorskip(f"pymavlink.{name}") for name in ("mavftp", "mavutil"))
+    monkeypatch.setenv("MAVLINK20", "1")
+    out = tmp_path / "out"
+    kept = tmp_path / "kept.json"
+    with served(tmp_path, "--out", str(out), "--parameters", str(kept)) as vehicle:
+        peer = Peer(vehicle.port, vehicle.passphrase)
+        peer.await_("HEARTBEAT")
+        for kind in (0, 1, 2):
+            count = peer.await_("MISSION_COUNT", ask=lambda kind=kind: peer.mav.mission_request_list_send(1, 1, kind))
+            assert (count.count, count.mission_type) == (0, kind)
+        for number in (REBOOT, TAKEOFF):
+            assert peer.command(number, 1) == UNSUPPORTED
+        mass = peer.await_("PARAM_VALUE", ask=lambda: peer.mav.param_set_send(1, 1, b"WV_MASS", 2.75, 9))
+        assert mass.param_value == 2.75
+        assert peer.command(STORAGE, 1) == 0
+        assert json.loads(kept.read_text())["parameters"] == {"world.vehicle.mass": 2.75}
+        entry = peer.await_("LOG_ENTRY", ask=lambda: peer.mav.log_request_list_send(1, 1, 0, 0xFFFF))
+        assert entry.num_logs == 2  # vehicle.mcap, outputs.txt
+        peer.close()
+        master = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{vehicle.port}", source_system=254, source_component=190, dialect="common"
+        )
+        master.setup_signing(hashlib.sha256(vehicle.passphrase.encode()).digest(), sign_outgoing=True)
+        got = mavftp.MAVFTP(master, 1, 1).read("/logs/vehicle.mcap", 1 << 30)
+        master.close()
+        report = vehicle.stop()
+    whole = (out / "vehicle.mcap").read_bytes()
+    assert len(got) > 10_000
+    assert whole.startswith(got)
+    assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
 
 
 def test_without_the_key_nothing_is_done_and_nothing_is_told(tmp_path):

@@ -129,6 +129,16 @@ def test_a_filter_gets_the_variances_of_its_step():
     assert K2 * tau / 3 == pytest.approx(floor, rel=1e-9)
 
 
+def test_degrees_of_freedom_are_those_of_the_scatter():
+    """2 mean²/variance of the estimates of 3000 logs of white noise; the standard error of that is 3 %."""
+    averages = (1, 2, 4, 8, 16)
+    logs = np.random.default_rng(5).normal(size=(3000, 1024))
+    v = np.array([overlapping_variance(y, averages) for y in logs])
+    fit = fit_allan(logs[0], 1.0, averages)
+    assert fit.walk.value < 0.01
+    np.testing.assert_allclose(fit.freedom, 2 * v.mean(0) ** 2 / v.var(0), rtol=0.12)
+
+
 def test_bars_of_the_plot():
     fit = fit_allan(still_log(1, N_SAMPLES, 1e-3, 0.0, 1e-3), DT)
     low, high = confidence_interval(fit)

@@ -26,7 +26,7 @@ TRIALS = (SpinUpTrial(-20 * DEG, 1.1, 0.9412), SpinUpTrial(25 * DEG, 1.05, -1.02
 
 
 @pytest.mark.parametrize(("trial", "FY", "J"), [(TRIALS[0], -0.28, 0.0952), (TRIALS[1], 0.31, 0.0967)])
-def test_check_10_table_4_2(trial, FY, J):
+def test_table_4_2(trial, FY, J):
     """[1] table 4.2: J to 1e-4, with FY rounded to two decimals as the table prints it."""
     got_FY, got_J = trial_inertia(trial, ARM, PSI, decimals=2)
     assert got_FY == pytest.approx(FY, abs=1e-12)

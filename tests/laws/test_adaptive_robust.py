@@ -1,4 +1,7 @@
-"""AdaptiveRobust: signs, bounds and adaptation against what [H] 7.4 derives; [H] is the specification of the system."""
+"""AdaptiveRobust: signs, bounds and adaptation against what follows from [1] eqs. 16-18.
+
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +25,7 @@ def sized(e):
 
 @pytest.mark.parametrize(("sign", "times"), [("published", 0.5), ("minus", 1.5), ("off", 1.0)])
 def test_damping_scales_the_gain_of_a_regulator(sign, times):
-    """[H] 7.4: R^-1 s = -K e, so the published u_h halves K and minus makes it one and a half."""
+    """[1] eqs. 16-18: R^-1 s = -K e, so the published u_h halves K and minus makes it one and a half."""
     terms = replace(ROBUST, damping=sign).terms(LEARNT, ERROR)
     np.testing.assert_allclose(K @ ERROR + terms.u_h, times * K @ ERROR, rtol=1e-12)
 
@@ -45,7 +48,7 @@ def test_sign_takes_the_whole_bound_in_each_direction():
 
 @pytest.mark.parametrize("sigma", [0.0, 0.5])
 def test_bounds_follow_their_differential_equation(sigma):
-    """[H] 7.4, column "implement"; scipy integrates the same with a fading error."""
+    """[1] eqs. 16-18, mended; scipy integrates the same with a fading error."""
     one = replace(ROBUST, switching="smooth", sigma=sigma, cap=1e3)
 
     def rates(t, rho):

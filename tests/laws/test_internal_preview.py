@@ -1,6 +1,6 @@
 """Internal states from a few seconds' preview, against the bounded solution that knows everything.
 
-[H] is the specification of the hypersonic system; its sections are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import jax

@@ -1,6 +1,6 @@
 """Quasi-static internal states: against an independent search, and against the bounded solution.
 
-[H] is the specification of the hypersonic system; its sections are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import math
@@ -41,7 +41,7 @@ def moment(alpha, p):
 
 
 def test_is_the_root_of_an_independent_search():
-    """[H] 6.3 at several instants of the large climb."""
+    """[1] eq. 7 at several instants of the large climb."""
     state, zeta = run(FORM, every=1000)
     assert bool(state.found)
     for t, got in zip(T[::1000], zeta, strict=True):

@@ -1,6 +1,6 @@
 """The causal linear form against the noncausal linear solution.
 
-[H] is the specification of the hypersonic system; its sections are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def ran(form):
 
 
 def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
-    """[H] 6.3: the difference is made of the stable modes; after 20 s it is below 1e-7, in scales."""
+    """[1] eq. 7: the difference is made of the stable modes; after 20 s it is below 1e-7, in scales."""
     off = np.abs(ran - linear()[1].solution.zeta[: len(T)]) / SCALES
     at = {s: off[np.searchsorted(T, 5 + s - 1e-9)].max() for s in (0, 1, 5, 15, 30)}
     assert 2e-4 < at[0] < 5e-4  # the jump: what the unstable mode began with before the step

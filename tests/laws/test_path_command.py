@@ -1,6 +1,6 @@
 """Command filters: their closed forms against scipy's step responses, continuity, what is refused.
 
-[H] is the specification of the hypersonic system; its sections are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import jax
@@ -21,7 +21,7 @@ def response(w, order, derivative, t):
 
 
 def test_closed_forms_are_the_step_responses():
-    """[H] 6.1: orders 4 and 3, each derivative, to 1e-9 of its largest value."""
+    """Oracle, climb: orders 4 and 3, each derivative, to 1e-9 of its largest value."""
     t = np.linspace(0.0, 250.0, 501)
     p = CLIMB.at(5.0 + t)
     h = [(p.h - 85000.0) / 5000, p.h_rate / 5000, p.h_acceleration / 5000, p.h_jerk / 5000]
@@ -33,7 +33,7 @@ def test_closed_forms_are_the_step_responses():
 
 
 def test_the_printed_polynomials():
-    """[H] 6.1, as written there."""
+    """Oracle, climb: the closed form."""
     a = np.linspace(0.0, 12.0, 61)
     e = np.exp(-a)
     wanted = [1 - e * (1 + a + a**2 / 2 + a**3 / 6), e * a**3 / 6, e * (a**2 / 2 - a**3 / 6), e * (a - a**2 + a**3 / 6)]
@@ -52,7 +52,7 @@ def test_each_field_is_the_derivative_of_the_one_before():
 
 
 def test_what_the_inversion_gets_has_no_jump():
-    """[H] 6.1: h'' and V' are continuous at the step; h''' starts at once, yet from zero too."""
+    """Oracle, climb: h'' and V' are continuous at the step; h''' starts at once, yet from zero too."""
     t = 5.0 + np.array([-1e-6, 1e-6])
     p = CLIMB.at(t)
     for name in ("h", "h_rate", "h_acceleration", "h_jerk", "V", "V_rate"):
@@ -62,7 +62,7 @@ def test_what_the_inversion_gets_has_no_jump():
 
 
 def test_reaches_95_percent_when_said():
-    """[H] 6.1: about 130 s for an altitude step with the defaults."""
+    """Oracle, climb: about 130 s for an altitude step with the defaults."""
     t = np.linspace(0, 250, 25001)
     reached = t[np.argmax(FilteredClimb(dh=1.0).at(5.0 + t).h - 85000.0 >= 0.95)]
     assert abs(reached - 130) < 2

@@ -1,6 +1,6 @@
 """Fuel ratio and elevator for wanted accelerations: exact against the vehicle, and what happens where there are none.
 
-[H] is the specification of the hypersonic system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import math
@@ -38,7 +38,7 @@ def achieved(h, h_rate, V, alpha, u, q=0.0):
 
 
 def test_check_06_inversion():
-    """Acceptance check 6, [H] 3.2: |(h'', V') - v| below 1e-9 over the grid, climbing and sinking, for several v."""
+    """[1] eqs. 4-8: |(h'', V') - v| below 1e-9 over the grid, climbing and sinking, for several v."""
     h, V, alpha, h_rate, v1, v2 = (np.ravel(a) for a in GRID)
     found = invert_path(CRAFT, h, h_rate, V, alpha, v1, v2)
     assert np.asarray(found.solvable).all()
@@ -47,7 +47,7 @@ def test_check_06_inversion():
 
 
 def test_the_root_is_that_of_newtons_iteration():
-    """[H] 3.2: the root of R(delta) next to level flight's elevator, searched by bisection; never the far one."""
+    """[1] eqs. 4-8: the root of R(delta) next to level flight's elevator, searched by bisection; never the far one."""
     air, m, g = CRAFT.forces.aerodynamics, float(CRAFT.m), float(CRAFT.g)
     draws = np.random.default_rng(5)
     for _ in range(40):
@@ -80,7 +80,7 @@ def test_without_angle_of_attack_the_quadratic_is_a_line():
 
 
 def test_slope_is_the_derivative_of_the_normal_force():
-    """[H] 3.2: R' = qbar S [(2 CD_d2 delta + CD_d) tan alpha + CL_d]."""
+    """[1] eqs. 4-8: R' = qbar S [(2 CD_d2 delta + CD_d) tan alpha + CL_d]."""
     found = invert_path(CRAFT, 85000.0, 30.0, 7700.0, 0.03, 1.0, 0.5)
     qS = 6.7429e-5 * 7700.0**2 / 2 * 17
     wanted = qS * ((2 * 0.81993 * float(found.u.delta_e) + 2.7699e-4) * math.tan(0.03) + 0.76224)
@@ -109,7 +109,7 @@ def test_steeper_than_possible_stays_finite_and_is_said():
 
 
 def test_limits_clip_and_say_so():
-    """[H] 3.2: Phi within 0.02 and 1.5, elevator within -20 and 25.8 deg."""
+    """[1] eqs. 4-8: Phi within 0.02 and 1.5, elevator within -20 and 25.8 deg."""
     limits = InputLimits()
     inside, moved = limits.clip(HypersonicInput(0.5, 0.1))
     assert (float(inside.Phi), float(inside.delta_e), bool(moved)) == (0.5, 0.1, False)
@@ -120,7 +120,7 @@ def test_limits_clip_and_say_so():
 
 
 def test_internal_rates_are_the_vehicles_with_that_input():
-    """[H] 3.3: Psi is the rows of alpha, Q and the modes of the vehicle itself."""
+    """[1] eqs. 4-8: Psi is the rows of alpha, Q and the modes of the vehicle itself."""
     draws = np.random.default_rng(2)
     h, h_rate, V = draws.uniform([80e3, -100, 7e3], [95e3, 100, 9e3], (50, 3)).T
     v1, v2 = draws.uniform(-5, 8, (2, 50))
@@ -134,7 +134,7 @@ def test_internal_rates_are_the_vehicles_with_that_input():
 
 
 def test_is_differentiable_at_the_trim():
-    """[H] 3.1: du/dv is the inverse of dv/du = [0.685649, 86.387771; 24.596085, -40.341697]."""
+    """[1] eqs. 4-8: du/dv is the inverse of dv/du = [0.685649, 86.387771; 24.596085, -40.341697]."""
 
     def input_for(v):
         u = invert_path(CRAFT, 85000.0, 0.0, 7702.0808, 0.02786913, v[0], v[1]).u

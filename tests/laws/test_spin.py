@@ -5,8 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Estimate, PlanarState
 from trimtab.laws.spin import (
@@ -20,7 +18,6 @@ from trimtab.laws.spin import (
     switching_energy,
     switching_energy_sharp,
 )
-from trimtab.laws.velocity import ZeroVelocity
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 M, J, ARM = 2.6, 0.096, 0.32
@@ -53,8 +50,8 @@ def rate(law):
     return f
 
 
-def test_check_01_energy_identity_of_spin():
-    """Acceptance check 1, [1, eq. 2.37], 1e-9."""
+def test_energy_identity_of_spin():
+    """[1, eq. 2.37], 1e-9."""
     law = ConstantSpin(0.7, 3.1, -2.2)
     x = RNG.uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
     got = jax.vmap(lambda x: jnp.dot(jax.grad(lambda x: law.lyapunov(PlanarState(*x, 0.0)))(x), rate(law)(x)))(x)
@@ -62,8 +59,8 @@ def test_check_01_energy_identity_of_spin():
     np.testing.assert_allclose(got, -0.7 * u**2 - 3.1 * (v - ARM * (r + 2.2)) ** 2, atol=1e-9)
 
 
-def test_check_03_eigenvalues_at_the_good_point():
-    """Acceptance check 3: PI(0.5, 3.5; 3 rad/s), 1e-3."""
+def test_eigenvalues_at_the_good_point():
+    """PI(0.5, 3.5; 3 rad/s), 1e-3."""
     A = jax.jacfwd(rate(ConstantSpin(0.5, 3.5, 3.0)))(jnp.array([0.0, 0.0, 3.0]))
     expected = np.sort_complex(np.array([-4.6751, -0.2984 + 2.6642j, -0.2984 - 2.6642j]))
     np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(np.asarray(A))), expected, atol=1e-3)
@@ -91,8 +88,8 @@ def test_the_bad_point_attracts_one_side_and_lets_go_of_the_other(continuous, st
     assert end.yaw_rate[1, -1] == pytest.approx(3.0, abs=1e-6)
 
 
-def test_check_05_limit_point_constants():
-    """Acceptance check 5, [1, eq. 2.48], 1e-4: W_bad(Pir = 0.288), eps(3 rad/s), and the sharp ratio."""
+def test_limit_point_constants():
+    """[1, eq. 2.48], 1e-4: W_bad(Pir = 0.288), eps(3 rad/s), and the sharp ratio."""
     assert float(limit_point_value(CRAFT, 0.288 / J)) == pytest.approx(1.63008, abs=1e-4)
     assert float(switching_energy(CRAFT, 3.0)) == pytest.approx(0.220142, abs=1e-4)
     assert float(switching_energy_sharp(CRAFT, 3.0) / switching_energy(CRAFT, 3.0)) == pytest.approx(1.74321, abs=1e-4)
@@ -112,8 +109,8 @@ def test_switching_energies_are_safe_and_the_sharp_one_is_sharp(reference):
     assert W_numpy(0.0, 0.0, worst, reference) == pytest.approx(bad, rel=1e-12)
 
 
-def test_check_06_starts_below_the_limit_point_value_spin(continuous, starts):
-    """Acceptance check 6: 100 of 100 starts with W < W_bad reach the good point. [1] section 2.2.6.
+def test_starts_below_the_limit_point_value_spin(continuous, starts):
+    """100 of 100 starts with W < W_bad reach the good point. [1] section 2.2.6.
 
     The law is smooth: RK4 at 0.01 s with the law inside the derivative, against its fastest eigenvalue -4.7.
     """
@@ -127,8 +124,8 @@ def test_check_06_starts_below_the_limit_point_value_spin(continuous, starts):
     assert np.abs(end.sway_velocity[:, -1]).max() < 1e-3
 
 
-def test_check_07_provision_coefficient_and_worst_state():
-    """Acceptance check 7, [1, eq. 2.69]: coefficient 0.339846 within 1e-5; equality at the worst state."""
+def test_provision_coefficient_and_worst_state():
+    """[1, eq. 2.69]: coefficient 0.339846 within 1e-5; equality at the worst state."""
     assert float(safe_reference_bound(CRAFT, 0.0, 1.0)) == pytest.approx(0.339846, abs=1e-5)
     for W, reference in ((0.3, 2.0), (1.1, -0.8), (0.02, 4.0)):
         v = float(safe_reference_bound(CRAFT, W, reference))
@@ -140,8 +137,8 @@ def test_check_07_provision_coefficient_and_worst_state():
         assert W_numpy(0, 0, worst, new) == pytest.approx((J + D) * v**2 / 2, rel=1e-12)
 
 
-def test_check_07_provision_is_never_violated():
-    """Acceptance check 7: 0 violations in 400 references and energies (W < W_bad) times 3000 states.
+def test_provision_is_never_violated():
+    """0 violations in 400 references and energies (W < W_bad) times 3000 states.
 
     New references just above the bound, anywhere up to the present one, and above it; a change of sign fails always.
     """
@@ -166,8 +163,8 @@ def test_provision_is_not_enough_above_the_limit_point_value():
     assert W_numpy(0.0, 0.0, r, new) > (J + D) * new**2 / 2
 
 
-def test_check_07_provision_is_below_the_reference_exactly_when_safe():
-    """Acceptance check 7: v < |reference| if and only if W < W_bad."""
+def test_provision_is_below_the_reference_exactly_when_safe():
+    """V < |reference| if and only if W < W_bad."""
     reference, W = RNG.uniform(-6, 6, 100_000), RNG.uniform(0, 3, 100_000)
     safe = (J + D) * reference**2 / 2 > W
     assert 0.2 < safe.mean() < 0.99
@@ -219,13 +216,6 @@ def test_supervisor_spins_from_any_start(sampled, starts):
     assert (mode[:, 0] == BRAKE).any()
     together = np.diff(mode, axis=1) == 0
     assert np.diff(np.asarray(o.lyapunov), axis=1)[together].max() <= 1e-9, "V falls, then W falls"
-
-
-def test_checks_name_what_differs():
-    SupervisedSpin().check()
-    heavy = replace(Hovercraft(), mass=3.0)
-    with pytest.raises(InputError, match=r"braking\.model\.mass and spinning\.model\.mass differ"):
-        SupervisedSpin(braking=ZeroVelocity(model=heavy)).check()
 
 
 def test_the_record_and_the_function_agree():

@@ -1,4 +1,7 @@
-"""StableInversion: what one step asks for, what it remembers, and what it refuses. [H] is the specification."""
+"""StableInversion: what one step asks for, what it remembers, and what it refuses.
+
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
+"""
 
 import jax
 import numpy as np
@@ -30,7 +33,7 @@ def flown(law=LAW, x=TRIM, times=(0,)):
 
 
 def test_at_the_trim_it_asks_for_the_trim():
-    """[H] 2.4."""
+    """Oracle, trim."""
     _, out = flown()
     np.testing.assert_allclose(out.demand.Phi, 0.264449, rtol=1e-4)
     np.testing.assert_allclose(np.rad2deg(out.demand.delta_e), 12.427146, rtol=1e-4)
@@ -38,7 +41,7 @@ def test_at_the_trim_it_asks_for_the_trim():
 
 
 def test_the_vehicle_accelerates_as_the_law_asked():
-    """The demand, put into the plant, gives (h'', V') = v: [H] acceptance check 6, through the law."""
+    """The demand, put into the plant, gives (h'', V') = v: through the law."""
     want, gamma = LAW.command.at(20.0), 0.002
     x = HypersonicState(want.h + 1.0, want.V + 0.5, 0.0265, 0.0265 + gamma, 0.0, 0.85, 0.1, 0.8, -0.1)
     _, out = flown(x=FlexibleTruth().measure(x), times=(0, ms(20000)))

@@ -60,14 +60,14 @@ def eigenvalues(law):
 STATES = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [2.0, 2.0, 8.0]
 
 
-def test_check_01_energy_identity_of_zero():
-    """Acceptance check 1, [1, eq. 2.17], 1e-9: V' = -k1 u^2 - k2 (v - d r)^2."""
+def test_energy_identity_of_zero():
+    """[1, eq. 2.17], 1e-9: V' = -k1 u^2 - k2 (v - d r)^2."""
     u, v, r = STATES.T
     np.testing.assert_allclose(decay(ZeroVelocity(0.7, 3.1))(STATES), -0.7 * u**2 - 3.1 * (v - D * r) ** 2, atol=1e-9)
 
 
-def test_check_01_energy_identity_of_forward():
-    """Acceptance check 1, [1, eq. 2.23] with lambda = 1 + kappa, 1e-9."""
+def test_energy_identity_of_forward():
+    """[1, eq. 2.23] with lambda = 1 + kappa, 1e-9."""
     k1, k2, PXr = 0.7, 3.1, 1.9
     kappa = PXr / (k2 * D)
     u, v, r = STATES.T
@@ -76,8 +76,8 @@ def test_check_01_energy_identity_of_forward():
     np.testing.assert_allclose(got, -k1 * (u - PXr / M) ** 2 - k2 * form, atol=1e-9)
 
 
-def test_check_01_energy_identity_of_matched():
-    """Acceptance check 1, [1, eq. 2.29]: without cross terms, 1e-9."""
+def test_energy_identity_of_matched():
+    """[1, eq. 2.29]: without cross terms, 1e-9."""
     k1, PXr = 0.7, 1.9
     u, v, r = STATES.T
     k2 = PXr / (2 * D)
@@ -85,8 +85,8 @@ def test_check_01_energy_identity_of_matched():
     np.testing.assert_allclose(got, -k1 * (u - PXr / M) ** 2 - k2 * (v**2 + D**2 * r**2), atol=1e-9)
 
 
-def test_check_02_forward_decreases_for_all_gains():
-    """Acceptance check 2: W' < 0 off the equilibrium for 400 random gains, most against the source's k2 > PXr/d."""
+def test_forward_decreases_for_all_gains():
+    """W' < 0 off the equilibrium for 400 random gains, most against the source's k2 > PXr/d."""
     draws = np.random.default_rng(1)
     gains = np.exp(draws.uniform(np.log(0.05), np.log(20), (400, 3)))
     assert (gains[:, 1] <= gains[:, 2] / D).sum() > 200
@@ -117,13 +117,13 @@ CLOSED_FORM = [
 
 
 @pytest.mark.parametrize(("law", "expected"), CLOSED_FORM, ids=lambda p: named(p) if hasattr(p, "k1") else "")
-def test_check_03_eigenvalues(law, expected):
-    """Acceptance check 3, [1, eqs. 2.31 to 2.33], 1e-3."""
+def test_eigenvalues(law, expected):
+    """[1, eqs. 2.31 to 2.33], 1e-3."""
     np.testing.assert_allclose(eigenvalues(law), np.sort_complex(np.array(expected, complex)), atol=1e-3)
 
 
 @pytest.mark.parametrize("gains", [(1.5, 1.0, 1.44, -1.98), (0.4, 2.2, 0.7, -3.0), (2.0, 0.3, 5.0, -0.2)])
-def test_check_03_reverse_has_the_published_closed_form(gains):
+def test_reverse_has_the_published_closed_form(gains):
     """[1, eq. 2.33] written out."""
     k1, k2, theta, PXr = gains
     a = D**2 * theta * M - J
@@ -138,8 +138,8 @@ def test_reverse_is_stable_exactly_above_the_least_theta():
     assert eigenvalues(ReverseMomentum(theta=least * 0.99)).real.max() > 0
 
 
-def test_check_04_slow_manifold_slope(continuous, starts):
-    """Acceptance check 4: the slope of 1/(2 r^2) over 1000 to 2000 s is 1.911 within 1 %.
+def test_slow_manifold_slope(continuous, starts):
+    """The slope of 1/(2 r^2) over 1000 to 2000 s is 1.911 within 1 %.
 
     The law is smooth and the fast modes are damped, so RK4 at 0.1 s with the law inside the derivative is exact
     enough; halving the step changes the slope by less than 1e-6 of it.

@@ -20,7 +20,7 @@ Free2Move/Linksys   2.9/16.2 | 38.83 8.80 20 68   | 32.62 8.49 14 65    | 75.69 
 ROWS = [(pair, path) for pair in TABLE for path in ("up", "down")]
 
 
-def test_check_24_table_5_1_is_verbatim():
+def test_table_5_1_is_verbatim():
     printed = {}
     for line in PRINTED.strip().splitlines():
         pair, *paths = line.split("|")
@@ -32,7 +32,7 @@ def test_check_24_table_5_1_is_verbatim():
 
 
 @pytest.mark.parametrize(("pair", "path"), ROWS)
-def test_check_24_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
+def test_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
     """Mean and standard deviation within 2 %; no packet is faster than the smallest seen, less 2 ms."""
     link = bluetooth_link(pair, path)
     link.check()

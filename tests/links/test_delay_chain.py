@@ -37,7 +37,7 @@ def test_invalid_samples_stay_invalid_on_their_way(drive):
     assert np.isfinite(out.age).all()
 
 
-def test_check_24_loop_delay_is_76_ms():
+def test_loop_delay_is_76_ms():
     """[1] section 6.1: 6 unit delays of 6 ms and 2 of 20 ms, "nearly 80 ms" with the waits for sampling."""
     down, up = DelayChain(ms(6), 6), DelayChain(ms(20), 2)
     assert round((down.delay() + up.delay()) * 1e3, 9) == 76.0

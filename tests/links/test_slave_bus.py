@@ -1,4 +1,4 @@
-"""Slave bus: the specification's figure, and every arrival against a list of slots written here."""
+"""Slave bus: its longest delay, and every arrival against a list of slots written here."""
 
 import jax
 import jax.numpy as jnp
@@ -63,9 +63,15 @@ def slots(made, size=BYTES, queue=200.0):
 
 
 def test_10_bytes_and_an_address_take_0_99_ms():
-    """Spec 4.2: 99 bits at 100 kHz."""
+    """99 bits at 100 kHz."""
     _, out = flown(SlaveBus(size=10, period=ms("0.01"), queue=ms(2)), [0], 110, ms("0.01"))
     assert int(np.argmax(out.valid)) == 99
+
+
+def test_the_last_piece_takes_what_it_holds():
+    """Two pieces, of 10 bytes and of 5: the second begins 10 ms on and takes (5 + 1) 9 bits at 100 kHz."""
+    _, out = flown(SlaveBus(period=ms("0.01"), queue=ms(20), capacity=2100), [0], 1100, ms("0.01"))
+    assert int(np.argmax(out.valid)) == 1000 + 54
 
 
 CASES = {

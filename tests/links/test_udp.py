@@ -102,3 +102,22 @@ def test_udp_hears_only_whom_it_calls():
         stranger.sendto(b"command", ("127.0.0.1", client._socket.getsockname()[1]))
         assert client.receive(0.1) is None
     client.close()
+
+
+def test_udp_replies_to_a_stranger_alone_and_does_not_take_it_for_a_peer():
+    uri = f"udp://:{free_port(socket.SOCK_DGRAM)}"
+    server = open_link(uri, listen=True)
+    assert server.reply(b"to nobody") is False
+    known, stranger = open_link(uri), open_link(uri)
+    known.send(b"here")
+    assert server.receive(PATIENCE) == b"here"
+    server.accept_sender()
+    stranger.send(b"who?")
+    assert server.receive(PATIENCE) == b"who?"
+    assert server.reply(b"not you")
+    assert server.send(b"all")
+    assert stranger.receive(PATIENCE) == b"not you"
+    assert stranger.receive(0.05) is None
+    assert known.receive(PATIENCE) == b"all"
+    for link in (server, known, stranger):
+        link.close()

@@ -1,5 +1,6 @@
 """Where the numbers of a live flight have to be: bands made from simulated flights over many seeds."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from trimtab.core.record import replace
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import metrics
 from trimtab.run.simulate import simulate_batch
 
@@ -15,6 +17,11 @@ REACHED = 0.03
 """How much earlier or later (s) a target may be reached besides: rows of simulated flights are 10 ms apart, and up to
 a servo frame lies between a vehicle's release and its first command."""
 NUMBERS = ("first_reach_s", "tail_mean", "tail_rms")
+
+
+STALL_S = 0.1
+"""A machine that keeps a process with real-time priority waiting for longer is not its own (a virtual one whose host is
+busy, or one that tests something else beside); such a flight is made again, up to three times, and the last counts."""
 
 
 class Band(NamedTuple):
@@ -80,3 +87,9 @@ def released(log):
     ticks = log.ticks[after] - log.ticks[after][0]
     signals = {p: log[p][after] for p in log.paths if p.startswith("truth.")}
     return Log(to_seconds(ticks), ticks, signals, {}, {}, {})
+
+
+def kept_waiting(folder: Path) -> float:
+    """The longest (s) that either process was due and not run, by what both logs say."""
+    there, here = read_mcap(folder / "there" / "vehicle.mcap"), read_mcap(folder / "here" / "flight.mcap")
+    return float(max(there["firmware.late"].max(), here["loop.late"].max()))

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 BUILD_S = 200
 """Seconds in which a program is compiled and has flown: only a failure takes this long."""
+DISARMED_S = 10
+"""Seconds in which a vehicle that was armed ends after its autopilot."""
 
 
 class Ended(NamedTuple):
@@ -46,6 +48,13 @@ class Program:
             assert time.monotonic() < end, self._said.read_text()
             time.sleep(0.05)
 
+    def terminate_after(self, patience):
+        """Ask it to end, unless it does by itself within so many seconds."""
+        try:
+            self.process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.process.terminate()
+
     def finished(self):
         """Its end; killed where that doesn't come."""
         try:
@@ -81,8 +90,8 @@ def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=(), inside
     try:
         there.wait_for("listens on", "waits on")
         here = start("fly", "--link", link, "here", pilot, inside[1]).finished()
-        if here.status:  # else nobody arms the vehicle, and it waits for ever
-            there.process.terminate()
+        if here.status:  # one that flew ends by itself; one that nobody armed waits for ever
+            there.terminate_after(DISARMED_S)
         return there.finished(), here
     finally:
         if there.process.poll() is None:

@@ -9,9 +9,10 @@ from wire.line import every
 
 from trimtab.core.signals import Command
 from trimtab.live.autopilot_end import (
-    LARGEST_TIME_DIFFERENCE,
     LONGEST_BACKLOG,
     LONGEST_QUEUE,
+    MOST_FALLS,
+    OTHER_CLOCK,
     AutopilotEnd,
     frame_log_path,
 )
@@ -65,16 +66,27 @@ def test_a_sample_that_comes_twice_counts_once():
 
 
 def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
-    """One of another clock, which is much older, is for all: the vehicle was started anew."""
+    """One that is older by more than half a second is for nobody."""
     line = Line(any_order=("inertial-unit",))
     for sensor in ("compass", "inertial-unit"):
-        for k in (600, 602, 601, 603, 50):
+        for k in (600, 602, 601, 603, 50, 604):
             line.send(sensor, k * MS, float(k))
     for k in range(6):
         line.pilot.fly_period((700 + k) * MS)
     new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
-    assert new == {"compass": [600, 602, 603, 50], "inertial-unit": [600, 602, 601, 603, 50]}
-    assert line.pilot.overtaken_samples == 2
+    assert new == {"compass": [600, 602, 603, 604], "inertial-unit": [600, 602, 601, 603, 604]}
+    assert line.pilot.overtaken_samples == 4
+
+
+def test_old_samples_between_new_ones_are_overtaken_however_many_and_those_alone_are_of_another_clock():
+    line = Line()
+    for k in range(50):
+        line.send("compass", (1000 + 6 * k) * MS, 0.0)
+        line.send("compass", (500 - k) * MS, 1.0)
+    assert (line.pilot.received_samples, line.pilot.overtaken_samples) == (50, 50)
+    for k in range(OTHER_CLOCK + 4):
+        line.send("compass", (10 + 6 * k) * MS, 2.0)
+    assert (line.pilot.received_samples, line.pilot.overtaken_samples) == (56, 56)
 
 
 def test_too_many_drop_the_oldest_and_are_counted():
@@ -110,9 +122,10 @@ def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
     assert line.seen("compass", "t")[-1] == (4 * MS - 100,)
 
 
-@pytest.mark.parametrize("wrong", [-LARGEST_TIME_DIFFERENCE - MS, LARGEST_TIME_DIFFERENCE + 2 * MS, 2**62])
-def test_a_sample_of_another_clock_is_not_believed(wrong):
+@pytest.mark.parametrize("wrong", [-2 * MS, 490 * MS, 36_000_000_000, 2**62])
+def test_a_sample_that_is_not_believed_costs_one_sample(wrong):
     line = Line()
+    line.pilot.is_believable = lambda t: t in (3 * MS, 6 * MS)
     line.send("compass", 3 * MS, 1.0)
     line.pilot.fly_period(4 * MS, lambda t: t)
     line.send("compass", 4 * MS + wrong, 2.0)
@@ -120,7 +133,7 @@ def test_a_sample_of_another_clock_is_not_believed(wrong):
     line.send("compass", 6 * MS, 3.0)
     line.pilot.fly_period(7 * MS, lambda t: t)
     assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (1.0, 0), (3.0, 1)]
-    assert line.pilot.implausible_samples == 1
+    assert (line.pilot.implausible_samples, line.pilot.overtaken_samples) == (1, 0)
 
 
 def test_what_came_before_the_flight_is_forgotten():
@@ -148,3 +161,23 @@ def test_commands_carry_the_vehicles_time():
 def test_frames_have_the_paths_of_a_simulations_log():
     assert frame_log_path("samples.inertial-unit.t") == "downlink.inertial-unit.t"
     assert frame_log_path("t") is None
+
+
+def test_of_a_sensor_whose_time_runs_backwards_nothing_is_taken_and_it_is_counted_as_that():
+    """They had been counted as overtaken, and each half second one was taken."""
+    line = Line()
+    for k in range(200):
+        line.send("compass", (1000 - 10 * k) * MS, 1.0)
+    assert line.pilot.received_samples == 1
+    assert (line.pilot.overtaken_samples, line.pilot.backward_samples) == (0, 199)
+    assert line.pilot.backward_sensors == ["compass"]
+    line.send("compass", 1010 * MS, 2.0)
+    assert (line.pilot.backward_sensors, line.pilot.received_samples) == ([], 2)
+
+
+def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
+    line = Line()
+    for t in (10, *range(10 - 1, 10 - MOST_FALLS, -1), 11):
+        line.send("compass", t * MS, 1.0)
+    assert (line.pilot.overtaken_samples, line.pilot.backward_samples) == (MOST_FALLS - 1, 0)
+    assert line.pilot.backward_sensors == []

@@ -21,7 +21,7 @@ from trimtab.live.clock_time import (
 
 
 def test_the_fields_are_those_of_the_source_four_bytes_up_and_two_more_down():
-    """Spec 4.2: CLOCK_TIME fixed 4 up, +2 timer down; IMU 23; SERVO_CMD 4; one header byte and an id."""
+    """CLOCK_TIME is fixed, 4 up, +2 timer down; IMU 23; SERVO_CMD 4; one header byte and an id."""
     key, packet = ClockTimeExchange(1, b"abcdefgh").request(123_456_789)
     assert packet == bytes.fromhex("a504") + struct.pack("<I", 123_456)
     assert key == 123_456

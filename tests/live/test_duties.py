@@ -1,6 +1,6 @@
 """Who may command a vehicle: requests as they come over the wire, in front of the compiled failsafe.
 
-Times and rules are those of the specification and of the page Failsafe: 250 ms, 1 s, latched.
+Times and rules are those of the page Failsafe: 250 ms, 1 s, latched.
 """
 
 from types import SimpleNamespace
@@ -191,3 +191,22 @@ def test_without_limits_there_is_no_place_for_a_stick():
         duties.handle_event(event, 0)
     duties.act(0, None)
     assert duties.mode.mode == "computer"
+
+
+def test_beyond_a_limit_it_stops_with_that_cause_and_stays_so(craft):
+    for kind in ("fence", "envelope"):
+        craft.run(10, asks=[arm()])
+        craft.run(50, command=(1.6e-3, 4000.0))
+        craft.duties.breach = kind
+        craft.run(10, command=(1.6e-3, 4000.0))
+        assert (craft.acting, craft.duties.mode) == (STOPPED, ("failsafe", kind))
+        craft.duties.breach = "none"
+        craft.run(100, command=(1.6e-3, 4000.0))
+        assert craft.duties.mode == ("failsafe", kind)
+
+
+def test_the_safety_pilot_brings_it_back_inside(craft):
+    craft.run(10, asks=[arm()])
+    craft.duties.breach = "fence"
+    craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
+    assert craft.duties.mode == ("manual", "takeover")

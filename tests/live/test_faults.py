@@ -14,16 +14,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from run.stand_ins import KEY
+from run.stand_ins import dialect as make_dialect
+from wire.line import every
 
+from studies.live_faults.campaign import select_cases
 from studies.live_faults.case import STOPS, Case, CaseOutcome, evaluate_flight
 from studies.live_faults.cases import PARTS, WORDS, all_cases
+from studies.live_faults.cases_at_0_1 import renumber_frame
+from studies.live_faults.draw import count_kinds, draw_flight, flight_case, read_name
 from studies.live_faults.flight import ProcessResult
+from studies.live_faults.found_at_0_1 import AS_BEFORE, FOUND, MENDED, compare_findings, judge_row, list_case_names
 from studies.live_faults.page import describe_flights as flown_in_words
 from studies.live_faults.page import format_page
+from studies.live_faults.processes_at_0_1 import NOT_FLOWN
 from studies.live_faults.verdict import failsafe_causes, find_violations
+from studies.live_faults.words import Evidence, list_unexplained
 from trimtab.actuators.failsafe import CAUSES, MODES
 from trimtab.cli import main
 from trimtab.logs.log import Log
+from trimtab.wire.mavlink import Endpoint
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies" / "live-faults.md"
 QUICK = "cut-0.3", "uplink-stuck", "autopilot-killed"
@@ -60,6 +70,12 @@ def flown(stops=2.25, duration=5.0, lift=1.0, force_until=None):
         {},
         {},
     )
+
+
+def waited(log, seconds):
+    """The same, of a process that was kept waiting this long."""
+    late = np.where(np.abs(log.t - 2.0) < 1e-6, seconds, 0.0)
+    return changed(log, firmware__late=late, firmware__held=log.t < 1)
 
 
 def changed(log, **signals):
@@ -109,16 +125,25 @@ def test_a_crash_and_a_missing_log_are_found(tmp_path):
     ]
     outcome = evaluate_flight(Case("x", "nothing", lambda _: None, STOPS), left)
     assert outcome.verdict == "fails"
-    for says in ("vehicle-1 ended with 1", "vehicle-1 crashed", "log of autopilot-1 can't be read"):
+    for says in ("vehicle-1 ended with 1, which", "vehicle-1 crashed", "log of autopilot-1 can't be read"):
         assert any(says in problem for problem in outcome.problems)
+
+
+def test_an_exit_status_that_differs_from_what_was_said_is_found(tmp_path):
+    calm, hurt = {"problems": []}, {"problems": ["failsafe: no command"]}
+    for status, result, agrees in ((0, calm, True), (1, hurt, True), (0, hurt, False), (1, calm, False)):
+        one = ProcessResult("autopilot-1", status, "", result, tmp_path / "flight.mcap")
+        outcome = evaluate_flight(Case("x", "nothing", lambda _: None, STOPS), [one])
+        assert any("which is not what it says" in p for p in outcome.problems) != agrees
 
 
 def test_the_campaign_has_each_word_on_each_part_and_more():
     names = [case.name for case in all_cases()]
-    assert len(names) == len(set(names)) >= 40
+    assert len(names) == len(set(names)) >= 120
     parts = [part.rpartition(":")[2] for part in PARTS]
     assert {f"{part}-{word}" for part in parts for word in WORDS} <= set(names)
     assert all(case.evidence_checks for case in all_cases())
+    assert {name for row in FOUND for name in row.cases} <= set(select_cases([])) | {case.name for case in NOT_FLOWN}
 
 
 def test_a_case_that_is_not_there_is_refused():
@@ -130,7 +155,9 @@ def test_a_case_that_is_not_there_is_refused():
 
 def test_the_page_shows_all_cases_and_all_hold():
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
-    assert [name for name, _ in rows] == [case.name for case in all_cases()]
+    shown, names = [name for name, _ in rows], [case.name for case in all_cases()]
+    assert shown == [name for name in names if name in shown]
+    assert set(names) == set(shown)
     assert {verdict for _, verdict in rows} <= {"holds"}
 
 
@@ -147,6 +174,99 @@ def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
     assert runs
     assert [one.partition(" on ")[0] for one in runs[1].split("; ")] == ["2 cases in 60 s", "`b`, `c` in 9 s"]
     assert format_page([ones["a"]], "x", "", order).count("`a`") == 1
+
+
+def test_a_flight_is_drawn_the_same_again_and_each_kind_as_often():
+    drawn = [draw_flight(1, k) for k in range(200)]
+    assert [f.does for f in drawn] == [read_name(f.name).does for f in drawn]
+    assert len({f.does for f in drawn}) > 150
+    assert len({f.does for f in drawn} & {draw_flight(2, k).does for k in range(200)}) < 40
+    counts = {kind: sum(f.kind == kind for f in drawn) for kind in {f.kind for f in drawn}}
+    assert len(counts) == 13
+    assert max(counts.values()) - min(counts.values()) <= 1
+    assert {len(f.disturbances) for f in drawn} == {1, 2}
+
+
+def test_how_a_drawn_flight_must_end_is_known_before_it_flies():
+    for k in range(200):
+        flight = draw_flight(3, k)
+        case, endings = flight_case(flight), [d.ends for d in flight.disturbances]
+        if len(endings) == 1:
+            assert case.expected_ending == endings[0]
+        if case.expected_ending == "flies on":
+            assert set(endings) == {"flies on"}
+        if flight.kind in ("autopilot killed", "autopilot frozen"):
+            assert case.expected_ending == STOPS
+        assert case.explains is not None
+        assert case.evidence_checks
+
+
+def test_a_line_that_nothing_done_is_a_reason_for_is_found():
+    texts = ["computer: arm request", "failsafe: no command", "vehicle: " + "x" * 50, "vehicle: y"]
+    log = dataclasses.replace(flown(), metadata={"events": [{"t": 0.0, "text": text} for text in texts]})
+    evidence = Evidence({}, {"vehicle-1": log})
+    assert list_unexplained(evidence, ["failsafe: no command", "x{50}y"]) == []
+    assert list_unexplained(evidence, ["x{50}y"]) == ["vehicle-1: “failsafe: no command”"]
+    assert list_unexplained(evidence, ["failsafe", "x{50}$"]) == [f"vehicle-1: “vehicle: {'x' * 50}y”"]
+
+
+@pytest.mark.parametrize(("seconds", "stopped", "verdict"), [(0.3, {}, "kept waiting"), (0.05, {}, "fails")])
+def test_a_flight_that_failed_while_it_was_kept_waiting_is_no_verdict(seconds, stopped, verdict, tmp_path, monkeypatch):
+    log = waited(flown(), seconds)
+    monkeypatch.setattr("studies.live_faults.case.read_mcap", lambda _: log)
+    left = [ProcessResult("vehicle-1", 0, "", {"problems": []}, tmp_path / "vehicle.mcap")]
+    outcome = evaluate_flight(Case("x", "nothing", lambda _: None, "flies on", stopped_s=stopped), left)
+    assert any("which this is no reason for" in problem for problem in outcome.problems)
+    assert outcome.verdict == verdict
+    frozen = evaluate_flight(Case("x", "nothing", lambda _: None, "flies on", stopped_s={"vehicle-1": 0.3}), left)
+    assert frozen.verdict == "fails"  # it was stopped on purpose
+
+
+def test_drawn_flights_are_counted_by_kind():
+    names = [f"drawn-1-{k}" for k in range(26)]
+    ones = {n: CaseOutcome(n, "", "", (), (), replays=(True,)) for n in names}
+    ones["drawn-1-0"] = ones["drawn-1-0"]._replace(problems=("unexplained: x", "cause: y"), replays=(False,))
+    ones["drawn-1-13"] = ones["drawn-1-13"]._replace(problems=("1.2 N",), waited="vehicle-1 0.3 s")
+    counts = count_kinds(ones)
+    assert sum(c.flights for c in counts.values()) == 26
+    assert counts["autopilot killed"]._asdict() == {
+        "flights": 2,
+        "safe": 1,
+        "cause_right": 1,
+        "unexplained": 1,
+        "replays": 2,
+        "replays_equal": 1,
+        "waited": 1,
+        "repeated": 0,
+    }
+    assert counts["line"].safe == 2
+
+
+def test_each_row_found_at_0_1_is_tried_by_cases_that_are_there():
+    assert len(FOUND) >= 22
+    assert select_cases(list_case_names()) == list_case_names()
+    held = CaseOutcome("x", "", "", ("seen",), ())
+    failed, busy = held._replace(problems=("broke",)), held._replace(problems=("broke",), waited="long")
+    assert [judge_row(ones) for ones in ([held], [held, failed], [held, busy], [])] == [
+        MENDED,
+        AS_BEFORE,
+        "kept waiting",
+        "skipped",
+    ]
+    name = FOUND[0].cases[0]
+    row = compare_findings([failed._replace(name=name)])[0]
+    assert row[2:] == (f"{name}: broke", AS_BEFORE)
+
+
+def test_a_frame_gets_another_number_and_is_signed_as_by_its_sender():
+    _, dialect = make_dialect({"compass": every()}, every())
+    sender, receiver = Endpoint(dialect, 1, 191, KEY), Endpoint(dialect, 1, 1, KEY)
+    frame = sender.pack("STATUSTEXT", {"text": "one"})
+    other = renumber_frame(dialect.by_id, KEY.secret, frame, 77)
+    assert other[4] == 77
+    (message,) = receiver.feed(other)
+    assert message.get("text") == "one"
+    assert receiver.feed(renumber_frame(dialect.by_id, b"x" * 32, sender.pack("STATUSTEXT"), 78)) == []
 
 
 def campaign(*words, timeout):

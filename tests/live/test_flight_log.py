@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -69,6 +70,24 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
     for k in range(100, 20_000):  # more than the ring holds
         log.write_row(k * PERIOD, (0.0, True))
     log.write_event("nobody hears this")
+    assert log.close() is None
+
+
+def test_a_flight_in_virtual_time_waits_for_its_log_and_for_no_dead_writer(tmp_path):
+    log, _given, _ = book(tmp_path / "a.mcap")
+    rows = 20_000  # more than the ring holds
+    os.kill(log._stream.pid, signal.SIGSTOP)
+    threading.Timer(1.0, os.kill, (log._stream.pid, signal.SIGCONT)).start()
+    for k in range(rows):
+        log.await_room()
+        log.write_row(k * PERIOD, (0.0, True))
+    assert log.close().dropped == 0
+    assert len(read_mcap(tmp_path / "a.mcap")) == rows
+    log, _given, _ = book(tmp_path / "b.mcap")
+    os.kill(log._stream.pid, signal.SIGKILL)
+    for k in range(rows):
+        log.await_room()
+        log.write_row(k * PERIOD, (0.0, True))
     assert log.close() is None
 
 

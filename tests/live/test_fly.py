@@ -1,7 +1,7 @@
 """A whole flight in one process: a vehicle in a thread, an autopilot, a loopback line, two logs."""
 
 import threading
-from time import monotonic
+from time import monotonic, sleep
 from types import SimpleNamespace
 
 import numpy as np
@@ -86,6 +86,7 @@ def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert flown.flight.arming_time is not None
     assert flown.flight.t - flown.flight.arming_time >= LENGTH
     assert flown.served.release_time is not None
+    assert (flown.flight.problems, flown.served.problems) == ((), ())
     told = [event["text"] for event in flown.truth.metadata["events"]]
     armed, disarmed, ended = map(told.index, ("computer: arm request", "disarmed: disarm request", "ended by request"))
     assert armed < disarmed < ended
@@ -150,6 +151,37 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
     obeyed = np.stack([flown.truth[n] for n in names], 1)[valid]
     assert len(obeyed) > 1000
     assert {tuple(v) for v in obeyed.tolist()} <= sent
+
+
+@pytest.mark.parametrize("overrun", ["halt", "count"])
+def test_a_late_period_halts_the_flight_or_is_counted(scenario, step, tmp_path, overrun):
+    pair, said, asked = Pair(scenario, f"test-fly-{overrun}", step), [], []
+    pair.start()
+
+    def sleep_once_armed():
+        asked.append(pair.flyer.arming_time is not None)
+        if asked.count(True) == 3:
+            sleep(0.2)
+        return False
+
+    try:
+        pair.flyer.connect()
+        flight = pair.flyer.fly(
+            duration=LENGTH,
+            log=tmp_path / "flight.mcap",
+            wanted_real_time=False,
+            overrun=overrun,
+            stop=sleep_once_armed,
+            tell=said.append,
+        )
+    finally:
+        pair.end()
+    assert flight.deadlines.own + flight.deadlines.scheduler >= 1
+    halted, log = overrun == "halt", read_mcap(tmp_path / "flight.mcap")
+    assert ("an overrun: the work of period" in flight.cause) == halted == (flight.cause in flight.problems)
+    assert (f"ended: {flight.cause}" in said) == halted == (flight.t < LENGTH)
+    assert (f"ended: {flight.cause}" in [e["text"] for e in log.metadata["events"]]) == halted
+    assert pair.vehicle.duties.mode.mode == "disarmed"
 
 
 def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario, step):
@@ -222,3 +254,31 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, st
         assert "the same --set on both ends" in refused.value.fix
     finally:
         link.close()
+
+
+def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_meant(scenario, step):
+    heavier = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=2.8)))
+    there, here = open_link("loopback://test-fly-mass", listen=True), open_link("loopback://test-fly-mass")
+    vehicle = LiveVehicle(replace_links(heavier), there, lambda d: Endpoint(d, 1, 1, KEY))
+    ended, said = threading.Event(), []
+    serving = threading.Thread(target=vehicle.serve, kwargs={"stop": ended.is_set})
+    serving.start()
+    try:
+        flyer = LiveAutopilot(scenario, here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+        with pytest.raises(
+            InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 there, 2\.6 here"
+        ) as refused:
+            flyer.connect()
+        assert "--accept world.vehicle.mass" in refused.value.fix
+        meant = LiveAutopilot(
+            scenario, here, lambda d: Endpoint(d, 1, 191, KEY), step=step, accepts=["world.vehicle.mass"]
+        )
+        meant.remote.tell = said.append
+        meant.connect()
+        assert meant.remote.is_ready
+        assert "accepted: world.vehicle.mass: 2.8 there, 2.6 here" in said
+    finally:
+        ended.set()
+        serving.join(20)
+        here.close()
+        there.close()

@@ -99,3 +99,13 @@ def test_an_inertial_unit_and_a_magnetometer_are_shown():
     bounds_unknown = told.ask(36)
     assert bounds_unknown["servo1_raw"] == 0
     assert told.ask(1)["onboard_control_sensors_health"] & 0b11 == 0b11
+
+
+def test_ground_stations_see_whether_it_may_be_armed(hovercraft):
+    bit = 0x10000000
+    assert hovercraft.ask(1)["onboard_control_sensors_health"] & bit
+    hovercraft.instruments.may_be_armed = lambda: False
+    health = hovercraft.ask(1)
+    hovercraft.instruments.may_be_armed = lambda: True
+    assert health["onboard_control_sensors_present"] & bit
+    assert not health["onboard_control_sensors_health"] & bit

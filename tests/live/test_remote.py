@@ -7,9 +7,11 @@ from run.stand_ins import KEY, Link, dialect, ends
 from wire.line import every
 
 from trimtab.core.time import ms, seconds
+from trimtab.live.connection_problem import owner_problem
 from trimtab.live.remote import MOST_ASKS, QUICK_ANSWERS, RemoteVehicle
+from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import CommandCode, CommandResult
+from trimtab.wire.protocol import CommandCode, CommandResult, State
 
 _, DIALECT = dialect({"compass": every()}, every())
 _, OTHER = dialect({"compass": every(), "sonar": every()}, every())
@@ -64,11 +66,11 @@ def ready():
 
 def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
     line = Line()
-    assert "no vehicle answers" in line.remote.reason_not_ready()
+    assert "no vehicle answers" in line.remote.find_problem("a/b").problem
     line.run(ms(300))
     assert not line.remote.is_ready
     line.beat()
-    assert "clock" in line.remote.reason_not_ready()
+    assert "clock" in line.remote.find_problem("a/b").problem
     line.run(ms(50) * (QUICK_ANSWERS - 1))
     assert not line.remote.is_ready
     line.run(ms(60))
@@ -82,8 +84,8 @@ def test_a_vehicle_with_other_sensors_is_refused_by_its_fingerprint():
     line.beat()
     line.run(ms(600))
     assert not line.remote.is_ready
-    assert OTHER.fingerprint.hex() in line.remote.reason_not_ready()
-    assert DIALECT.fingerprint.hex() in line.remote.reason_not_ready()
+    assert OTHER.fingerprint.hex() in line.remote.find_problem("a/b").problem
+    assert DIALECT.fingerprint.hex() in line.remote.find_problem("a/b").problem
 
 
 @pytest.mark.parametrize("how", ["refused", "silent"])
@@ -106,7 +108,11 @@ def test_wrong_keys_are_named():
     stranger = Endpoint(DIALECT, 1, 1, unsigned=True)
     line.beat(sender=stranger)
     assert line.remote.heartbeat_time is None
-    assert "unsigned or signed with another key" in line.remote.reason_not_ready()
+    problem = line.remote.find_problem("a/b")
+    assert problem.problem == "wrong key: the vehicle signs nothing, and this end takes signed frames only"
+    assert "--unsigned" in problem.fix
+    line.beat(sender=Endpoint(DIALECT, 1, 1, passphrase_key("another-passphrase-than-that")))
+    assert "another key than this end's" in line.remote.find_problem("a/b").problem
 
 
 def test_it_asks_to_arm_until_that_is_answered():
@@ -139,12 +145,22 @@ def test_it_asks_to_arm_until_that_is_answered():
     assert len(line.arms()) == 6
 
 
-def test_a_vehicle_that_is_armed_is_not_asked():
+def test_a_vehicle_that_somebody_has_armed_is_asked_whose_it_is():
     line = ready()
     line.beat(armed=True)
     line.remote.arm()
-    line.run(ms(1200))
-    assert line.arms() == []
+    line.run(ms(600))
+    assert len(line.arms()) == 2
+    ack = {"command": CommandCode.ARM, "target_system": 1, "target_component": 191}
+    line.hear("COMMAND_ACK", result=CommandResult.DENIED, result_param2=77, **ack)
+    assert (line.remote.is_taken, line.remote.has_authority) == (True, False)
+    line.hear("COMMAND_ACK", result=CommandResult.ACCEPTED, result_param2=77, **ack)  # another's was answered
+    assert (line.remote.is_asking, line.remote.has_authority) == (True, False)
+    line.hear("COMMAND_ACK", result=CommandResult.ACCEPTED, result_param2=line.here.session, **ack)
+    assert (line.remote.is_asking, line.remote.has_authority) == (False, True)
+    problem = owner_problem(77, "trimtab fly it")
+    assert "00004d" in problem.problem
+    assert problem.fix.startswith("trimtab fly it --take-over")
 
 
 def test_ground_stations_and_other_vehicles_are_not_taken_for_it():
@@ -233,3 +249,21 @@ def test_its_heartbeats_tell_the_supervisors_mode_at_once():
         messages = [m for packet in line.link.sent for m in line.there.feed(packet)]
         found += [(m.get("base_mode"), m.get("custom_mode")) for m in messages if m.name == "HEARTBEAT"]
     assert found == [(1, 1), (1, 2)]
+
+
+def test_what_is_accepted_covers_what_lies_below_and_never_the_messages():
+    remote = RemoteVehicle(Endpoint(DIALECT, 1, 191, KEY), Link(), accepts=["world.vehicle", "messages"])
+    paths = ("world.vehicle", "world.vehicle.mass", "world.vehicles", "world", "messages")
+    assert [remote.accepts(path) for path in paths] == [True, True, False, False, False]
+
+
+def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
+    line = ready()
+    line.beat()
+    line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
+    assert line.remote.list_problems(True, False) == ["the vehicle was not armed at the end"]  # it was nobody's
+    line.remote.has_authority = True
+    line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
+    line.beat(armed=True)
+    assert line.remote.list_problems(True, False) == ["the vehicle's failsafe acted"]
+    assert "nothing was heard from the vehicle at the end" in line.remote.list_problems(True, True)

@@ -1,9 +1,11 @@
 """The supervisor of a compiled step: asked in the middle of a flight over frames that the test writes."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from trimtab.core.time import ms
-from trimtab.live.fly import CompiledSupervisor
+from trimtab.live.supervised import CompiledSupervisor, explain_change
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.supervisor import MODES
 from trimtab.native.compiler import find_compiler
@@ -95,3 +97,30 @@ def test_without_a_supervisor_it_can_not_be_asked():
     supervised.set_inputs(ms(5))
     assert (step.inputs == before).all()
     assert (supervised.mode, supervised.describe_changes()) == (None, "")
+
+
+def vehicle(*, armed=True, is_in_failsafe=False):
+    return SimpleNamespace(armed=armed, is_in_failsafe=is_in_failsafe)
+
+
+def test_a_link_is_lost_only_where_nothing_is_heard(flight):
+    """A sensor whose time runs backwards, or that is off, had been a lost link."""
+    step, supervised = flight.step, flight.supervised
+    for k in range(260):
+        step.set_inputs({"t": (20 + k) * ms(1), "samples.navigation.fresh": False})
+        supervised.set_inputs((20 + k) * ms(1))
+        step.step()
+    assert supervised.describe_changes().endswith("lost: link lost")
+    assert explain_change(supervised, vehicle(), None, True) == ""
+    heard = ", but the vehicle is heard: "
+    assert explain_change(supervised, vehicle(), [], True) == heard + "none of its sensors gives a sample"
+    assert explain_change(supervised, vehicle(), ["imu"], True) == heard + "the time of imu runs backwards"
+
+
+def test_found_again_says_so_where_the_vehicle_stands_in_failsafe(flight):
+    supervised = flight.supervised
+    assert explain_change(supervised, vehicle(armed=False), None, False) == ""  # it was never armed
+    assert explain_change(supervised, vehicle(), None, True) == ""
+    lost = vehicle(armed=False, is_in_failsafe=True)
+    assert explain_change(supervised, lost, None, True) == ", but the vehicle is in failsafe: nothing acts"
+    assert explain_change(supervised, vehicle(armed=False), [], True) == ", but the vehicle is not armed: nothing acts"

@@ -67,6 +67,21 @@ def test_white_innovations_are_white_and_others_not():
     assert told.p < 1e-6
 
 
+@pytest.mark.parametrize("m", [1, 2])
+def test_the_statistic_is_that_of_the_source(m):
+    """[6]: N (N + 2) times the sum of rho_k² over the products in it, here of m innovations at each of n instants."""
+    y = np.random.default_rng(5).standard_normal((9, m))
+    found = whiteness(y, 4)
+    total = 0.0
+    for k in range(1, 5):
+        products = [y[i, j] * y[i + k, j] for i in range(9 - k) for j in range(m)]
+        rho = sum(products) / np.sum(y * y)
+        assert found.correlation[k - 1] == pytest.approx(rho, rel=1e-12)
+        total += rho**2 / len(products)
+    assert found.statistic == pytest.approx(9 * m * (9 * m + 2) * total, rel=1e-12)
+    assert found.p == pytest.approx(stats.chi2.sf(found.statistic, 4), rel=1e-9)
+
+
 def test_the_whiteness_test_is_wrong_as_rarely_as_it_says():
     g = np.random.default_rng(3)
     p = [whiteness(g.standard_normal(200), 10).p for _ in range(600)]

@@ -110,6 +110,8 @@ def test_estimates_are_compared_with_the_truth_of_their_own_time():
     early = (found.t > 0.01) & (found.t < 1.44)
     np.testing.assert_allclose(found.error[early], 0.0, atol=1e-12)
     np.testing.assert_allclose(found.error[-1], -0.12, atol=1e-12)  # coasting: it speaks of now
+    turned = Log(t=log.t, ticks=t, signals={**log.signals, f"{BASE}.heading": heading - 0.12 + 4 * np.pi})
+    np.testing.assert_allclose(state_series(turned)["heading"].error, found.error, atol=1e-12)
 
 
 def test_what_is_learned_and_what_is_not():

@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.samples import read_csv, sample_path, samples
+from trimtab.logs.samples import SampleSeries, log_samples, read_csv, sample_path, samples
 
 TICK = ms("6.5536")
 
@@ -144,3 +144,36 @@ def test_a_missing_file_and_a_missing_name_are_refused(write, tmp_path):
         read_csv(tmp_path / "none.csv")
     with pytest.raises(InputError, match=r"no column 'clock'(.|\n)*Choices: time, gyro_z"):
         read_csv(write(GOOD), "clock")
+
+
+def test_samples_from_elsewhere_become_rows_that_hold_the_newest():
+    slow = SampleSeries(np.array([20, 60]), {"x": np.array([1.0, 2.0])})
+    quick = SampleSeries(
+        np.array([10, 30, 60]), {"v": np.arange(6.0).reshape(3, 2), "on": np.array([True, False, True])}
+    )
+    truth = SampleSeries(np.array([0, 100]), {"north": np.array([0.0, 10.0])})
+    log = log_samples({"slow": slow, "quick": quick}, truth, {"name": "mine"})
+    np.testing.assert_array_equal(log.ticks, [0, 10, 20, 50])
+    np.testing.assert_array_equal(log["downlink.slow.value.x"], [0, 1, 1, 2])
+    np.testing.assert_array_equal(log["downlink.slow.valid"], [False, True, True, True])
+    np.testing.assert_array_equal(log["downlink.slow.fresh"], [False, True, False, True])
+    np.testing.assert_array_equal(log["downlink.quick.value.v"], [[0, 1], [0, 1], [2, 3], [4, 5]])
+    np.testing.assert_array_equal(log["downlink.quick.value.on"], [True, True, False, True])
+    np.testing.assert_array_equal(log["downlink.quick.t"], [0, 0, 20, 50])
+    np.testing.assert_allclose(log["downlink.quick.age"], [0, 1e-6, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(log["truth.north"], [1, 2, 3, 6])
+    np.testing.assert_array_equal(log["log.dropped"], 0)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "what"),
+    [
+        ({}, "no sensor"),
+        ({"a": SampleSeries(np.array([2, 1]), {"x": np.zeros(2)})}, "do not rise"),
+        ({"a": SampleSeries(np.array([0.5, 1.0]), {"x": np.zeros(2)})}, "whole numbers"),
+        ({"a": SampleSeries(np.array([1, 2]), {"x": np.zeros(3)})}, "3 values"),
+    ],
+)
+def test_series_that_make_no_log_are_refused(sensors, what):
+    with pytest.raises(InputError, match=what):
+        log_samples(sensors)

@@ -51,6 +51,23 @@ EVENTS = ("", *REQUESTS[1:], "silent", "stale", "invalid", "outside", "fast", "s
 """What happens at one step; "nan": a position that is no number."""
 
 
+@pytest.mark.parametrize(
+    ("place", "speed", "breached"),
+    [
+        ((3.0, 4.0), 0.0, (False, False)),
+        ((3.0, 4.001), 0.0, (True, False)),
+        ((-3.0, -4.001), 2.0, (True, False)),
+        ((0.0, 0.0), 2.001, (False, True)),
+        ((0.0, 0.0), -1.0, (False, False)),
+        ((0.0, 0.0), -1.001, (False, True)),
+        ((np.nan, 0.0), np.nan, (True, True)),
+    ],
+)
+def test_a_limit_holds_on_both_sides_and_of_no_number(place, speed, breached):
+    belief = Belief(*place, speed, np.bool_(False))
+    assert tuple(bool(limit.is_breached(belief)) for limit in LIMITS) == breached
+
+
 def given(event, request=None):
     """The input of an event; a request may come with any."""
     place = {"outside": (3.1, 4.0), "nan": (np.nan, 0.0)}.get(event, (3.0, 3.9))

@@ -23,5 +23,7 @@ def test_a_panel_for_each_measure_and_a_row_for_each_imperfection(tmp_path):
     assert [label.get_text() for label in first.get_yticklabels()] == ["noise", "delay"]
     dots = [np.asarray(line.get_xdata()) for line in first.get_lines() if line.get_marker() == "o"]
     np.testing.assert_array_equal(dots, [[0.4, 0.0], [0.1, 0.5]])
+    bars = [[end[0] for end in bar] for bars in first.collections for bar in bars.get_segments()]
+    np.testing.assert_allclose(bars, [[0.36, 0.44], [0.0, 0.0], [0.08, 0.12], [0.48, 0.52]], atol=1e-12)  # two sigmas
     low, high = first.get_ylim()
     assert low > high  # the dearest is at the top

@@ -23,6 +23,9 @@ def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):
         np.testing.assert_allclose(share, want / 299, atol=1e-9)
         assert axes.patches[0].get_x() == pytest.approx(edges[0])
     assert len(figure.axes[0].lines) == 2
+    fitted = next(line for line in figure.axes[0].lines if len(line.get_xdata()) > 2)
+    area = np.trapezoid(fitted.get_ydata(), fitted.get_xdata())
+    assert area == pytest.approx(1, abs=0.1), "a density per ms, as the histogram's"
     assert len(figure.axes[2].lines) == 1
     assert imread(tmp_path / "a.png").std() > 0.05
 

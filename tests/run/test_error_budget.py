@@ -25,7 +25,7 @@ def found(forward):
 
 
 def test_noise_of_navigation_is_what_limits_the_vehicle(found):
-    """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause; specification check 14."""
+    """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause."""
     budget, _ = found
     dearest = {c.name: c for c in budget.costs}["navigation-error"]
     assert cost_share(budget, dearest, "sway_velocity") > 0.99

@@ -44,7 +44,7 @@ def heartbeat(remote, now):
 
 
 def same_messages(remote, now):
-    fields = {"flight_custom_version": FINGERPRINT}
+    fields = {"flight_custom_version": FINGERPRINT, "uid": 1}
     remote.handle_message(SimpleNamespace(name="AUTOPILOT_VERSION", **VEHICLE, get=fields.get), now)
 
 
@@ -84,10 +84,14 @@ def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_come
     """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
     for times in ((20, 40), (40, 20)):
         vehicle = object.__new__(LiveVehicle)
-        vehicle.clock, vehicle.link = SimpleNamespace(now=lambda: 0), SimpleNamespace(accept_sender=lambda: None)
+        vehicle.clock = SimpleNamespace(now=lambda: 0)
+        vehicle.broadcast = SimpleNamespace(accept_sender=lambda messages, now: None)
         vehicle.endpoint = SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data])
         vehicle._command = SimpleNamespace(names=("COMMAND",), assemble=lambda m: GroupSample(m.t, [], [], 0))
         vehicle._newest_command = None
+        vehicle.identity = SimpleNamespace(answer=lambda message: [])
+        vehicle.gate = SimpleNamespace(admits=lambda message, now: True)
+        vehicle.refusals = SimpleNamespace(handle_refusals=lambda now: None)
         vehicle._handle_data(times)
         assert vehicle._newest_command.t == 40
 

@@ -1,5 +1,6 @@
 """Gradients of whole runs in C against differences of JAX runs, where the run has no switch on the way."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace, with_leaf
 from trimtab.core.time import seconds, to_seconds
 from trimtab.native.compiler import find_compiler
-from trimtab.run.gradient import gradient
+from trimtab.run.gradient import gradient, gradients
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
@@ -17,6 +18,10 @@ PATHS = ("autopilot.law.k1", "autopilot.law.k2", "world.vehicle.mass", "initial.
 
 def cost(s):
     return s.truth.yaw_rate**2 + 0.5 * s.truth.sway_velocity**2
+
+
+def four_costs(s):
+    return jnp.full(4, s.truth.yaw_rate**2)
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +47,17 @@ def test_slope_is_that_of_central_differences(ideal, path):
     h = 1e-5 * max(abs(value), 1.0)
     high, low = (integral(with_leaf(ideal, path, lambda old, d, s=s: value + s * h)) for s in (1, -1))
     assert found.slope[path] == pytest.approx((high - low) / (2 * h), rel=1e-6, abs=1e-8)
+
+
+def test_a_cost_counts_from_its_time_on(ideal):
+    """Instants from then on, the first of them whole: against the log's sums, for a time between two instants too."""
+    since = tuple(int(seconds(s)) for s in (0, 1, 1.00005, 3.999))
+    along = [("autopilot.law.k1", ())]
+    found = gradients(ideal, four_costs, along, seeds=[0], runs=[0], since=since)
+    log = simulate(ideal, backend="jax")
+    steps = np.diff(np.append(log.ticks, ideal.duration)) * 1e-7
+    for cost_since, first in zip(found.costs[0], since, strict=True):
+        assert cost_since == pytest.approx((log["truth.yaw_rate"] ** 2 * steps)[log.ticks >= first].sum(), rel=1e-9)
 
 
 def test_real_scenario_has_a_gradient_too():

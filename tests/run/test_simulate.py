@@ -138,7 +138,7 @@ def test_switching_one_fault_off_leaves_the_noise_of_the_others(short):
 
 
 def test_delay_of_the_loop_is_76_ms(short):
-    """Check 24: the age of what acts is 36 ms of downlink, 40 ms of uplink, and the waits for the next sample."""
+    """The age of what acts is 36 ms of downlink, 40 ms of uplink, and the waits for the next sample."""
     log = simulate(short)
     late = log.t > 0.2
     age_down, age_up = log["downlink.navigation.age"][late], log["uplink.age"][late]

@@ -1,4 +1,4 @@
-"""The hypersonic vehicle's flights: what the issue and [H], the specification of the system, demand of them."""
+"""The hypersonic vehicle's flights: what is demanded of them."""
 
 import math
 
@@ -9,10 +9,12 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.laws.path_command import FilteredClimb
+from trimtab.loop.beliefs import belief_mismatches
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
+from trimtab.vehicles.hypersonic import Hypersonic
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 SEEDS = 20
@@ -63,7 +65,7 @@ def rms(x):
 
 
 def test_check_11_large_climb_nominal(flights):
-    """[H] 9, check 11: +5000 ft, +1000 ft/s, 200 s: no saturation; rms after 20 s below 0.05 ft and 0.01 ft/s."""
+    """+5000 ft, +1000 ft/s, 200 s: no saturation; rms after 20 s below 0.05 ft and 0.01 ft/s."""
     assert rms(flights.rows("law.h_error", 0.0, 1.0)) < 0.05
     assert rms(flights.rows("law.V_error", 0.0, 1.0)) < 0.01
     assert not flights.all["law.saturated"][0].any()
@@ -71,28 +73,32 @@ def test_check_11_large_climb_nominal(flights):
 
 
 def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seeds(flights):
-    """The issue: better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds; [H] 8: 0.008-0.027 ft, 0.0020-0.0024 ft/s.
+    """Better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds.
 
-    Bounds are what is measured, 0.0230 ft and 0.0014 ft/s, rounded up.
+    Bounds are what is measured, 0.0146 ft and 0.0010 ft/s, rounded up.
     """
     h, V = rms(flights.rows("law.h_error", 0.01, 1.0)), rms(flights.rows("law.V_error", 0.01, 1.0))
     print(f"h {h.min():.4f} to {h.max():.4f} ft, V {V.min():.4f} to {V.max():.4f} ft/s")
     assert len(h) == SEEDS
-    assert h.max() < 0.025
-    assert V.max() < 0.0015
+    assert h.max() < 0.015
+    assert V.max() < 0.0011
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flights, factor):
-    """[H] 8, required of the shipped setting, with noise: h rms 0.008-0.027 ft, as without mismatch."""
+    """Required of the shipped setting, with noise: h rms 0.008-0.027 ft, as without mismatch.
+
+    Bounds are what is measured, 0.0146 ft and 0.64, rounded up: mode 1 is estimated worse than with equal noise (0.37),
+    the price of less noise on mode 2.
+    """
     h = rms(flights.rows("law.h_error", 0.01, factor))
     off = np.abs(flights.rows("estimate.state.eta1", 0.01, factor) - flights.rows("truth.eta1", 0.01, factor))
     print(f"x {factor}: h {h.min():.4f} to {h.max():.4f} ft; eta1 up to {off.max():.2f} off")
     assert len(h) == SEEDS
-    assert h.max() < 0.025
+    assert h.max() < 0.015
     assert not flights.rows("law.saturated", 0.01, factor).any()
     assert not flights.rows("law.outside", 0.01, factor).any()
-    assert off.max() < 0.45
+    assert off.max() < 0.65
 
 
 def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
@@ -104,10 +110,10 @@ def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
 
 
 def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
-    """[H] 9, check 10: steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
+    """Steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
     ends = {}
     for form in ("noncausal", "linear"):
-        scenario, _ = catalogue.load_scenario("hypersonic/climb-large", {"internal": form})
+        scenario, _ = catalogue.load_scenario("hypersonic/climb-large", {"internal": form, "integral": "off"})
         log = simulate(scenario, log_period=ms(100))
         ends[form] = np.abs(log["law.h_error"][log.t > 180]).max()
     print(ends)
@@ -117,8 +123,10 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
 
 @pytest.mark.slow
 def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
-    """[H] 8: with the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
-    scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02"})
+    """With the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
+    scenario, _ = catalogue.load_scenario(
+        "hypersonic/modal-mismatch", {"filter": "printed", "frequency": "1.02", "integral": "off"}
+    )
     log = simulate(scenario, log_period=ms(100))
     h = rms(log["law.h_error"][log.t > 20])
     print(f"h {h:.1f} ft, saturated {log['law.saturated'][log.t > 100].mean():.3f} of the time")
@@ -143,6 +151,23 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
         hypersonic_scenario("mine", climb, 60.0).check()
     with pytest.raises(InputError, match="without pitching moment"):
         hypersonic_scenario("mine", replace(climb, dh=5000.0), 60.0)
+
+
+@pytest.mark.parametrize("integral", ["on", "off"])
+def test_what_is_believed_is_believed_by_gain_filter_law_and_table(integral):
+    """A vehicle 10 % heavier, believed in by all, is flown like the nominal one; believed in by none it is not."""
+    heavy = replace(Hypersonic(), m=330.0)
+    climb = FilteredClimb(dh=500.0, dV=100.0)
+    apart, alike = (
+        hypersonic_scenario("mine", climb, 30.0, plant=heavy, integral=integral, **more)
+        for more in ({}, {"believed": heavy})
+    )
+    assert belief_mismatches(alike.autopilot, alike.world.vehicle) == []
+    assert [m.path for m in belief_mismatches(apart.autopilot, apart.world.vehicle)] == ["m"]
+    assert not np.allclose(alike.autopilot.law.K, apart.autopilot.law.K, rtol=1e-3)
+    alike.check()
+    off = [np.abs(simulate(s, log_period=ms(100))["law.h_error"][-50:]).max() for s in (apart, alike)]
+    assert off[1] < off[0] / 10
 
 
 def test_a_run_that_outlasts_its_table_is_refused():

@@ -1,6 +1,6 @@
 """The bounded internal states of the hypersonic vehicle along the large climb: numbers, ends, residual, refusals.
 
-[H] is the specification of the hypersonic system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import jax
@@ -20,14 +20,14 @@ DEG = np.pi / 180
 
 
 def test_check_02_trim_of_the_builder():
-    """Acceptance check 2, [H] 2.4, for the quick search used here."""
+    """Oracle, trim, for the quick search used here."""
     at = level_trim(CRAFT, H0, V0)
     got = [at.zeta[0] / DEG, at.u.Phi, at.u.delta_e / DEG, at.zeta[2], at.zeta[4]]
     np.testing.assert_allclose(got, [1.596784, 0.264449, 12.427146, 0.903851, 0.755137], rtol=1e-5)
 
 
 def test_linearisation_of_the_internal_dynamics():
-    """[H] 3.3: printed rows of A and B for alpha and Q."""
+    """The oracle's rows of A and B for alpha and Q."""
     linear = internal_linear(CRAFT, level_trim(CRAFT, H0, V0))
     A = np.concatenate([linear.A21, linear.A22], axis=1)
     np.testing.assert_allclose(A[0], np.eye(9)[4], atol=1e-9)
@@ -37,7 +37,7 @@ def test_linearisation_of_the_internal_dynamics():
 
 
 def test_check_10_reference_values():
-    """Acceptance check 10, [H] 6.2: at 30 s of +5000 ft, +1000 ft/s, to the digits printed."""
+    """[1] eq. 7: at 30 s of +5000 ft, +1000 ft/s, the oracle's, to its digits."""
     table, report, _ = noncausal()
     at = CLIMB.at(30.0)
     np.testing.assert_allclose([at.h, at.V], [85328.212272, 7893.233969], atol=5e-7)
@@ -48,7 +48,7 @@ def test_check_10_reference_values():
 
 
 def test_check_10_residual_and_ends():
-    """Acceptance check 10, [H] 6.2: below 1e-5 per unit scale, and 4e-6 in each component; ends are the trims."""
+    """[1] eq. 7: below 1e-5 per unit scale, and 4e-6 in each component; ends are the trims."""
     _, report, _ = noncausal()
     assert report.residual < 1e-5
     assert np.abs(bounded_residual(report.solution, DT)).max() < 4e-6
@@ -66,7 +66,7 @@ def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
 
 
 def test_successive_changes():
-    """[H] 6.2: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
+    """[1] eq. 7: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
     changes = np.array(noncausal()[1].solution.changes)
     assert 5 <= len(changes) <= 7
     np.testing.assert_allclose(changes[0], 3.25e-2, rtol=0.01)
@@ -83,7 +83,7 @@ def test_it_moves_before_the_command_does():
 
 
 def test_forward_integration_goes_away():
-    """[H] 3.3: the exact internal dynamics integrated forward from the exact start leave at e^(3.289 t)."""
+    """[1] eqs. 4-8: the exact internal dynamics integrated forward from the exact start leave at e^(3.289 t)."""
     report = noncausal()[1]
     wanted = CLIMB.at(DT / 2 * np.arange(4001))
 
@@ -120,7 +120,7 @@ def test_nodes_a_tenth_apart_keep_the_solution():
 
 
 def test_linear_and_exact_are_the_same_for_a_small_climb_only():
-    """[H] 6.3: about the trim."""
+    """[1] eq. 7: about the trim."""
     big = np.abs(noncausal()[1].solution.zeta - linear()[1].solution.zeta) / SCALES
     assert 0.03 < big[:, 0].max() < 0.08
     assert len(linear()[1].solution.changes) == 2

@@ -93,6 +93,30 @@ def test_classes_that_had_another_name_are_known(tmp_path):
     check_alike(rebuild_scenario(recorded(tmp_path, scenario, parts=parts)), scenario)
 
 
+def test_nothing_is_imported_because_a_log_names_it(tmp_path):
+    """A file, a module and a function that would end Python: each refused, each flown where a person names it."""
+    scenario, _ = catalogue.load_scenario("hovercraft/spin")
+    own, mark = tmp_path / "own.py", tmp_path / "was run"
+    own.write_text(
+        f"""from pathlib import Path
+from trimtab.scenarios.catalogue import load_scenario
+Path({str(mark)!r}).touch()
+def craft():
+    return load_scenario("hovercraft/spin")[0]
+"""
+    )
+    for name in (f"{own}:craft", "os:abort", "own:craft"):
+        log = recorded(tmp_path, scenario, scenario=name, choices={})
+        with pytest.raises(InputError, match="not in the catalogue, and no file is run"):
+            rebuild_scenario(log)
+        choices = {"scenario": name, "arguments": {}, "settings": {}, "without": [], "faults": []}
+        with pytest.raises(InputError, match="not in the catalogue, and no file is run"):
+            rebuild_scenario(recorded(tmp_path, scenario, scenario="hovercraft/spin", choices=choices))
+    assert not mark.exists()
+    check_alike(rebuild_scenario(recorded(tmp_path, scenario, scenario="os:abort"), f"{own}:craft"), scenario)
+    assert mark.exists()
+
+
 def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
     for scenario in (build("hovercraft/zero-velocity"), catalogue.load_scenario("hovercraft/zero-velocity")[0]):
         parts = part_classes(scenario) | {"autopilot.law": "AnotherLaw"}

@@ -34,7 +34,7 @@ def test_truth_is_the_state_with_the_climb_for_the_pitch_angle():
 
 
 def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():
-    """[H] 5.2: the acceleration is sampled while u(k-1) acts, and the filter needs that u."""
+    """[1] eq. 9: the acceleration is sampled while u(k-1) acts, and the filter needs that u."""
     made = world()
     clock = [Clock(k * TICK, frozenset((TICK,))) for k in range(2)]
     s = made.init(key(0), X)

@@ -38,7 +38,7 @@ def test_it_feels_the_whole_pitch_acceleration_of_the_vehicle():
 
 
 def test_noise_is_white_and_as_large_as_said():
-    """sigma 0.01 rad/s^2 for each sample at 200 Hz, the specification's setting, which is a density of 5e-7."""
+    """sigma 0.01 rad/s^2 for each sample at 200 Hz, the scenarios' setting, which is a density of 5e-7."""
     sensor = AngularAccelerometer()
     assert isinstance(sensor, Sensor)
     assert sensor.period == ms(5)

@@ -36,7 +36,7 @@ def test_identified_gyro_is_equation_6_2():
 
 
 def test_delayed_gyro_has_the_gains_of_table_6_5():
-    """Spec 6: gains within 0.05 at all seven frequencies, as far as the table's two digits tell (0.005).
+    """[1] table 6.5: gains within 0.05 at all seven frequencies, as far as the table's two digits tell (0.005).
 
     The phase is within 0.05 rad at 5 and 15 Hz, and lags by 0.3, 0.5 and 1.0 rad too much at 20, 30 and 50 Hz.
     """

@@ -120,7 +120,7 @@ def test_on_the_turning_earth():
 
 
 def test_the_unit_of_the_source():
-    """Spec 2.2: 0.72 deg/s and 0.082 m/s² a sample, 0.7 deg/s and 10 mg of bias, ±300 deg/s and ±1.7 g, tick."""
+    """The 3DM-GX1: 0.72 deg/s and 0.082 m/s² a sample, 0.7 deg/s and 10 mg of bias, ±300 deg/s and ±1.7 g, tick."""
     imu = Imu.microstrain_3dm_gx1()
     assert isinstance(imu, Sensor)
     imu.check()

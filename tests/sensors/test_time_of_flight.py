@@ -28,7 +28,7 @@ QUIET = RangeErrors(noise=0.0)
 
 
 def test_ranges_are_those_of_the_calibration_table():
-    """[1] table 5.2: heights and angles give the measured ranges, within the 1.2e-4 of check 22 and the rounding."""
+    """[1] table 5.2: heights and angles give the measured ranges, within 1.2e-4 and the rounding."""
     for degrees, measured in ((10, 274.83), (20, 288.83), (30, 315.07), (35, 334.25)):
         away = 2.7048 * np.tan(np.radians(degrees))
         seen = measured_range(np.array([[away, 0.0, -CEILING]]), jnp.zeros(3))

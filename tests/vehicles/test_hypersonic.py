@@ -1,6 +1,6 @@
 """The hypersonic vehicle: the source's numbers, the algebraic loop, units, what a sensor feels, disturbances.
 
-[H] is the specification of the system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import functools
@@ -39,7 +39,7 @@ def _state(values):
 
 
 def _plain(x, u, kmode, g=1.39e16 / 20988500.0**2):
-    """[H] section 2 in plain numbers: the nine derivatives, with the loop as a 3x3 system."""
+    """[1] eqs. 1-3 in plain numbers: the nine derivatives, with the loop as a 3x3 system."""
     h, v, a, th, q, e1, d1, e2, d2 = x
     Phi, de = u
     rho = 6.7429e-5 * math.exp(-(h - 85000) / 21358)
@@ -59,7 +59,7 @@ def _plain(x, u, kmode, g=1.39e16 / 20988500.0**2):
 
 
 def _loop(kmode, M, r1, r2, I=5e5, psi=(136.82, 329.22)):
-    """Matrix and right-hand side of [Q'; eta1''; eta2''], [H] section 2.3."""
+    """Matrix and right-hand side of [Q'; eta1''; eta2''], [1] eq. 1."""
     p1, p2 = psi
     if kmode == "parker":
         return np.array([[I, -p1, -p2], [p1, 1, 0], [p2, 0, 1]]), np.array([M, r1, r2])
@@ -94,7 +94,7 @@ def _random(seed):
 
 @pytest.mark.parametrize("kmode", KMODES)
 def test_check_01_algebraic_loop_is_solved_exactly(kmode):
-    """[H] section 9, check 1: the 3x3 solve of section 2.3 against the closed form, relative 1e-12 (here each mode)."""
+    """The 3x3 solve against the closed form, relative 1e-12 (here each mode)."""
     rng = np.random.default_rng(1)
     modes = FlexibleModes(kmode=kmode)
     for M, r1, r2 in rng.normal(size=(50, 3)) * [1e5, 300, 300]:
@@ -103,13 +103,13 @@ def test_check_01_algebraic_loop_is_solved_exactly(kmode):
 
 
 def test_check_01_determinant():
-    """[H] section 9, check 1: 627105.52 +- 0.01; what 1 lbf ft of moment turns, too."""
+    """627105.52 +- 0.01; what 1 lbf ft of moment turns, too."""
     assert np.linalg.det(_loop("parker", 0, 0, 0)[0]) == pytest.approx(627105.52, abs=0.01)
     assert 1 / float(FlexibleModes().solve_accelerations(5e5, 1.0, 0.0, 0.0)[0]) == pytest.approx(627105.52, abs=0.01)
 
 
 def test_check_02_trim():
-    """[H] section 9, check 2: alpha, Phi, delta_e to 1e-5 relative, residual below 1e-10."""
+    """Alpha, Phi, delta_e to 1e-5 relative, residual below 1e-10."""
     alpha, Phi, delta_e = _trim()
     np.testing.assert_allclose([alpha / DEG, Phi, delta_e / DEG], [1.596784, 0.264449, 12.427146], rtol=1e-5)
     x, u = _at_trim()
@@ -119,21 +119,21 @@ def test_check_02_trim():
 
 
 def test_forces_at_the_trim():
-    """[H] section 2.4, the line below the table."""
+    """Oracle, forces."""
     f = Hypersonic().forces_at(*_at_trim())
     got = [float(f.qbar), float(f.T), float(f.L), float(f.D), Hypersonic.m * Hypersonic.g]
     np.testing.assert_allclose(got, [2000.0132, 1769.4663, 9416.840, 1768.779, 9466.147], rtol=1e-6)
 
 
 def test_gravity_at_the_ground_gives_another_trim():
-    """[H] section 2.4, second row."""
+    """Oracle, gravity."""
     alpha, Phi, delta_e = _trim(32.174)
     np.testing.assert_allclose([alpha / DEG, Phi, delta_e / DEG], [1.644566, 0.268090, 12.539973], rtol=1e-5)
     assert Hypersonic().g == pytest.approx(31.5538239, abs=5e-8)
 
 
 def test_the_quoted_point_is_no_trim_of_this_model():
-    """[H] section 2.4: V' +0.3484, V gamma' -2.2244 ft/s^2, M/Iyy 0.01926 rad/s^2, N_i/w_i^2 0.8796 and 0.6935."""
+    """Oracle, trim: V' +0.3484, V gamma' -2.2244 ft/s^2, M/Iyy 0.01926 rad/s^2, N_i/w_i^2 0.8796 and 0.6935."""
     alpha, Phi, delta_e = QUOTED
     craft = Hypersonic()
     x, u = craft.level_state(H, V, alpha, delta_e), HypersonicInput(Phi, delta_e)
@@ -156,7 +156,7 @@ def test_dynamics_are_the_equations_in_plain_numbers(kmode):
 
 
 def test_modes_alter_no_force_and_no_path():
-    """[H] section 2.1: aerodynamic forces and moment do not depend on eta; the path's accelerations neither."""
+    """[1] eqs. 1-3: aerodynamic forces and moment do not depend on eta; the path's accelerations neither."""
     x, u = _at_trim()
     bent = replace(x, eta1=5.0, eta1_rate=-30.0, eta2=-2.0, eta2_rate=10.0)
     craft = Hypersonic()
@@ -166,7 +166,7 @@ def test_modes_alter_no_force_and_no_path():
 
 
 def test_what_is_affine_and_what_is_not():
-    """[H] section 2.5: everything in Phi; in the elevator all but V', whose slope of drag is 40.34, not 20.19."""
+    """[1] eq. 4: everything in Phi; in the elevator all but V', whose slope of drag is 40.34, not 20.19."""
     x, u = _at_trim()
     craft = Hypersonic()
     curve = jax.jacfwd(jax.jacfwd(lambda v: jnp.stack(_leaves(craft, x, v))))(jnp.array([u.Phi, u.delta_e]))
@@ -185,7 +185,7 @@ def _leaves(craft, x, v):
 
 
 def test_open_loop_poles():
-    """[H] section 3.3, the plant at the trim with u held."""
+    """[1] eqs. 4-8, the plant at the trim with u held."""
     x, u = _at_trim()
     craft = Hypersonic()
     slope = jax.jit(jax.jacfwd(lambda row: jnp.stack(jax.tree.leaves(craft.dynamics(0.0, HypersonicState(*row), u)))))
@@ -240,7 +240,7 @@ def test_motion_is_the_derivative_of_what_it_says():
 
 
 def test_disturbance_enters_where_it_should():
-    """[H] section 8: the moment joins M, in the flexible rows too; forces join m V' and m V gamma'."""
+    """The moment joins M, in the flexible rows too; forces join m V' and m V gamma'."""
     x, u = _at_trim()
     push = Disturbance(moment=2e5, along=30.0, normal=600.0, start=2.0, duration=1.0)
     craft = Hypersonic(disturbance=push)

@@ -1,6 +1,6 @@
 """The published matrices of the hypersonic vehicle: 32 of 34 numbers reproduced in magnitude, and what the gain does.
 
-[H] is the specification of the system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import functools
@@ -21,7 +21,7 @@ EMULATED_A = {
     (9, 1): 0.0211964, (9, 2): -1.5549e-3, (9, 3): -0.117556, (9, 4): -5100.68,
     (9, 6): 4.9053e-5, (9, 7): 1.1892e-7, (9, 8): -400, (9, 9): -0.8,
 }  # fmt: skip
-"""[H] section 4.3, the table's column "emulated", by row and column counted from 1."""
+"""What follows from [1] eq. 10 with its errors repeated, by row and column counted from 1."""
 EMULATED_B = {(4, 1): -1.7018e-6, (4, 2): -3.3895e-6, (5, 1): -0.0160848, (5, 2): 0.0054432}
 EMULATED_B |= {(7, 1): -3.3538e-5, (7, 2): 1.8338e-4, (9, 1): 14.347, (9, 2): -0.37953}
 SIGN_LOST = {(4, 2), (4, 3), (4, 4), (5, 6), (5, 8), (7, 7), (9, 3), (9, 9)}
@@ -38,7 +38,7 @@ def _entries(matrix, places):
 
 
 def test_check_03_emulation_meets_the_print():
-    """[H] section 9, check 3: 32 magnitudes within 1.1 %, A[7,4] and A[9,4] within 1e-5; B[9,:] excluded."""
+    """32 magnitudes within 1.1 %, A[7,4] and A[9,4] within 1e-5; B[9,:] excluded."""
     A, B = _emulated()
     places_B = [p for p in EMULATED_B if p[0] != 9]
     got = np.concatenate([_entries(A, EMULATED_A), _entries(B, places_B)])
@@ -64,14 +64,14 @@ def test_check_03_nothing_else_is_printed():
 
 
 def test_emulation_meets_the_prototype_with_signs():
-    """[H] section 4.3, the column "emulated", to its digits, B[9,:] included."""
+    """To these digits, B[9,:] included."""
     A, B = _emulated()
     np.testing.assert_allclose(_entries(A, EMULATED_A), list(EMULATED_A.values()), rtol=1.2e-4)
     np.testing.assert_allclose(_entries(B, EMULATED_B), list(EMULATED_B.values()), rtol=1.2e-4)
 
 
 def test_signs_that_the_print_lost():
-    """[H] section 4.3, the entries marked F, and B[9,:], which fits in no way."""
+    """The entries whose sign is lost, and B[9,:], which fits in no way."""
     A, B = _emulated()
     assert {p for p in EMULATED_A if A[p[0] - 1, p[1] - 1] * printed.A_PRINTED[p[0] - 1, p[1] - 1] < 0} == SIGN_LOST
     opposite = {p for p in EMULATED_B if B[p[0] - 1, p[1] - 1] * printed.B_PRINTED[p[0] - 1, p[1] - 1] < 0}
@@ -81,7 +81,7 @@ def test_signs_that_the_print_lost():
 
 
 def test_gravity_of_the_ground_would_leave_entries_off():
-    """[H] section 2.2: with 32.174 ft/s^2 five printed entries are off by 1.4 to 2.2 percent."""
+    """[1] eqs. 1-3: with 32.174 ft/s^2 five printed entries are off by 1.4 to 2.2 percent."""
     A, _ = printed.emulate_linearisation(replace(Hypersonic(), g=32.174))
     off = np.abs(_entries(A, EMULATED_A) / _entries(printed.A_PRINTED, EMULATED_A)) - 1
     assert ((np.abs(off) > 0.014) & (np.abs(off) < 0.0225)).sum() == 5
@@ -96,7 +96,7 @@ def _has(poles, wanted, digits=1e-2):
 
 
 def test_check_12_printed_gain():
-    """[H] section 9, check 12: rigid spectrum of A - B K to 1e-2; full A + B K and A - B K not Hurwitz."""
+    """Rigid spectrum of A - B K to 1e-2; full A + B K and A - B K not Hurwitz."""
     A, B, K = printed.A_PRINTED, printed.B_PRINTED, printed.K_PRINTED
     rigid = _poles(A[:5, :5] - B[:5] @ K[:, :5])
     assert _has(rigid, [-3.892 + 1.699j, -2.357, -1.445 + 1.495j])
@@ -110,7 +110,7 @@ def test_check_12_printed_gain():
 
 
 def test_printed_gain_with_the_signs_of_damping_restored():
-    """[H] section 4.2: still unstable, until the modes' effect on the pitch acceleration is taken out."""
+    """[1] printed K: still unstable, until the modes' effect on the pitch acceleration is taken out."""
     A = printed.A_PRINTED.copy()
     A[6, 6], A[8, 8] = -A[6, 6], -A[8, 8]
     assert _has(_poles(A - printed.B_PRINTED @ printed.K_PRINTED), [2.388 + 2.587j])
@@ -121,7 +121,7 @@ def test_printed_gain_with_the_signs_of_damping_restored():
 
 
 def test_printed_a_alone_has_growing_modes():
-    """[H] section 4.2."""
+    """[1] printed K."""
     poles = _poles(printed.A_PRINTED)
     assert _has(poles, [0.330 + 16.535j, 0.400 + 19.913j])
     assert jnp.asarray(poles).real.max() > 0.3

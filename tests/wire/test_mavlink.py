@@ -82,8 +82,9 @@ def test_takes_what_the_format_says_signed(dialect, pair, clock):
         ({"key": None}, "unsigned"),
         ({"key": bytes(32)}, "wrong_signature"),
         ({"system": 2}, "reflected"),
-        ({"stamp": stamp_at(NOW)}, "replayed"),
-        ({"stamp": stamp_at(NOW - 3600)}, "replayed"),
+        ({"stamp": stamp_at(NOW)}, "stale"),
+        ({"stamp": stamp_at(NOW - 3600)}, "stale"),
+        ({"stamp": stamp_at(NOW + 86_400)}, "leading"),
     ],
 )
 def test_refuses_and_counts(dialect, pair, clock, how, count):
@@ -147,24 +148,39 @@ def test_what_was_recorded_before_a_restart_is_refused_after_it(dialect, pair, c
     clock.now += 5
     restarted = Endpoint(dialect, 2, 1, KEY, clock=clock)
     assert restarted.feed(recorded) == []
-    assert restarted.counts.replayed == 1
+    assert restarted.counts.stale == 1
 
 
 def test_a_peer_whose_clock_lags_is_heard_once_it_has_heard_this_end(dialect, pair, clock):
     _, b = pair
-    late = Endpoint(dialect, 3, 1, KEY, clock=lambda: NOW - 86400)
+    late = Endpoint(dialect, 3, 1, KEY, clock=lambda: NOW - 30)
     assert b.feed(late.pack("HEARTBEAT")) == []
     assert len(late.feed(b.pack("HEARTBEAT"))) == 1
     assert len(b.feed(late.pack("HEARTBEAT"))) == 1
 
 
-def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not(open_pair):
+def test_what_was_refused_for_its_stamp_says_by_how_much_and_moves_nothing(dialect, pair, clock):
+    _, b = pair
+    before = b.stamps.last
+    for difference, count in ((86_400, "leading"), (-120, "stale")):
+        wrong = Endpoint(dialect, 3, 1, KEY, clock=lambda d=difference: clock.now + d)
+        assert b.feed(wrong.pack("TIMESYNC", {"ts1": 77})) == []
+        (untimely,) = b.untimely
+        assert (untimely.message.name, untimely.message.get("ts1")) == ("TIMESYNC", 77)
+        assert untimely.lead == pytest.approx(difference, abs=0.01)
+        assert getattr(b.counts, count) == 1
+    assert b.stamps.last == before
+    b.feed(b"")
+    assert b.untimely == []
+
+
+def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pair):
     a, b = open_pair
     packets = [a.pack("HEARTBEAT") for _ in range(300)]
     b.feed(b"".join(packets[:10] + packets[13:200] + packets[290:]))
     assert b.counts.lost == 3 + 90
     b.feed(packets[11])
-    assert b.counts.lost == 93
+    assert b.counts.lost == 92
 
 
 def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock):
@@ -178,6 +194,17 @@ def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock)
     a, b = pair
     assert [m.system for m in b.feed(signed + a.pack("HEARTBEAT"))] == [1]
     assert (b.counts.unknown, b.counts.unsigned) == (1, 0)
+
+
+def test_an_unknown_message_that_is_wrongly_signed_hides_nothing(dialect, pair, clock):
+    """It may be a frame cut short, with another one in what was taken for its payload or signature."""
+    strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
+    inner = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
+    forged = by_hand(strange, inner + b"\1", 0, 9, 1, bytes(32), 0, stamp_at(clock.now))
+    _, b = pair
+    assert [m.name for m in b.feed(forged)] == ["HEARTBEAT"]
+    assert b.counts.unknown == 0
+    assert b.counts.garbage == len(forged) - len(inner)
 
 
 def test_a_newer_peer_may_send_extensions_that_are_not_known_here(dialect, open_pair):

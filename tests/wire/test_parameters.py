@@ -91,6 +91,13 @@ def test_what_was_declared_holds(name, value, why):
     assert own.values[index] == before
 
 
+def test_a_value_between_its_bounds_or_at_one_is_taken():
+    own = parameters()
+    for index, value in ((1, -1.0), (1, 0.9), (2, 1.0), (3, 0.0), (4, 0.0), (0, 1e-3)):
+        assert own.change_value(index, value) == ""
+        assert own.values[index] == value
+
+
 def test_a_value_that_reads_the_same_keeps_its_digits():
     own = parameters()
     read = round_to_float32(2.6)

@@ -10,7 +10,8 @@ from wire.test_parameters import parameters
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
 from trimtab.wire import protocol
-from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.arming import ArmingCheck
+from trimtab.wire.mavlink import Endpoint, Numbering
 from trimtab.wire.protocol import (
     ArmRequest,
     CommandResult,
@@ -72,6 +73,10 @@ def test_numbers_are_those_of_the_common_dialect():
         ("CommandCode.LAND", "MAV_CMD_NAV_LAND"),
         ("CommandCode.PAUSE_CONTINUE", "MAV_CMD_DO_PAUSE_CONTINUE"),
         ("CommandCode.OVERRIDE_GOTO", "MAV_CMD_OVERRIDE_GOTO"),
+        ("CommandCode.STORAGE", "MAV_CMD_PREFLIGHT_STORAGE"),
+        ("CommandCode.REBOOT", "MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN"),
+        ("CommandResult.FAILED", "MAV_RESULT_FAILED"),
+        ("CommandCode.GET_HOME", "MAV_CMD_GET_HOME_POSITION"),
         ("CommandCode.REQUEST_MESSAGE", "MAV_CMD_REQUEST_MESSAGE"),
         ("CommandCode.REQUEST_CAPABILITIES", "MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES"),
         ("CommandResult.NOT_NOW", "MAV_RESULT_TEMPORARILY_REJECTED"),
@@ -88,6 +93,7 @@ def test_numbers_are_those_of_the_common_dialect():
         ("VehicleType.ONBOARD_COMPUTER", "MAV_TYPE_ONBOARD_CONTROLLER"),
         ("Capability.PARAMETERS_AS_FLOAT", "MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST"),
         ("Capability.MAVLINK2", "MAV_PROTOCOL_CAPABILITY_MAVLINK2"),
+        ("Capability.FILES", "MAV_PROTOCOL_CAPABILITY_FTP"),
         ("Capability.COMMAND_INT", "MAV_PROTOCOL_CAPABILITY_COMMAND_INT"),
     ):
         kind, name = ours.split(".")
@@ -115,13 +121,34 @@ def test_time_is_answered_with_both_times(line):
 
 
 def test_arming_is_asked_for_or_refused_with_the_reason(line):
-    assert line.command(400, 1.0) == (0, "", [ArmRequest(True)])
+    assert line.command(400, 1.0) == (0, "", [ArmRequest(True, by_hand=True)])
     line.station.status = Status(arming_problem="no position yet; the tank of the lift fan is empty, and more is wrong")
     result, text, events = line.command(400, 1.0, 21196.0)  # forcing doesn't help
     assert (result, text, events) == (1, f"Arming refused: {line.station.status.arming_problem}", [])
-    assert line.command(400, 0.0) == (0, "", [ArmRequest(False)])
-    assert line.command(185, 1.0) == (0, "", [ArmRequest(False)])
+    assert line.command(400, 0.0) == (0, "", [ArmRequest(False, by_hand=True)])
+    assert line.command(185, 1.0) == (0, "", [ArmRequest(False, by_hand=True)])
     assert line.command(400, math.nan)[0] == line.command(400, 0.5)[0] == 2
+
+
+def test_after_a_failsafe_arming_has_to_be_confirmed(line):
+    """By what ground stations call forcing: it confirms, and overrides nothing."""
+    line.station.status = Status(confirmation_problem="confirmation: 0, at least 1; disarm, then arm")
+    assert line.command(400, 1.0) == (1, "Arming refused: confirmation: 0, at least 1; disarm, then arm", [])
+    assert line.command(400, 1.0, 21196.0) == (0, "", [ArmRequest(True, by_hand=True)])
+    line.station.status = Status(arming_problem="imu age", confirmation_problem="confirmation")
+    assert line.command(400, 1.0, 21196.0) == (1, "Arming refused: imu age", [])
+
+
+def test_checks_are_told_who_asks_and_not_while_it_flies(line):
+    line.station.arming_checks = lambda: [
+        ArmingCheck("imu age", 3.0, 0.28, "s", "switch imu on"),
+        ArmingCheck("battery", 7.4, 7.0, "V", "charge it", at_least=True),
+    ]
+    assert line.command(401, 0.0) == (0, "PreArm: imu age: 3 s, at most 0.28 s; switch imu on", [])
+    replies, _ = line.ask("COMMAND_LONG", command=401, target_system=1)
+    assert [m.name for m in replies].count("TUNNEL") == 2
+    line.station.status = Status(armed=True)
+    assert line.command(401, 0.0) == (1, "", [])
 
 
 def test_modes_are_asked_for_or_refused_with_the_choices(line):
@@ -135,6 +162,11 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
         == line.command(176, 1e30, 4.0)[0]
         == 2
     )
+    for part in (4.0, 5.0, 6.0):  # MISSION, RTL and LAND of PX4, parts of its mode 4
+        result, text, events = line.command(176, 1.0, 4.0, part)
+        assert (result, events) == (2, [])
+        assert text == f"No mode 4.{part:.0f}; there are 0 MANUAL, 4 HOLD, 15 GUIDED"
+    assert line.command(176, 1.0, 4.0, math.nan)[2] == [ModeRequest(4)]
     line.station.status = Status(closed_modes={15: "no link to the autopilot"})
     result, text, _ = line.command(176, 1.0, 15.0)
     assert (result, text) == (1, "Mode GUIDED refused: no link to the autopilot")
@@ -145,7 +177,7 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
 
 def test_commands_in_integers_do_the_same_and_others_are_unsupported(line):
     replies, events = line.ask("COMMAND_INT", command=400, param1=1.0, target_system=1, target_component=1)
-    assert events == [ArmRequest(True)]
+    assert events == [ArmRequest(True, by_hand=True)]
     assert [m.get("result") for m in replies] == [0]
     assert line.command(246, 1.0)[0] == 3  # reboot
     assert line.command(512, 31.0)[0] == 3
@@ -179,6 +211,8 @@ def test_all_parameters_come_at_a_pace(line):
         sent = max(sent, len(new))
     names = list(parameters().table())
     assert sent == 1
+    first, *found = found
+    assert (first.get("param_id"), first.get("param_index"), first.get("param_count")) == ("_HASH_CHECK", 65535, 7)
     assert [m.get("param_id") for m in found] == names
     assert [m.get("param_index") for m in found] == list(range(len(names)))
     assert {m.get("param_count") for m in found} == {len(names)}
@@ -189,7 +223,7 @@ def test_one_parameter_is_read_by_name_or_index(line):
     by_name, _ = line.ask("PARAM_REQUEST_READ", target_system=1, param_id="WV_DRAG", param_index=-1)
     by_index, _ = line.ask("PARAM_REQUEST_READ", target_system=1, param_index=6)
     assert by_name[0].values == by_index[0].values
-    assert line.ask("PARAM_REQUEST_READ", target_system=1, param_id="_HASH_CHECK", param_index=-1) == ([], [])
+    assert line.ask("PARAM_REQUEST_READ", target_system=1, param_id="NO_SUCH", param_index=-1) == ([], [])
 
 
 def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
@@ -262,7 +296,7 @@ def test_no_message_makes_it_fail(dialect, data):
     for _ in range(5):
         definition = data.draw(st.sampled_from(list(dialect.definitions.values())))
         payload = data.draw(st.binary(min_size=definition.size, max_size=definition.size))
-        packet = line.ground._make_frame(definition, payload)
+        packet = line.ground._make_frame(definition, payload, Numbering(line.ground.component, False))
         for message in line.vehicle.feed(packet):
             done = line.station.handle_message(message, data.draw(st.integers(0, 2**60)))
             assert len(line.ground.feed(b"".join(done.replies))) == len(done.replies)

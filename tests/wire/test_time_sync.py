@@ -120,11 +120,39 @@ def test_a_restarted_vehicle_is_another_clock_and_time_still_does_not_go_back():
     new = -seconds(4)
     for k in range(50, 100):
         back = exchange(sync, k * ms(100), ms(20), ms(20), offset=new)
+        if sync.is_doubtful:
+            assert (k, sync.jumps) == (50, 0)
+            continue
         local = sync.to_local(theirs(back, 0.0, new))
         assert local >= last
         last = local
     assert sync.jumps == 1
     assert abs(local - back) < ms(1)
+
+
+@pytest.mark.parametrize("wrong", [seconds(3600), -seconds(3600)])
+def test_one_exchange_an_hour_off_changes_nothing(wrong):
+    sync = TimeSync()
+    for k in range(50):
+        exchange(sync, k * ms(100), ms(20), ms(60))
+    before = sync.offset
+    exchange(sync, seconds(5), ms(20), ms(60), offset=OFFSET + wrong)
+    assert sync.is_doubtful
+    back = exchange(sync, seconds("5.1"), ms(20), ms(60))
+    assert (sync.jumps, sync.is_doubtful) == (0, False)
+    assert abs(sync.offset - before) < ms(1)
+    assert abs(sync.to_local(theirs(back, 0.0)) - back) < ms(21)
+
+
+@pytest.mark.parametrize("wrong", [seconds(3600), ms(490)])
+def test_a_time_that_is_only_looked_at_is_not_remembered(wrong):
+    """A sample an hour ahead had made every later time of the flight wrong."""
+    sync, other = TimeSync(), TimeSync()
+    for k in range(100):
+        for each in (sync, other):
+            back = exchange(each, k * ms(100), ms(20), ms(60 + 7 * k % 40))
+        sync.show_local(theirs(back, 0.0) + wrong)
+        assert sync.to_local(theirs(back, 0.0)) == other.to_local(theirs(back, 0.0))
 
 
 def test_without_a_link_the_offset_drifts_on_and_does_not_run_away():

@@ -1,9 +1,10 @@
 /* Arm's MPS2 boards as QEMU emulates them: timer 0 counts time, the processor's own timer ticks, UART 0 is the link.
 
-   Source: Arm Cortex-M System Design Kit, timer and UART; Arm application notes 386 and 500 (addresses, interrupts). */
+   Source: Arm Cortex-M System Design Kit, timer, UART and watchdog; Arm application notes 386 and 500 (addresses, interrupts). */
 #include "board.h" /* semihosting, and what start.c needs */
 #include "interrupts.h"
 #include "port.h"
+#include "pulse.h"
 #include "ring.h"
 
 typedef volatile uint32_t reg;
@@ -11,6 +12,7 @@ enum { CLOCK_HZ = 25000000, TICKS_PER_SECOND = 1000 };
 
 static reg *const timer = (reg *)0x40000000;   /* control, value, reload; counts down */
 static reg *const uart = (reg *)0x40004000;    /* data, state, control, interrupts, divisor */
+static reg *const watchdog = (reg *)0x40008000; /* load, value, control, interrupt; counts down */
 static reg *const systick = (reg *)0xE000E010; /* control, reload, value */
 static reg *const enable = (reg *)0xE000E100;
 static reg *const pending = (reg *)0xE000E200;
@@ -119,6 +121,39 @@ uint64_t board_recall(void) {
     return stored(READ_BINARY, SYS_READ, copies) && copies[0] == ~copies[1] ? copies[0] : 0;
 }
 
+/* In the place of flash that is not in the program: the emulator puts the key there (make run). */
+const uint8_t *board_key(void) { return (const uint8_t *)KEY_ADDRESS; }
+
+/* The watchdog runs out twice: the first time it calls, which nothing can mask, the second time it resets. Its period
+   is long, for the emulator may be kept waiting by a busy computer, and its clock goes on. */
+enum { WATCHDOG_PERIOD = CLOCK_HZ, WATCHDOG_CALLS_AND_RESETS = 3 };
+static const uint32_t BARKED = 0x57444F47u;
+
+/* Above the stack, where neither the start nor the loader writes: it outlasts a reset. */
+static uint32_t volatile *const note = (uint32_t *)(RAM_ORIGIN + RAM_SIZE - 8);
+static uint32_t found;
+
+void board_kick(void) { watchdog[3] = 1; }
+
+void board_expired(void) {
+    *note = BARKED;
+    for (int i = 0; i < CHANNELS; ++i) board_pulse(i, i == LIFT ? PULSE_NEUTRAL - PULSE_SPAN : PULSE_NEUTRAL);
+    for (;;) {} /* the second time resets */
+}
+
+const char *board_cause(void) { return found == BARKED ? "watchdog" : "power on"; }
+const char *board_refusal(void) { return NULL; }
+void board_record(const uint32_t record[RECORD_WORDS]) { (void)record; } /* no flash to write */
+void board_rest(void) {}
+
+/* Parameters are not kept here: they begin as exported. */
+void board_store(int which, float value) { (void)which, (void)value; }
+
+bool board_load(int which, float *value) {
+    (void)which, (void)value;
+    return false;
+}
+
 static const uint32_t PAINT = 0xA5C35A3Cu;
 extern uint32_t autopilot_stack[], autopilot_stack_top[];
 
@@ -147,6 +182,10 @@ __attribute__((used)) static void prepare(void) {
     uart[DIVISOR] = 27; /* 921 600 baud of 25 MHz; the emulator does not wait for it */
     uart[CONTROL] = TX_ON | RX_ON | TX_INTERRUPTS | RX_INTERRUPTS;
     enable[0] = 1u << RECEIVED | 1u << SENT;
+    found = *note;
+    *note = 0;
+    watchdog[0] = WATCHDOG_PERIOD;
+    watchdog[2] = WATCHDOG_CALLS_AND_RESETS;
     systick[1] = CLOCK_HZ / TICKS_PER_SECOND - 1;
     systick[2] = 0;
     systick[0] = 7;

@@ -3,10 +3,12 @@
 #define INTERRUPTS_H
 
 void board_ticked(void);
+void board_expired(void);
 void board_received(void);
 void board_sent(void);
 
 #define TICK board_ticked
+#define NMI board_expired
 #define INTERRUPTS (void *)board_received, (void *)board_sent
 #define PERIPHERALS_SIZE 0x10000
 #endif

@@ -11,6 +11,7 @@ import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.actuators.lookup import BilinearTable, check_thrust_table, thrust_table
+from trimtab.actuators.regulated_fan import RegulatedFan, RegulatedFanOutput, RegulatedFanState
 from trimtab.actuators.rudder import RudderGeometry, RudderServo
 from trimtab.actuators.thruster import Thruster
 from trimtab.core.errors import InputError
@@ -97,6 +98,7 @@ class FanDriveState:
     commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
     controller: SpeedControllerState = part("State of the speed controller.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan.")
+    fan: RegulatedFanState | None = part("Of regulator, motor and battery, where there are any.", default=None)
 
 
 @record
@@ -111,6 +113,7 @@ class DriveOutput:
     brakings: Scalar = quantity("1", "Brakes so far.", kind="count")
     rudder_saturated: Scalar = quantity("1", "The rudder stands at a stop.", kind="flag")
     speed_saturated: Scalar = quantity("1", "The fan turns as fast as it can.", kind="flag")
+    fan: RegulatedFanOutput | None = part("Of regulator, motor and battery, where there are any.", default=None)
 
 
 @record
@@ -118,7 +121,8 @@ class FanDrive:
     """Servo, speed controller and reversible fan behind which a rudder stands.
 
         every servo frame: latch the command
-        pulse -> theta (servo table, stops)    commanded speed -> brake -> n (lag, if any)
+        pulse -> theta (servo table, stops)
+        commanded speed -> brake -> n (lag, if any); with a fan: -> regulator -> duty -> brake -> motor -> n
         f = table(theta, n)    psi = (offset - theta)/ratio    FX = f cos psi    FY = -f sin psi
 
     Without "lookup-table", and without "saturation" (where no table reaches), f comes from the thruster's formula. The
@@ -139,6 +143,11 @@ class FanDrive:
         off={"lookup-table": None},
     )
     effectiveness: Scalar = quantity("1", "Thrust given over thrust mapped, e.g. of a weak fan.", default=1.0, low=0)
+    fan: RegulatedFan | None = part(
+        "Regulator, motor and battery of the fan; None: its speed follows the command, as in the source.",
+        default=None,
+        optional=RegulatedFan(),
+    )
     frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
     period: int = period("How often the drive acts.", default=ms(1))
     saturation: bool = switch("Whether rudder and fan have limits.", "saturation")
@@ -151,6 +160,11 @@ class FanDrive:
             raise InputError("frame", problem, fix="make it one, or frames are missed")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)
+        if self.fan is not None:
+            self.fan.check()
+            if self.fan.motor.period != self.period:
+                problem = f"{format_time(self.fan.motor.period)}, the drive's is {format_time(self.period)}"
+                raise InputError("fan.motor.period", problem, fix="make them equal")
 
     def neutral(self) -> DriveOutput:
         """Fan at rest, rudder at the servo's neutral pulse."""
@@ -163,18 +177,19 @@ class FanDrive:
             brakings=np.int32(0),
             rudder_saturated=np.bool_(False),
             speed_saturated=np.bool_(False),
+            fan=None if self.fan is None else self.fan.neutral(),
         )
 
     def init(self, key: Key) -> FanDriveState:
         """Neutral command latched, fan at rest."""
         zero = np.float64(0.0)
-        return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero)
+        fan = None if self.fan is None else self.fan.init()
+        return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero, fan)
 
     def step(self, t: Any, state: FanDriveState, command: Sample) -> tuple[FanDriveState, DriveOutput]:
         """The force from integer time t on; a command that is not valid counts as neutral."""
         pulse, commanded = self._latch(t, state, command)
-        controller, wanted = self.controller.step(t, state.controller, commanded)
-        speed = self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period))
+        controller, speed, fan, regulated = self._turn(t, state, commanded)
         rudder = self._rudder_angle(pulse)
         thrust = self.effectiveness * self._thrust(speed, rudder)
         psi = self.geometry.force_angle(rudder)
@@ -187,8 +202,19 @@ class FanDrive:
             brakings=controller.brakings,
             rudder_saturated=self.rudder.is_at_stop(rudder) & self.saturation,
             speed_saturated=(abs(speed) >= self.thruster.speed_max_rpm * (1 - 1e-9)) & self.saturation,
+            fan=regulated,
         )
-        return FanDriveState(pulse, commanded, controller, speed), output
+        return FanDriveState(pulse, commanded, controller, speed, fan), output
+
+    def _turn(self, t: Any, state: FanDriveState, commanded: Any) -> tuple[SpeedControllerState, Any, Any, Any]:
+        """Speed controller, speed (rpm), and the fan's state and output where there is one."""
+        if self.fan is None or state.fan is None:
+            controller, wanted = self.controller.step(t, state.controller, commanded)
+            return controller, self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period)), None, None
+        fan = self.fan.regulate(t, state.fan, commanded)
+        controller, duty = self.controller.step(t, state.controller, fan.duty)
+        fan, speed, output = self.fan.turn(t, fan, duty)
+        return controller, speed, fan, output
 
     def _latch(self, t: Any, state: FanDriveState, command: Sample) -> tuple[Any, Any]:
         value = command.value

@@ -25,8 +25,11 @@ CAUSES = (
     "takeover",
     "takeover ended",
     "pilot's radio lost",
+    "fence",
+    "envelope",
 )
-START, ARM, DISARM, SILENCE, NEVER_CAME, TAKEOVER, RELEASED, RADIO = range(8)
+START, ARM, DISARM, SILENCE, NEVER_CAME, TAKEOVER, RELEASED, RADIO, FENCE, ENVELOPE = range(len(CAUSES))
+BREACHES = ("none", "fence", "envelope")
 
 
 @record
@@ -39,6 +42,7 @@ class FailsafeInput:
     radio: Scalar = quantity("1", "The pilot's transmitter is heard.", kind="flag", default=False)
     arm: Scalar = quantity("1", "Somebody asks to arm.", kind="flag", default=False)
     disarm: Scalar = quantity("1", "Somebody asks to disarm; goes before arm.", kind="flag", default=False)
+    breach: Scalar = quantity("1", "Limit that the vehicle is beyond.", kind="mode", modes=BREACHES, default=0)
 
 
 @record
@@ -73,10 +77,11 @@ class Failsafe:
     """Passes commands on while they come, and makes the vehicle safe when they don't.
 
     No good command for `timeout`: the safe value at once, the lift fan off `lift_delay` later, latched until the next
-    request to arm. The safety pilot takes over at any time once armed, whatever the link and the latch do. Nothing acts
-    before arming, nor a command that came before it. A good command is new, says that it is valid, lies between `low`
-    and `high` (a number that is not finite doesn't) and is no older than `age_max`; others change nothing and are
-    counted, but a command that says it is not valid stops the vehicle at once.
+    request to arm; the same where the vehicle is beyond its fence or envelope. The safety pilot takes over at any time
+    once armed, whatever link, latch and limits do. Nothing acts before arming, nor a command that came before it. A
+    good command is new, says that it is valid, lies between `low` and `high` (a number that is not finite doesn't) and
+    is no older than `age_max`; others change nothing and are counted, but a command that says it is not valid stops
+    the vehicle at once.
 
     Generic over the command: `safe`, `low` and `high` are records like its value. The rules in full: docs page.
 
@@ -191,6 +196,8 @@ class Failsafe:
             (lost, FAILSAFE, RADIO),
             (tripped, FAILSAFE, SILENCE),
             (bored, DISARMED, NEVER_CAME),
+            ((mode == COMPUTER) & (input.breach == 1), FAILSAFE, FENCE),
+            ((mode == COMPUTER) & (input.breach == 2), FAILSAFE, ENVELOPE),
             (takes, MANUAL, TAKEOVER),
         )
         for holds, to, why in rows:

@@ -71,11 +71,22 @@ class Motor:
         """At rest."""
         return MotorState()
 
+    def torque(self, speed: Any, input: MotorInput) -> Any:
+        """Of the motor alone (N m) at a speed (rad/s)."""
+        n = speed * (RPM * 1e-3)
+        return self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
+
     def acceleration(self, speed: Any, input: MotorInput) -> Any:
         """Of the shaft (rad/s^2) at a speed (rad/s)."""
         n = speed * (RPM * 1e-3)
-        torque = self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
-        return (torque - self.propeller * n * abs(n)) / self.inertia
+        return (self.torque(speed, input) - self.propeller * n * abs(n)) / self.inertia
+
+    def current(self, speed: Any, input: MotorInput) -> Any:
+        """Through the windings (A) at a speed (rad/s); the battery gives the share `duty` of it.
+
+        Torque over the constant that the free speed gives: nominal voltage over rad/s.
+        """
+        return self.torque(speed, input) * self.free_rpm / (RPM * self.nominal_voltage)
 
     def duty(self, speed_rpm: Any, voltage: Any = 7.2) -> Any:
         """The duty that holds a speed (rpm) with the battery at `voltage` (V)."""

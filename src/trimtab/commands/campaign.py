@@ -96,7 +96,8 @@ def command(
     A run's numbers depend on the seed and on its own number alone. Distributions: normal(MEAN, STD), truncated(MEAN,
     STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH), choice(A, B, …),
     file(NAME.csv:COLUMN); a number with % is a share of the scenario's own value. Metrics: settling, first_reach,
-    overshoot, error_rms of what has a target; final, least, most, peak, mean, rms, tail_mean, tail_rms of any signal.
+    overshoot, error_rms of what has a target; final, least, most, peak, mean, rms, tail_mean, tail_rms, sustained (what
+    goes on swinging at the end) of any signal.
 
     \b
     trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr

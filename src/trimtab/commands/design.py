@@ -6,18 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from trimtab import scenarios
-from trimtab.commands.options import FILE, JSON
+from trimtab.commands.options import FILE, JSON, parse_settings
 from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, write_text
 from trimtab.core.errors import InputError, closest
-from trimtab.design.certificate import SCOPE, Certificate, certificate_json, read_certificate
-from trimtab.design.certificate_check import CertificateProof, ProofCondition, prove_certificate
+from trimtab.design.certificate import Certificate, design_certificate
+from trimtab.design.certificate_check import prove_certificate
+from trimtab.design.certificate_file import SCOPE, certificate_json, read_certificate
+from trimtab.design.certified_system import CertifiedSystem, SystemFunction, system_settings
+from trimtab.design.coq import coq_text
 from trimtab.design.poles import format_pole
+from trimtab.design.proof import CertificateProof
+from trimtab.scenarios.catalogue import load_function
 
-SAME = 1e-6
-"""How far the model in a certificate may be from the system's, in parts of its largest entry, scaled."""
+FUNCTION = "certified_system"
 
 
 @click.command()
@@ -25,45 +28,66 @@ SAME = 1e-6
 @click.option("--method", type=click.Choice(("lqr", "lmi")), help="Riccati equation, or a solver.  [default: lqr]")
 @click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
 @click.option("--integral", is_flag=True, help="With integral action.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=parse_settings,
+    help="Change a setting of the system, e.g. h_ft=90000; repeatable.",
+)
 @click.option("--out", type=FILE, metavar="FILE", help="Write the certificate (JSON).")
 @click.option("--check", type=FILE, metavar="FILE", help="Prove a certificate again.")
+@click.option("--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof for the program coqc.")
 @JSON
 def command(
     system: str | None,
     method: str | None,
     filter_: str | None,
     integral: bool,
+    settings: dict[str, str],
     out: Path | None,
     check: Path | None,
+    coq: Path | None,
     as_json: bool,
 ) -> None:
     """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
 
-    A certificate holds the linear model, gain, Lyapunov matrices and filter. --check proves it from these alone, in
-    exact arithmetic and without the solver that found them; exit code 1 where a condition fails, with the number that
-    broke it. With SYSTEM beside --check, the model in it is also compared with that of the system as it is now.
+    A certificate is of a named system with settings. --check builds that system anew, compares every matrix, weight and
+    number in the file with it, entry by entry, and proves each condition in exact arithmetic, without the solver that
+    found the gain; exit code 1 where a condition fails, with the number that broke it. SYSTEM is a name of the
+    package, or a file or folder of your own (docs, Certificate).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
     trimtab design hypersonic --out gain.json
+    trimtab design hypersonic --set h_ft=90000 --set uncertainty=0.5 --out gain.json
     trimtab design --check gain.json
-    trimtab design hypersonic --check gain.json
-    trimtab design hypersonic --method lmi --filter printed --json
+    trimtab design hypersonic --method lmi --json
+    trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
+    trimtab design my_boat.py --out gain.json
+    trimtab design my_boat.py --check gain.json
     """
+    _check_files({"--out": out, "--export-coq": coq})
+    choices = {"method": method, "filter": filter_, "integral": "true" if integral else None}
     if check is None:
-        certificate = _design_certificate(system, method, filter_, integral, out)
-        proof = prove_certificate(certificate)
+        certified = _build_system(system, settings | {n: c for n, c in choices.items() if c is not None})
+        certificate = design_certificate(certified)
+        proof = prove_certificate(certificate, certified)
     else:
-        _refuse_with_check({"--out": out, "--method": method, "--filter": filter_, "--integral": integral or None})
-        certificate, proof = _prove_file(check, system)
-    files = [write_text(out, certificate_json(certificate))] if out is not None and proof.holds else []
+        _refuse_with_check({"--out": out, "--set": settings or None} | {f"--{n}": c for n, c in choices.items()})
+        certificate, written = read_certificate(check)
+        proof = prove_certificate(certificate, _rebuild_system(certificate, system), written)
+    texts = {out: certificate_json, coq: coq_text}
+    files = [write_text(file, text(certificate)) for file, text in texts.items() if file is not None and proof.holds]
     if as_json:
         print_json(_proof_json(certificate, proof), files)
     else:
         _print_design(certificate, proof, check)
         print_files(files)
-        if out is not None and not proof.holds:
-            click.echo(f"not written: {out}, since a condition fails")
+        for file in texts:
+            if file is not None and not proof.holds:
+                click.echo(f"not written: {file}, since a condition fails")
     sys.exit(0 if proof.holds else 1)
 
 
@@ -73,75 +97,59 @@ def design_systems() -> tuple[str, ...]:
     return tuple(file.parent.name for file in files)
 
 
-def _import_builder(system: str) -> Any:
-    if system not in design_systems():
-        near = closest(system, design_systems(), 1) or design_systems()[:1]
-        problem = f"there is no design for {system!r}"
-        raise InputError("design", problem, choices=design_systems(), fix=f"trimtab design {near[0]}")
-    return importlib.import_module(f"trimtab.scenarios.{system}._design")
-
-
-def _design_certificate(
-    system: str | None, method: str | None, filter_: str | None, integral: bool, out: Path | None
-) -> Certificate:
+def _find_function(system: str | None) -> SystemFunction:
+    """The function of a system of the package, or of a file or folder outside it."""
     if system is None:
         fix = f"trimtab design {design_systems()[0]}, or trimtab design --check FILE"
         raise InputError("design", "no system and no file", choices=design_systems(), fix=fix)
-    if out is not None:
-        check_folder("--out", out.parent)
-        if out.is_dir():
-            raise InputError("--out", f"{str(out)!r} is a folder", fix=f"--out {out / 'certificate.json'}")
-    choices = {"method": method, "filter": filter_}
-    builder = _import_builder(system)
-    return builder.certificate(integral=integral, **{n: choice for n, choice in choices.items() if choice is not None})
+    file = Path(system) / "_design.py" if Path(system).is_dir() else Path(system)
+    if system not in design_systems() and file.suffix == ".py":
+        return load_function(f"{file}:{FUNCTION}")
+    if system not in design_systems():
+        near = closest(system, design_systems(), 1) or design_systems()[:1]
+        problem = f"there is no design for {system!r}"
+        fix = f"trimtab design {near[0]}; your own is a file:  trimtab design my_boat.py"
+        raise InputError("design", problem, choices=design_systems(), fix=fix)
+    return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
+
+
+def _build_system(system: str | None, settings: dict[str, str]) -> CertifiedSystem:
+    function = _find_function(system)
+    return function(**system_settings(function, settings, f"trimtab design {system}"))
+
+
+def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSystem:
+    """The system that a certificate names, built anew with the settings in it."""
+    if system is None and certificate.system not in design_systems():
+        problem = f"it is a certificate for {certificate.system!r}, which is not in the package"
+        fix = "give its file:  trimtab design my_boat.py --check FILE"
+        raise InputError("--check", problem, choices=design_systems(), fix=fix)
+    if system in design_systems() and certificate.system != system:
+        problem = f"it is a certificate for {certificate.system!r}"
+        raise InputError("--check", problem, fix=f"trimtab design {certificate.system} --check FILE")
+    function = _find_function(certificate.system if system is None else system)
+    wanted = system_settings(function, {}, "--check")
+    lacking = [name for name in wanted if name not in certificate.about]
+    if lacking:
+        fix = f"trimtab design {certificate.system} --out FILE  makes it anew"
+        raise InputError("--check", f"the file lacks about.{lacking[0]}", fix=fix)
+    given = {name: certificate.about[name] for name in wanted}
+    return function(**system_settings(function, given, "--check"))
+
+
+def _check_files(files: dict[str, Path | None]) -> None:
+    for option, file in files.items():
+        if file is not None:
+            check_folder(option, file.parent)
+            if file.is_dir():
+                name = "certificate.v" if option == "--export-coq" else "certificate.json"
+                raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / name}")
 
 
 def _refuse_with_check(options: dict[str, Any]) -> None:
     for name, value in options.items():
         if value is not None:
             raise InputError(name, "a file is checked as it is", fix=f"leave {name} out, or leave --check out")
-
-
-def _prove_file(file: Path, system: str | None) -> tuple[Certificate, CertificateProof]:
-    """The certificate of a file, proved again; compared with the system where one is named."""
-    certificate, text = read_certificate(file)
-    proof = prove_certificate(certificate, text)
-    if system is None:
-        return certificate, proof
-    more = _compare_with_system(certificate, system)
-    holds = proof.holds and all(c.holds for c in more)
-    return certificate, proof._replace(conditions=(*proof.conditions, *more), holds=holds)
-
-
-def _compare_with_system(certificate: Certificate, system: str) -> list[ProofCondition]:
-    """A and B in the certificate beside those of the system as it is now."""
-    builder = _import_builder(system)
-    if certificate.system != system:
-        problem = f"it is a certificate for {certificate.system!r}"
-        raise InputError("--check", problem, fix=f"trimtab design {certificate.system} --check FILE")
-    lines = []
-    d, e = certificate.scale, 1 / np.sqrt(np.diag(certificate.Re))
-    pairs = zip(
-        ("A", "B"),
-        (certificate.A, certificate.B),
-        builder.recompute_matrices(certificate),
-        (d, e),
-        (certificate.states, certificate.inputs),
-        strict=True,
-    )
-    for name, there, now, size, columns in pairs:
-        name = f"{name} is that of {system}"
-        if there.shape != now.shape:
-            lines.append(
-                ProofCondition(name, False, float("nan"), "deviation", "floats", f"{there.shape}, {now.shape}")
-            )
-            continue
-        apart, whole = (there - now) * size / d[:, None], now * size / d[:, None]
-        off = float(np.abs(apart).max() / np.abs(whole).max())
-        i, j = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
-        why = "" if off <= SAME else f"at {certificate.states[i]}, {columns[j]}: {there[i, j]!r}, now {now[i, j]!r}"
-        lines.append(ProofCondition(name, off <= SAME, off, "deviation, scaled", "computed anew, floats", why))
-    return lines
 
 
 def _proof_json(certificate: Certificate, proof: CertificateProof) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def command(
     if as_json:
         print_json({"scenario": built.name, "board": board, "files": [str(f) for f in written.files]})
     else:
-        click.echo(f"wrote {len(written.files)} files in {out}, with the vehicle's key in key.h")
+        click.echo(f"wrote {len(written.files)} files in {out}, with the vehicle's key in key.bin")
         click.echo(f"build and run them: make -C {out} run      fly: trimtab fly {scenario} --link {line}")
     if emulate is not None and not _run_emulator(out, emulate):
         sys.exit(1)

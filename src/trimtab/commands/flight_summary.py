@@ -10,6 +10,7 @@ import numpy as np
 from trimtab.commands.output import console, format_number, new_table
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, full_path, metrics, mode_switches
+from trimtab.loop.beliefs import describe_mismatches
 
 METRICS = {
     "first_reach_s": ("first in band", "s"),
@@ -78,6 +79,8 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
             numbers = [summary["final"].get(signal), *(summary["metrics"][signal][metric] for metric in METRICS)]
             table.add_row(name, side, *map(format_number, numbers), end_section=i == len(sides) - 1)
     console().print(table)
+    if result.get("mismatch"):
+        click.echo(describe_mismatches(result["mismatch"]))
     switches = ", ".join(f"{side} {summary['mode_switches']}" for side, summary in sides.items())
     click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
     for side, summary in sides.items():

@@ -1,6 +1,7 @@
 """`trimtab fly`: an autopilot in real time against the vehicle at the far end of a line."""
 
 import dataclasses
+import shlex
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,14 +11,29 @@ import click
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import AUTOPILOT, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
-from trimtab.commands.options import FILE, JSON, KEY, LINK, LOCKSTEP, REAL_TIME, SCENARIO, SEED, SET, UNSIGNED
+from trimtab.commands.options import (
+    FILE,
+    JSON,
+    KEY,
+    LINK,
+    LOCKSTEP,
+    LOG_LIMIT,
+    PARAMETERS,
+    REAL_TIME,
+    SCENARIO,
+    SEED,
+    SET,
+    UNSIGNED,
+)
 from trimtab.commands.output import console, new_log, new_table, print_json, show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
-from trimtab.live.fly import LiveAutopilot
+from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK, VEHICLE_CLOCK
+from trimtab.live.fly import COUNT, OVERRUN_POLICIES, LiveAutopilot
 from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
+from trimtab.live.parameter_store import ParameterStore, read_parameters
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
@@ -34,8 +50,29 @@ from trimtab.wire.mavlink import Endpoint
 @click.option("--duration", metavar="TIME", help="End this long after arming.  [default: the scenario's]")
 @KEY
 @UNSIGNED
+@click.option(
+    "--clock",
+    type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK, VEHICLE_CLOCK]),
+    default=STORED_CLOCK,
+    show_default=True,
+    help="What it signs by: on from what is stored; this computer's, where a wrong one was stored; the vehicle's.",
+)
+@click.option(
+    "--accept", "accepts", multiple=True, metavar="PATH", help="The vehicle may differ here, or below; repeatable."
+)
+@click.option("--take-over", is_flag=True, help="Have the vehicle handed over where another autopilot flies it.")
+@click.option("--rearm", is_flag=True, help="Confirm that it may be armed again after a failsafe; it must be at rest.")
+@click.option(
+    "--overrun",
+    type=click.Choice(OVERRUN_POLICIES),
+    default=COUNT,
+    show_default=True,
+    help="When a period's work ends too late: count it and go on, or halt the flight.",
+)
 @REAL_TIME
 @click.option("--out", type=FILE, metavar="DIR", help="Folder for the flight's log, flight.mcap.")
+@PARAMETERS
+@LOG_LIMIT
 @JSON
 def command(
     scenario: str,
@@ -46,42 +83,65 @@ def command(
     duration: str | None,
     key: Path | None,
     unsigned: bool,
+    clock: str,
+    accepts: tuple[str, ...],
+    take_over: bool,
+    rearm: bool,
+    overrun: str,
     real_time: bool,
     out: Path | None,
+    parameters: Path | None,
+    log_limit: int,
     as_json: bool,
 ) -> None:
     """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
 
     Waits for the vehicle, finds its clock, arms it as soon as there is an estimate, flies the scenario's duration and
     disarms. A supervisor watches speeds, the line and the estimate's age; --set supervisor=none does without. Exit code
-    1 when it was never armed, or the log lost rows.
+    0: it flew to its end; 1: it was never armed, aborted, halted by an overrun, taken over, in failsafe or unheard, or
+    the log lost rows; 2: refused input, or nobody answered.
 
     \b
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here
     trimtab fly hovercraft/forward --link serial:///dev/ttyUSB1?baud=115200
     trimtab fly hovercraft/spin --link loopback://spin --lockstep
     """
+    settings = read_parameters(parameters, scenario) | settings
     built = build(scenario, settings if lockstep else _default_supervisor(scenario) | settings)
     signing_key = find_key(scenario, key, unsigned, link, create=False)
     if duration is not None:
         built = replace(built, duration=parse_time(duration))
     enable_cache()
-    with new_log(out, "flight.mcap") as log, open_line(link, listen=False) as line:
-        endpoint = endpoint_factory(link, AUTOPILOT, signing_key)
+    log = None if out is None else new_log(out, "flight.mcap")
+    with open_line(link, listen=False) as line:
+        endpoint = endpoint_factory(link, AUTOPILOT, signing_key, clock)
         if lockstep:
             result = _fly_lockstep(built, line, endpoint, seed, log, other=f"trimtab vehicle {scenario}")
             if not as_json:
                 click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
         else:
-            result, granted = _fly_real_time(built, line, endpoint, seed, log, real_time, as_json)
+            typed = f"trimtab {shlex.join(sys.argv[1:])}"
+            with show_spinner(f"compiling {built.name}"):
+                autopilot = LiveAutopilot(
+                    built,
+                    line,
+                    endpoint,
+                    seed=seed,
+                    typed=typed,
+                    takes_over=take_over,
+                    confirms=rearm,
+                    accepts=accepts,
+                    store=ParameterStore(parameters, scenario),
+                )
+            follows = clock == VEHICLE_CLOCK
+            result, granted = _fly_real_time(autopilot, log, log_limit, real_time, overrun, as_json, follows)
             if not as_json:
                 _print_flight(result, granted)
     if as_json:
         print_json(result)
     elif out is not None:
         click.echo(f"wrote {out / 'flight.mcap'}")
-    written = result["log"]
-    sys.exit(0 if result["armed"] and written and not written["dropped"] and not written["unwritten"] else 1)
+    sys.exit(1 if result["problems"] else 0)
 
 
 def _default_supervisor(scenario: str) -> dict[str, str]:
@@ -91,7 +151,7 @@ def _default_supervisor(scenario: str) -> dict[str, str]:
 
 
 def _fly_lockstep(
-    scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, log: Path, *, other: str
+    scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, log: Path | None, *, other: str
 ) -> dict[str, Any]:
     with show_spinner(f"compiling {scenario.name}"):
         autopilot = LockstepAutopilot(scenario, endpoint, seed=seed)
@@ -99,40 +159,51 @@ def _fly_lockstep(
         written = autopilot.run(line, log)
     except NoAnswerError as error:
         raise InputError("--lockstep", str(error), fix=f"{other} --lockstep --listen …") from None
-    return {"scenario": scenario.name, "armed": True, "log": None if written is None else written._asdict()}
+    is_whole = log is None or (written is not None and not written.dropped and not written.unwritten)
+    problems = [] if is_whole else ["the log lacks rows"]
+    log_facts = None if written is None else written._asdict()
+    return {"scenario": scenario.name, "armed": True, "log": log_facts, "problems": problems}
 
 
 def _fly_real_time(
-    scenario: Scenario,
-    line: Link,
-    endpoint: Callable[[Dialect], Endpoint],
-    seed: int,
-    log: Path,
+    autopilot: LiveAutopilot,
+    log: Path | None,
+    log_limit: int,
     real_time: bool,
+    overrun: str,
     quiet: bool,
+    follows_clock: bool,
 ) -> tuple[dict[str, Any], str]:
     """What came of the flight, and what scheduling the machine granted."""
-    with show_spinner(f"compiling {scenario.name}"):
-        autopilot = LiveAutopilot(scenario, line, endpoint, seed=seed)
 
     def tell(text: str) -> None:
         click.echo(text, err=quiet)
 
     with catch_interrupts() as stop, store_stamps_ahead(autopilot.endpoint):
-        autopilot.connect(stop=stop)
-        flight = autopilot.fly(log=log, wanted_real_time=real_time, stop=stop, tell=tell)
+        autopilot.remote.tell = tell
+        autopilot.connect(stop=stop, follows_clock=follows_clock)
+        flight = autopilot.fly(
+            log=log, log_limit=log_limit, wanted_real_time=real_time, overrun=overrun, stop=stop, tell=tell
+        )
+    stored = autopilot.parameters.store()
+    if stored:
+        tell(stored)
     result = {
-        "scenario": scenario.name,
+        "scenario": autopilot.scenario.name,
         "duration_s": to_seconds(flight.t),
+        "cause": flight.cause,
+        "problems": flight.problems,
+        "checks": autopilot.preflight.describe_checks(),
         "armed": flight.arming_time is not None,
         "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
         "real_time": flight.grant._asdict(),
         "deadlines": flight.deadlines.summary() | {"skipped": autopilot.skipped},
         "samples": autopilot.autopilot_end.received_samples,
         "overflowed": autopilot.autopilot_end.dropped_samples,
+        "backwards": autopilot.autopilot_end.backward_samples,
         "overtaken": autopilot.autopilot_end.overtaken_samples,
         "wire": dataclasses.asdict(autopilot.endpoint.counts),
-        "line": line.statistics._asdict(),
+        "line": autopilot.link.statistics._asdict(),
         "log": None if flight.log is None else flight.log._asdict(),
     }
     return result, str(flight.grant)
@@ -142,8 +213,10 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
     _print_deadlines(result["deadlines"], granted)
     counts, log = result["wire"], result["log"]
     click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} taken, {counts['lost']} lost on the way")
-    if not result["armed"]:
-        click.echo("the vehicle was never armed")
+    if counts["disordered"]:
+        click.echo(f"{counts['disordered']} frames were numbered without order: what was lost of them is not known")
+    for problem in result["problems"]:
+        click.echo(f"problem: {problem}")
     if log is not None and (log["dropped"] or log["unwritten"]):
         click.echo(f"log: {log['dropped']} rows had no room in memory, {log['unwritten']} none on the disk")
 

@@ -12,6 +12,7 @@ import click
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link, parse_uri
+from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint
@@ -20,6 +21,9 @@ VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """System and component of the ends."""
 STORE_PERIOD_S = 1.0
 DATAGRAMS = ("udp",)
+QUICK_LINES = ("udp", "tcp", "loopback")
+QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
+"""Bytes a second of a file at most, over a network, and over a radio or a serial line, a third of 115200 baud."""
 
 
 def is_local(uri: str) -> bool:
@@ -33,6 +37,11 @@ def is_local(uri: str) -> bool:
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
     return host == "localhost"
+
+
+def transfer_rate(uri: str) -> float:
+    """How quickly files may travel over a line (bytes/s)."""
+    return QUICK_TRANSFER if parse_uri(uri).scheme in QUICK_LINES else SLOW_TRANSFER
 
 
 def vehicle_name(scenario: str) -> str:
@@ -69,12 +78,15 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
     return key
 
 
-def endpoint_factory(line: str, who: tuple[int, int], key: SigningKey | None) -> Callable[[Dialect], Endpoint]:
-    """What makes one end's endpoint of a line."""
+def endpoint_factory(
+    line: str, who: tuple[int, int], key: SigningKey | None, clock: str = STORED_CLOCK
+) -> Callable[[Dialect], Endpoint]:
+    """What makes one end's endpoint of a line. clock: by which it signs."""
     datagrams = parse_uri(line).scheme in DATAGRAMS
 
     def make(dialect: Dialect) -> Endpoint:
-        return Endpoint(dialect, *who, key, unsigned=key is None, datagrams=datagrams)
+        reset = clock == COMPUTER_CLOCK
+        return Endpoint(dialect, *who, key, unsigned=key is None, datagrams=datagrams, is_reset=reset)
 
     return make
 

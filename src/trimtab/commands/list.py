@@ -24,7 +24,7 @@ def command(scenario: str | None, as_json: bool) -> None:
         print_scenarios(catalogue.scenario_names(), as_json)
     else:
         built, _ = catalogue.load_scenario(scenario)
-        print_settings(scenario, built, catalogue.scenario_choices(scenario), as_json)
+        print_settings(scenario, built, catalogue.scenario_choices(scenario), catalogue.choice_lines(scenario), as_json)
 
 
 def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
@@ -39,23 +39,46 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
     click.echo(f"fly one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
 
 
-def print_settings(name: str, scenario: Any, arguments: Mapping[str, tuple[str, ...]], as_json: bool) -> None:
-    """Every setting of a scenario: path, value, unit, meaning; and what can be switched off."""
-    from trimtab.core.record import leaves  # brings numpy along, which a list of names does not need
+def print_settings(
+    name: str,
+    scenario: Any,
+    arguments: Mapping[str, tuple[str, ...]],
+    lines: Mapping[str, Mapping[str, str]],
+    as_json: bool,
+) -> None:
+    """Every setting of a scenario: path, value, unit, meaning; and what can be switched off.
+
+    arguments: choices of each argument.  lines: of those that have them, what each choice is.
+    """
+    from trimtab.core.record import absent_parts, leaves  # numpy, which a list of names does not need
+    from trimtab.loop.beliefs import belief_mismatches, describe_mismatches
 
     faults = sorted(scenario.imperfections())
+    mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
     rows = [(path, _format_value(value, d), _format_unit(d), d.doc) for path, value, d in leaves(scenario)]
     if as_json:
         settings = {path: {"value": value, "unit": unit, "doc": doc} for path, value, unit, doc in rows}
-        print_json({"scenario": name, "choices": arguments, "settings": settings, "imperfections": faults})
+        optional = {path: [p for p, _, _ in leaves(declared.optional)] for path, declared in absent_parts(scenario)}
+        about = {"scenario": name, "choices": arguments, "choice_lines": lines, "settings": settings}
+        print_json(about | {"optional": optional, "imperfections": faults, "mismatch": mismatch})
         return
     table = new_table("--set", ">value", "unit", "meaning", unwrapped=("--set",))
     for argument, choices in arguments.items():
+        if argument in lines:
+            for i, choice in enumerate(choices):
+                default = "Default: " if i == 0 else ""
+                table.add_row("" if i else argument, choice, "", f"{default}{lines[argument][choice]}.")
+            continue
         table.add_row(argument, " | ".join(choices), "", "Choice of this scenario; the first is the default.")
     for row in rows:
         table.add_row(*row)
+    for path, declared in absent_parts(scenario):
+        fields = ", ".join(p for p, _, _ in leaves(declared.optional))
+        table.add_row(f"{path}.…", "none", "", f"{declared.doc} One setting puts it there: {fields}.")
     console().print(table)
     click.echo(f"--without {' | '.join(faults)}")
+    if mismatch:
+        click.echo(describe_mismatches(mismatch))
 
 
 def _format_value(value: Any, declaration: Any) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_folder, print_json
+from trimtab.commands.output import check_folder, console, new_table, print_json
 from trimtab.core.errors import InputError
 from trimtab.study import find_study, import_study
 
@@ -20,21 +20,44 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all]")
+@click.option("--draw", type=click.IntRange(1), metavar="N", help="N flights drawn at random, instead of the cases.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of what is drawn.")
+@click.option("--findings", is_flag=True, help="What was found at version 0.1: each tried again, beside what it was.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
 @click.option("--out", type=FILE, metavar="DIR", help="Keep logs, and all that was said, in a folder a case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table; with --only, into it.")
 @JSON
-def command(only: tuple[str, ...], jobs: int, out: Path | None, page: Path | None, as_json: bool) -> None:
-    """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over sixty ways.
+def command(
+    only: tuple[str, ...],
+    draw: int | None,
+    seed: int,
+    findings: bool,
+    jobs: int,
+    out: Path | None,
+    page: Path | None,
+    as_json: bool,
+) -> None:
+    """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over a hundred ways.
 
     Each case is a short flight of two processes. Exit code 1 where a vehicle was not safe, a process crashed, or a log
-    doesn't say what happened. All of it takes some ten minutes; disks and clocks are spoilt for the processes alone.
+    doesn't say what happened. All of it takes some twenty minutes; disks and clocks are spoilt for the processes alone.
+    A flight that failed while one of its processes was kept waiting is flown once more.
 
     \b
     trimtab live-faults --only cut-1 --only autopilot-killed
     trimtab live-faults --jobs 3 --out campaign --json
+    trimtab live-faults --draw 200 --seed 1 --jobs 8
+    trimtab live-faults --findings
     """
     campaign = _import_module("campaign")
+    if draw is not None:
+        if only or page is not None:
+            raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")
+        only = tuple(f"{_import_module('draw').DRAWN}{seed}-{k}" for k in range(draw))
+    if findings:
+        if only or draw is not None or page is not None:
+            raise InputError("--findings", "goes with neither --only nor --draw nor --page", fix="--findings alone")
+        only = tuple(_import_module("found_at_0_1").list_case_names())
     cases = campaign.select_cases(only)
     if out is not None:
         check_folder("--out", out)
@@ -47,7 +70,11 @@ def command(only: tuple[str, ...], jobs: int, out: Path | None, page: Path | Non
 
     def tell(outcome: "CaseOutcome") -> None:
         if not as_json:
-            click.echo(f"{outcome.verdict:8s}{outcome.name:26s} {outcome.happened or outcome.skipped}")
+            click.echo(f"{outcome.verdict:13s}{outcome.name:26s} {outcome.happened or outcome.skipped}")
+        if outcome.problems and draw is not None:
+            click.echo(f"        {outcome.name}: {outcome.does}", err=True)
+        if outcome.waited:
+            click.echo(f"        {outcome.name}: waited: {outcome.waited}", err=True)
         for problem in outcome.problems:
             click.echo(f"        {outcome.name}: {problem}", err=True)
 
@@ -56,14 +83,44 @@ def command(only: tuple[str, ...], jobs: int, out: Path | None, page: Path | Non
     if page is not None:
         _write_page(page, outcomes, wall, apart=bool(only))
     if as_json:
+        kinds = {} if draw is None else _count_kinds(outcomes)
         verdicts = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
-        print_json({"wall_s": round(wall, 1), "cases": verdicts})
+        print_json({"wall_s": round(wall, 1), "cases": verdicts} | ({"kinds": kinds} if kinds else {}))
     else:
-        count = {v: sum(one.verdict == v for one in outcomes) for v in ("holds", "fails", "skipped")}
+        if findings:
+            _print_findings(outcomes)
+        if draw is not None:
+            _print_kinds(_count_kinds(outcomes))
+        count = {v: sum(one.verdict == v for one in outcomes) for v in ("holds", "fails", "kept waiting", "skipped")}
         click.echo(f"{len(outcomes)} cases in {wall:.0f} s: " + ", ".join(f"{n} {v}" for v, n in count.items() if n))
         if page is not None:
             click.echo(f"wrote {page}")
-    sys.exit(0 if all(one.verdict != "fails" for one in outcomes) else 1)
+    sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)
+
+
+def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:
+    """What was found at version 0.1, row by row, and what the same does now."""
+    study = _import_module("found_at_0_1")
+    table = new_table("tried", "at 0.1", "now", "verdict", unwrapped=("verdict",))
+    for row in study.compare_findings(outcomes):
+        table.add_row(*row)
+    console().print(table)
+
+
+def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
+    """Kind of a drawn flight -> its counts, by name; the last one is of all."""
+    counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
+    kinds = {kind: count._asdict() for kind, count in counts.items()}
+    return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}
+
+
+def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
+    """The table of drawn flights."""
+    names = [name.replace("_", " ") for name in kinds["all"]]
+    table = new_table("kind", *(f">{name}" for name in names), unwrapped=("kind",))
+    for kind, counts in kinds.items():
+        table.add_row(kind, *(str(n) for n in counts.values()))
+    console().print(table)
 
 
 def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:

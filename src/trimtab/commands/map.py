@@ -8,7 +8,7 @@ import numpy as np
 
 from trimtab.campaign.search.axes import KINDS, LINKS, Axis, axis_of_link, axis_of_path, axis_of_scale
 from trimtab.campaign.search.map_theory import StabilityCriterion, stability_criteria
-from trimtab.campaign.search.stability_map import StabilityMap, parse_success, stability_map
+from trimtab.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, SCENARIO, SEED, SET, SUCCESS, WITHOUT
 from trimtab.commands.output import check_picture, print_files, print_json, show_spinner
@@ -33,6 +33,13 @@ Criteria = tuple[StabilityCriterion, ...]
 @click.option("--runs", type=click.IntRange(1), default=8, show_default=True, help="Worlds at each point.")
 @click.option("--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="How often cells are halved.")
 @click.option("--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Share at the boundary.")
+@click.option(
+    "--swing",
+    type=click.FloatRange(0),
+    default=SWING,
+    show_default=True,
+    help="Most that may go on swinging, in parts of each target's band; without --success.",
+)
 @SEED
 @click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory where it applies.")
 @click.option("--plot", type=FILE, metavar="FILE", help="Picture of the map.")
@@ -54,7 +61,7 @@ def command(
 
     A coarse grid is flown, then only the cells through which the boundary passes are halved. Axes: delay, jitter, loss
     of the link, or any parameter by its path. Without --success every target must be inside its band for the last
-    third.
+    third, and swing there with less than a tenth of the band (--swing) or ever less: a limit cycle is no success.
 
     \b
     trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
@@ -178,5 +185,5 @@ def _boundary_hint(diagram: StabilityMap) -> str:
     if (diagram.share >= diagram.traced_boundary.threshold).all():
         return "no boundary: it succeeds everywhere. Wider --x or --y, or a stricter --success"
     target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
-    what = f"--success 'error_rms:{target} <= 0.5', --without navigation-error, or other --x and --y"
+    what = f"--success 'error_rms:{target} <= 0.5', --swing 1, --without navigation-error, or other --x and --y"
     return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"

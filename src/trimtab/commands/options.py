@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from trimtab.core.errors import InputError
+from trimtab.logs.log_limit import DEFAULT_LIMIT, format_size, parse_size
 
 FILE = click.Path(path_type=Path)
 
@@ -52,7 +53,8 @@ SET = click.option(
 NAVIGATION = click.option(
     "--navigation",
     metavar="KIND",
-    help="What it finds its way with, e.g. ins; `trimtab list SCENARIO` has the choices.",
+    help="What it finds its way with: errors, ins, ins-magnetometer, ins-coupled, ins-feedforward, ins-direct, tight or"
+    " particle; `trimtab list SCENARIO` says what each is.",
 )
 WITHOUT = click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
 FAULT = click.option(
@@ -78,5 +80,19 @@ KEY = click.option("--key", type=FILE, metavar="FILE", help="Key that signs the 
 UNSIGNED = click.option("--unsigned", is_flag=True, help="No signatures; for lines within this machine.")
 REAL_TIME = click.option(
     "--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling."
+)
+PARAMETERS = click.option(
+    "--parameters",
+    type=FILE,
+    metavar="FILE",
+    help="Settings that a ground station has stored, read at the start; --set goes before.  [default: none are kept]",
+)
+LOG_LIMIT = click.option(
+    "--log-limit",
+    default=format_size(DEFAULT_LIMIT),
+    show_default=True,
+    metavar="SIZE",
+    callback=lambda context, parameter, text: parse_size(text),
+    help="Most that its log may take on the disk: a vehicle's goes on without its oldest part, an autopilot's ends.",
 )
 LOCKSTEP = click.option("--lockstep", is_flag=True, help="Virtual time: each end waits for the other.")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from trimtab.core.errors import InputError
+from trimtab.logs.log_limit import list_files
 
 if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
@@ -101,17 +102,14 @@ def check_folder(part: str, folder: Path) -> None:
                 new.rmdir()
 
 
-@contextmanager
-def new_log(out: Path | None, name: str) -> Iterator[Path]:
-    """Where a flight's log goes: a new file in the folder, or without one a file that is gone at the end."""
-    if out is not None:
-        check_folder("--out", out)
-        out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as scratch:
-        log = (out or Path(scratch)) / name
-        if log.exists():
-            raise InputError("--out", f"there is a log already: {log}", fix="--out with a new folder")
-        yield log
+def new_log(out: Path, name: str) -> Path:
+    """Where a flight's log goes: a new file in the folder, which is made where it is missing."""
+    check_folder("--out", out)
+    out.mkdir(parents=True, exist_ok=True)
+    present = list_files(out / name)
+    if present:
+        raise InputError("--out", f"there is a log already: {present[0]}", fix="--out with a new folder")
+    return out / name
 
 
 def write_text(file: Path, text: str) -> Path:

@@ -15,12 +15,14 @@ from trimtab.commands.output import check_picture, draw_plot, print_files, print
 from trimtab.core.errors import InputError
 from trimtab.core.record import is_record, replace
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap
+from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.logs.navigation import assess_navigation
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.plots.replay import interpolate_truth, plot_replay
 from trimtab.run.replay import Replay, describe_replay
 from trimtab.run.replay import replay as fly_again
+from trimtab.run.replay_estimator import replay_estimator
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import rebuild_scenario
 
@@ -39,11 +41,20 @@ PARTS = ("estimator", "law", "allocation")
     callback=parse_settings,
     help="Another estimator or law.",
 )
+@click.option("--estimator", metavar="MODULE:FACTORY", help="This one alone, over the samples of any log; no scenario.")
+@click.option("--out", type=FILE, metavar="FILE", help="With --estimator: the log with its estimates, MCAP.")
 @click.option("--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True)
 @click.option("--plot", type=FILE, metavar="FILE", help="Picture: recorded and replayed.")
 @JSON
 def command(
-    file: Path, scenario: str | None, choices: dict[str, str], backend: str, plot: Path | None, as_json: bool
+    file: Path,
+    scenario: str | None,
+    choices: dict[str, str],
+    estimator: str | None,
+    out: Path | None,
+    backend: str,
+    plot: Path | None,
+    as_json: bool,
 ) -> None:
     """Give a recorded flight's frames to its autopilot once more; the same must come out, to the bit.
 
@@ -54,9 +65,15 @@ def command(
     trimtab run hovercraft/forward --navigation ins --out forward
     trimtab replay forward/run.mcap
     trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
+    trimtab replay mine.mcap --estimator my_filters:planar --out estimated.mcap
     """
     check_picture(plot, None)
     log = read_mcap(file)
+    if estimator is not None:
+        _step_estimator(log, estimator, backend, out, as_json)
+        return
+    if out is not None:
+        raise InputError("--out", "a replay of an autopilot writes no log", fix="name one with --estimator too")
     recorded = rebuild_scenario(log, scenario)
     autopilot = replace_parts(recorded, choices) if choices else None
     enable_cache()
@@ -75,6 +92,34 @@ def command(
             _print_errors(errors)
         print_files(files)
     sys.exit(0 if replay.equal else 1)
+
+
+def _step_estimator(log: Log, name: str, backend: str, out: Path | None, as_json: bool) -> None:
+    """An estimator alone: what it gives, how far from the truth, and whether it knows."""
+    enable_cache()
+    with show_spinner(f"compiling {name}"):
+        part = _build_part("estimator", name) if ":" in name else None
+        if part is None:
+            raise InputError("--estimator", f"{name!r} names no factory", fix="--estimator module:factory")
+        estimated = replay_estimator(log, part, backend=backend)
+    valid = estimated["estimate.valid"]
+    states = [p for p in estimated.paths if p.startswith("estimate.state.") and p.count(".") == 2]
+    truths = {p.rpartition(".")[2]: interpolate_truth(log, p, estimated.ticks) for p in states}
+    off = {n: estimated[f"estimate.state.{n}"][valid] - v[valid] for n, v in truths.items() if v is not None}
+    errors = {n: float(np.sqrt(np.mean(v * v))) for n, v in off.items() if len(v)}
+    navigation = assess_navigation(estimated)
+    files = [] if out is None else [write_mcap(estimated, out)]
+    if as_json:
+        verdict = None if navigation is None else navigation.plain()
+        about = {"steps": len(estimated), "valid": int(valid.sum()), "errors": errors, "navigation": verdict}
+        print_json(about | {"backend": estimated.metadata["backend"]}, files)
+        return
+    click.echo(f"{len(estimated)} steps, {int(valid.sum())} valid, on {estimated.metadata['backend']}")
+    for state, rms in errors.items():
+        click.echo(f"  {state}: rms of its error {rms:.4g}")
+    if navigation is not None:
+        click.echo(f"  what it says of its errors: {navigation.verdict}")
+    print_files(files)
 
 
 def replay_json(replay: Replay) -> dict[str, Any]:

@@ -1,6 +1,8 @@
 """`trimtab reproduce`: a publication's figures computed again, printed beside computed, with the verdict."""
 
 import sys
+import tempfile
+import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,8 +12,19 @@ import click
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_progress
-from trimtab.study import WHERE, Row, StudyGroup, find_studies, find_study, format_value, list_groups, read_study_title
+from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_progress, write_text
+from trimtab.study import (
+    BASES,
+    PUBLISHED,
+    WHERE,
+    Row,
+    StudyGroup,
+    find_studies,
+    find_study,
+    format_value,
+    list_groups,
+    read_study_title,
+)
 
 GroupRows = list[tuple[StudyGroup, list[Row]]]
 
@@ -20,8 +33,9 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 @click.argument("study", metavar="[STUDY]", required=False)
 @click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures; repeatable.")
 @click.option("--out", type=FILE, metavar="DIR", help="Folder for the study's pictures.")
+@click.option("--report", type=FILE, metavar="DIR", help="Folder for one page: rows, pictures, errata, environment.")
 @JSON
-def command(study: str | None, only: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
     """Compute a publication's figures again: printed beside computed, with the verdict.
 
     Exit code 1 when a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
@@ -31,15 +45,22 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, as_json:
     trimtab reproduce hovercraft2006
     trimtab reproduce hovercraft2006 --only inertia --json
     trimtab reproduce hovercraft2006 --out figures/
+    trimtab reproduce hovercraft2006 --report page/
     """
     if study is None:
         _list_studies(as_json)
         return
     groups = list_groups(study, only)
-    if out is not None:
-        check_folder("--out", out)
+    for option, folder in (("--out", out), ("--report", report)):
+        if folder is not None:
+            check_folder(option, folder)
     enable_cache()
-    results, files = _compute_groups(groups, out)
+    begin, since = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()), time.monotonic()
+    with tempfile.TemporaryDirectory() as scratch:
+        results, pictures = _compute_groups(groups, out or (Path(scratch) if report else None))
+        files = [file for drawn in pictures.values() for file in drawn] if out else []
+        if report is not None:
+            files.append(_write_page(report, study, results, pictures, (begin, time.monotonic() - since)))
     if as_json:
         print_json(_results_json(study, results), files)
     else:
@@ -62,9 +83,10 @@ def _list_studies(as_json: bool) -> None:
     click.echo(f"compute one: trimtab reproduce {next(iter(studies))}" if studies else WHERE)
 
 
-def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, list[Path]]:
+def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
+    """Each group with its rows; and, where there is a folder for them, the pictures of each by its name."""
     results: GroupRows = []
-    files: list[Path] = []
+    pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
         for group in groups:
             tell(group.title, 0)
@@ -74,9 +96,27 @@ def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRo
                 tell(f"{group.title}: {row.id}", 0)
             results.append((group, rows))
             if out is not None:
-                files += group.figures(out)
+                pictures[group.name] = list(group.figures(out))
             tell(group.title, 1)
-    return results, files
+    return results, pictures
+
+
+def _write_page(
+    report: Path, study: str, results: GroupRows, pictures: dict[str, list[Path]], took: tuple[str, float]
+) -> Path:
+    """The page of `--report`; took: when it began, and how many seconds it took."""
+    from trimtab.commands.reproduce_page import build_page, describe_environment, read_errata
+
+    folder = find_study(study)
+    summary = _results_json(study, results)
+    summary["sentence"] = confirmation_sentence(row for _, rows in results for row in rows)
+    words = ["reproduce", folder.name, *(w for g, _ in results for w in ("--only", g.name))]
+    if len(results) == len(list_groups(study)):
+        words = words[:2]
+    environment = describe_environment([*words, "--report", report.name or "."], *took)
+    title = read_study_title(folder)
+    page = build_page(title, results, summary, pictures, read_errata(folder), environment)
+    return write_text(report / "index.html", page)
 
 
 def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
@@ -85,11 +125,35 @@ def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
     return {verdict: counts[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
+def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
+    """Basis -> number of rows that hold, and of all; bases of which there is none are left out."""
+    holds, all_rows = Counter[str](), Counter[str]()
+    for row in rows:
+        all_rows[row.basis] += 1
+        holds[row.basis] += row.holds
+    return {basis: (holds[basis], all_rows[basis]) for basis in BASES if all_rows[basis]}
+
+
+def confirmation_sentence(rows: Iterable[Row]) -> str:
+    """In one sentence, how much of this confirms something that the publication says."""
+    every = list(rows)
+    confirms = sum(row.confirms for row in every)
+    own = sum(row.basis not in PUBLISHED for row in every)
+    return (
+        f"{confirms} of {len(every)} rows confirm something that the publication prints; "
+        f"{own} compare with what it doesn't print, and confirm nothing of it."
+    )
+
+
 def _results_json(study: str, results: GroupRows) -> dict[str, Any]:
     return {
         "study": study,
         "good": not any(row.fails for _, rows in results for row in rows),
         "verdicts": verdict_counts(row for _, rows in results for row in rows),
+        "bases": {
+            basis: {"holds": holds, "rows": n}
+            for basis, (holds, n) in basis_counts(row for _, rows in results for row in rows).items()
+        },
         "rows": [{"group": group.name} | row.as_json() for group, rows in results for row in rows],
     }
 
@@ -98,9 +162,13 @@ def _print_groups(study: str, results: GroupRows) -> None:
     for group, rows in results:
         _print_rows(f"{group.title}, [1] {group.place}", rows)
     total = verdict_counts(row for _, rows in results for row in rows)
-    click.echo("* not a number of the publication: read off an axis, or calculated independently from what it prints")
     click.echo(f"[1] {read_study_title(find_study(study))}")
+    click.echo("* not a number or statement of the publication; by basis:")
+    every = [row for _, rows in results for row in rows]
+    for basis, (holds, n) in basis_counts(every).items():
+        click.echo(f"  {basis:10s}{holds:4d} of {n:4d} hold   {BASES[basis]}")
     click.echo(", ".join(f"{n} {verdict}" for verdict, n in total.items() if n or verdict != "differs"))
+    click.echo(confirmation_sentence(every))
 
 
 def _print_rows(title: str, rows: list[Row]) -> None:

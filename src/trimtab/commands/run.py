@@ -75,7 +75,7 @@ def command(
 
     \b
     trimtab run hovercraft/zero-velocity --plot rest.png
-    trimtab run hovercraft/heading-bang-bang --set initial=rest --seed 3
+    trimtab run hovercraft/heading-bang-bang --set initial=moving --seed 3
     trimtab run hovercraft/forward --without navigation-error --out forward/
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
     trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
@@ -159,6 +159,7 @@ def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:
         "run": about["run"],
         "backend": about["backend"],
         "duration_s": about["duration_s"],
+        "mismatch": about.get("mismatch", []),
         "wall_s": round(report.wall_s, 4),
         "real": summarise_run(report.real, report.targets),
         "ideal": None if report.ideal is None else summarise_run(report.ideal, report.targets),

@@ -306,7 +306,7 @@ class _Routine:
             if array.buffer is not None:
                 w.names[id(array.buffer)] = f"{base}{m.path}"
         given = [*arguments, *([("void *", "workspace")] if self.workspace.size else [])]
-        w.divide(plan_pieces(blocks, self.needed), PieceFrame(function, 0, given))
+        w.divide(plan_pieces(blocks, self.needed, exported=True), PieceFrame(function, 0, given))
         for block in blocks:
             w.write_block(block)
         for base, m, array in self.results:

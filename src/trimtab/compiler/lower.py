@@ -8,10 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import numpy as np
 
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, apply_updates, constant, is_small, store_in_memory, type_name
-from trimtab.compiler.ir import Builder
+from trimtab.compiler.ir import TYPES, Builder
+from trimtab.compiler.ranges import LONGEST_TABLE
 from trimtab.core.errors import InputError
 
 Rule = Callable[["Site"], list[Array]]
@@ -28,6 +30,9 @@ ALTERNATIVES = {
     "debug_callback": "a result of the function, or a logged signal: flight code cannot print",
 }
 
+
+CONTROL = ("cond", "scan", "while")
+"""Primitives whose programs lower themselves what they read."""
 
 UPDATING = ("dynamic_update_slice", "scatter")
 """Primitives that write elements of their first operand."""
@@ -152,10 +157,35 @@ class Lowering:
             return self._lower_foreign(equation, operands, dying)
         if rule is None:
             raise self.refusal(name)
+        known = self._known_result(equation, operands)
+        if known is not None:
+            return [known]
         site = Site(self, equation, operands, dying)
-        if name not in ("cond", "scan", "while"):
+        if name not in CONTROL:
             self._store_operands(equation, operands)
         return rule(site)
+
+    def _known_result(self, equation: Any, operands: list[Array]) -> Array | None:
+        """The result where it is a table of integers or truth values that follows from such tables: indices, mostly.
+
+        Floats are left to the code, whose elementary functions are not quite JAX's; so are results of a few scalars,
+        which are known one by one.
+        """
+        if len(equation.outvars) != 1 or not operands or equation.primitive.name in CONTROL:
+            return None
+        shape = equation.outvars[0].aval.shape
+        if is_small(shape) or math.prod(shape) > LONGEST_TABLE:
+            return None
+        types = [getattr(v.aval, "dtype", None) for v in [*equation.outvars, *equation.invars]]
+        if not all(
+            isinstance(kind, np.dtype) and kind.kind in "biu" for kind in types
+        ):  # of keys it is none of numpy's
+            return None
+        tables = [_known_data(a) for a in operands]
+        if any(t is None for t in tables):
+            return None
+        shaped = [np.reshape(t, a.shape).astype(TYPES[a.dtype]) for t, a in zip(tables, operands, strict=True)]
+        return constant(self.b, np.asarray(equation.primitive.bind(*shaped, **equation.params)))
 
     def refusal(self, name: str) -> InputError:
         """Of a primitive without C text."""
@@ -175,6 +205,16 @@ class Lowering:
         for array in operands:
             if array.size > 1:
                 store_in_memory(self.b, array)
+
+
+def _known_data(array: Array) -> Any:
+    """The numbers of an array that the program knows, row-major; None of another."""
+    if array.updates or array.offset is not None:
+        return None
+    if array.items is not None:
+        values = array.items.ravel()
+        return [v.const for v in values] if all(v.op == "const" for v in values) else None
+    return array.buffer.data if array.buffer is not None and array.buffer.kind == "const" else None
 
 
 def is_alone(operands: list[Array], which: int) -> bool:

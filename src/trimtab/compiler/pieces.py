@@ -11,6 +11,9 @@ from trimtab.compiler.ir import TYPES, Block, Buffer, Define, Emit, If, Local, L
 
 WHOLE = 6000
 """Statements that one function may have."""
+WHOLE_BLOCK = 20_000
+"""The same of an exported block. It is compiled once and flown by small processors, which a frame costs more: the aided
+INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack."""
 PIECE = 400
 """Statements of each piece of a program that has more."""
 LEAST = 40
@@ -116,13 +119,16 @@ def _byte_count(dtype: str, lanes: int) -> int:
     return 8 * lanes if dtype == "bool" and lanes else TYPES[dtype]().itemsize * max(lanes, 1)
 
 
-def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer], elsewhere: Collection[int] = ()) -> Pieces:
+def plan_pieces(
+    blocks: list[Block], results: Sequence[Value | Buffer], elsewhere: Collection[int] = (), exported: bool = False
+) -> Pieces:
     """Divide a program of too many statements.
 
     results: what is read after it.
     elsewhere: ids of the buffers that begin in it, but lie where the caller keeps them.
+    exported: whether it is a block's.
     """
-    if not is_large(blocks):
+    if not is_large(blocks, exported):
         return NO_PIECES
     division = _Division(elsewhere)
     for thing in results:
@@ -132,9 +138,9 @@ def plan_pieces(blocks: list[Block], results: Sequence[Value | Buffer], elsewher
     return division.close()
 
 
-def is_large(blocks: list[Block]) -> bool:
-    """Whether a program has more statements than one function may have."""
-    return sum(_count_statements(block.items) for block in blocks) > WHOLE
+def is_large(blocks: list[Block], exported: bool = False) -> bool:
+    """Whether a program has more statements than one function, or one function of an exported block, may have."""
+    return sum(_count_statements(block.items) for block in blocks) > (WHOLE_BLOCK if exported else WHOLE)
 
 
 def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:

@@ -2,12 +2,16 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from trimtab.compiler.ir import Value
 
 OPERATIONS = ("lt", "le", "gt", "ge", "eq", "ne", "max", "min", "and")
 DEPTH = 6
 """Operations that are followed back."""
+LONGEST_TABLE = 4096
+"""Of numbers that are looked through, or computed, while a program is lowered."""
 
 
 def certain_result(op: str, args: "tuple[Value, ...]") -> bool | int | None:
@@ -42,6 +46,8 @@ def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
         return None
     if v.op == "const":
         return int(v.const), int(v.const)
+    if v.op == "load" and v.attr.data is not None and 0 < v.attr.size <= LONGEST_TABLE:
+        return int(np.min(v.attr.data)), int(np.max(v.attr.data))
     if v.op == "index":
         return (0, max(v.attr - 1, 0)) if isinstance(v.attr, int) else None
     found = _bounds_of_operation(v, depth - 1) if depth and v.args else None

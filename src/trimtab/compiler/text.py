@@ -145,6 +145,8 @@ def _full_mask(o: _Operation, text: str) -> str:
 
 def _infix(o: _Operation) -> str:
     first, second = o.operands
+    if o.t == "i64" and not o.lanes and o.value.op in ("add", "sub", "mul"):  # times wrap, also without -fwrapv
+        return f"(int64_t)((uint64_t){first} {INFIX[o.value.op]} (uint64_t){second})"
     return o.narrow(f"{first} {INFIX[o.value.op]} {second}")
 
 

@@ -5,6 +5,7 @@ state comes in and goes out. Inside a step nothing raises.
 """
 
 from collections.abc import Mapping
+from enum import Enum
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -39,7 +40,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
 - Actuators: `frame`, the period at which they latch a command; None: their period.
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
 - Law: `equilibrium()`, the state at which its loop rests; None: not known.
-- a heading or position measured: `variance`, of its noise; 0: not stated.
+- a heading or position measured: `variance`, of its noise, of a position also its covariance (2, 2); 0: not stated.
 - an estimated state: `frequencies`, those of its bending modes (w1, w2, rad/s); (): not estimated.
 
 What can be switched off in a part is declared with `off=` at its fields: `core.imperfections`.
@@ -130,7 +131,8 @@ class InertialForm(Protocol):
     """A form of aided inertial navigation: the filter alone, without what reads and orders the samples.
 
     A node is the form's state at one instant: a record with the fields t, felt (3,), doubt (2,), heading_fix and
-    position_fix, and whatever else the form keeps. z: as measured; variance: of z, 0 where the sensor states none.
+    position_fix, and whatever else the form keeps. z: as measured; variance: of z, of a position also its covariance
+    (2, 2); 0 where the sensor states none.
     """
 
     AIDED_BY: ClassVar[str]
@@ -233,6 +235,15 @@ class LinkStatistics(NamedTuple):
     connected: bool
 
 
+class Audience(Enum):
+    """Who gets a packet of a link that several may have joined."""
+
+    ALL = "all"
+    PRIVATE = "private"
+    PUBLIC = "public"
+    """Those who were accepted as private, of late; all others. A link with one peer has that one as private."""
+
+
 @runtime_checkable
 class Link(Protocol):
     """A real transport: bytes in and out, in wall-clock time. Nothing of it raises once it is open."""
@@ -246,12 +257,23 @@ class Link(Protocol):
         """The next packet, or piece of a stream; None when `timeout` seconds have passed without one."""
         ...
 
-    def send(self, packet: bytes) -> bool:
+    def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
         """Hand a packet over without waiting; False where it had to be dropped."""
         ...
 
-    def accept_sender(self) -> None:
-        """Say that the packet received last came from one who may be answered; only who hears strangers needs it."""
+    def has_audience(self, audience: Audience) -> bool:
+        """Whether there may be somebody who would get it."""
+        ...
+
+    def accept_sender(self, *, is_private: bool = False) -> None:
+        """Say that the packet received last came from one who may be answered; only who hears strangers needs it.
+
+        is_private: and who gets what is sent to PRIVATE.
+        """
+        ...
+
+    def reply(self, packet: bytes) -> bool:
+        """To the sender of the packet received last and to nobody else, accepted or not; False where it was dropped."""
         ...
 
     def fileno(self) -> int:

@@ -56,9 +56,10 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True)
 class Part:
-    """A nested record."""
+    """A nested record. optional: what takes the place of None where a setting names one of its fields."""
 
     doc: str
+    optional: Any = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,9 +101,12 @@ def quantity(
     return _field(declared, default, off)
 
 
-def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF) -> Any:
-    """Declare a nested record (or a mapping or tuple of records, or None)."""
-    return _field(Part(doc), default, off)
+def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF, optional: Any = None) -> Any:
+    """Declare a nested record (or a mapping or tuple of records, or None).
+
+    optional: for a part that may be None, the record that a setting of one of its fields puts there.
+    """
+    return _field(Part(doc, optional), default, off)
 
 
 def option(
@@ -180,6 +184,22 @@ def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
         several: Any = value  # pyright: ignore[reportUnknownVariableType]
         return [(str(i), v, None) for i, v in enumerate(several)]
     return []
+
+
+def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
+    """Every optional part below value that is not there, as (dotted path, declaration), in declared order."""
+    for name, child, declared in children(value):
+        here = f"{path}.{name}" if path else name
+        if child is None and isinstance(declared, Part) and declared.optional is not None:
+            yield here, declared
+        elif not isinstance(declared, Quantity | Option):
+            yield from absent_parts(child, here)
+
+
+def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """Path and record, of a record and of all below it."""
+    below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
+    return [(path, value), *below] if is_record(value) else below
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:

@@ -19,6 +19,7 @@ from trimtab.core.quantity import (
     Part,
     Quantity,
     Scalar,
+    absent_parts,
     children,
     declarations,
     imperfection,
@@ -37,6 +38,7 @@ __all__ = [
     "Part",
     "Quantity",
     "Scalar",
+    "absent_parts",
     "children",
     "declarations",
     "imperfection",
@@ -52,6 +54,7 @@ __all__ = [
     "to_arrays",
     "tree_where",
     "with_leaf",
+    "with_part_of",
 ]
 
 jax.config.update("jax_enable_x64", True)
@@ -121,6 +124,21 @@ def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], 
         if rest:
             return _replace_child(value, name, with_leaf(child, rest, change))
     raise KeyError(path)
+
+
+def with_part_of(value: T, path: str) -> T:
+    """A copy of a tree of records with the optional part that a dotted path leads into, or itself if nothing lacks."""
+    for where, declared in absent_parts(value):
+        below = path.removeprefix(f"{where}.").partition(".")[0]
+        if path.startswith(f"{where}.") and below in declarations(declared.optional):
+            return _with_child_at(value, where, declared.optional)
+    return value
+
+
+def _with_child_at(value: Any, path: str, child: Any) -> Any:
+    head, _, rest = path.partition(".")
+    below = next(c for name, c, _ in children(value) if name == head)
+    return _replace_child(value, head, _with_child_at(below, rest, child) if rest else child)
 
 
 def _replace_child(value: Any, name: str, child: Any) -> Any:

@@ -8,6 +8,7 @@ each number means.
 
 import contextlib
 import itertools
+import json
 import re
 import shutil
 import subprocess
@@ -74,7 +75,7 @@ class EmulationResult(NamedTuple):
     library_bytes: int
     """Code and constants that it draws from the C, mathematics and compiler libraries."""
     ram_bytes: int
-    """The four structures, and static data of the libraries it draws on; autopilot.c itself must have none."""
+    """The four structures, the workspace, and static data of the libraries; autopilot.c itself must have none."""
     stack_bytes: int
     """How deep defaults, init and the steps wrote into a painted stack."""
     image_bytes: int
@@ -130,7 +131,7 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
     """Build the autopilot of an exported folder for a target, fly its vectors there under QEMU, and read back.
 
     Args:
-        folder: as ``trimtab export`` writes it: autopilot.h, .c, vectors.h, .c, .csv.
+        folder: as ``trimtab export`` writes it: autopilot.h, .c, vectors.h, .c, .csv, export.json.
         target: a key of TARGETS.
         steps: at most so many steps of vectors.csv.
         limit_s: the emulator is ended after so many seconds.
@@ -188,7 +189,8 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
     steps, n_in = vectors.inputs.shape
     places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
     places |= {"RAM_SIZE": board.ram[1], "AUTOPILOT_STACK": AUTOPILOT_STACK, "TIMER_VALUE": board.timer}
-    numbers = [f"-D{name}={value:#x}" for name, value in (places | {"STEPS": steps, "INPUTS": n_in}).items()]
+    counts = {"STEPS": steps, "INPUTS": n_in, "WORKSPACE": _workspace_bytes(folder)}
+    numbers = [f"-D{name}={value:#x}" for name, value in (places | counts).items()]
     code = ["-c", *EXACT, *WARNINGS, *numbers, f"-I{folder}", f"-I{FIRMWARE}"]
     sources = [
         folder / "autopilot.c",
@@ -210,6 +212,14 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
     )
     (alone, data, bss), (image, *_) = _read_sizes(["alone.elf", "image.elf"], build)
     return flash, alone - flash, data + bss, image
+
+
+def _workspace_bytes(folder: Path) -> int:
+    """What init and step of a large program are given besides their structures; nothing in a folder written by hand."""
+    try:
+        return int(json.loads((folder / "export.json").read_text(encoding="utf-8")).get("workspace_bytes", 0))
+    except FileNotFoundError:
+        return 0
 
 
 def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folder: Path) -> None:

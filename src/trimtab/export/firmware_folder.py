@@ -4,9 +4,12 @@ The portable C is in the folder `firmware` of this package; what is written besi
 exported world, failsafe, regulator and motor, the messages of its dialect, and the key.
 """
 
+import json
 import os
 import shutil
 import time
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,8 +17,9 @@ import numpy as np
 
 from trimtab.actuators.drive import FanDrive, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.actuators.motor import Motor, MotorInput
-from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
+from trimtab.actuators.motor import MotorInput
+from trimtab.actuators.regulated_fan import RegulatedFan
+from trimtab.actuators.speed_regulator import SpeedRegulatorInput
 from trimtab.compiler.block import BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import identifier
@@ -27,8 +31,10 @@ from trimtab.export.boards import FIRMWARE as START
 from trimtab.export.boards import TARGETS
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import failsafe_block, message_structures, replace_links, timed_block, world_block
+from trimtab.run.identity import scenario_identity
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.generated import write_c_headers
+from trimtab.wire.identity import cut_line, identity_digest
 from trimtab.wire.keys import SigningKey
 from trimtab.wire.stamps import EPOCH, PER_SECOND
 
@@ -37,6 +43,9 @@ CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
 """Where the portable C lies: in an installed package, or beside `src`."""
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
+FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
+"""Boards that the firmware runs on, and what their FPU computes in."""
+KEY_MAGIC = b"trimtab1"
 
 
 class FirmwareFolder(NamedTuple):
@@ -55,37 +64,72 @@ def write_firmware(
     Args:
         scenario: checked whole before anything is written. Its links are left out: the real ones take their place.
         folder: made where it is missing.
-        key: with which both ends sign; it ends up in the firmware, so the file key.h is owner-only.
-        board: a key of `trimtab.export.boards.TARGETS`.
+        key: with which both ends sign; it goes into the file key.bin, owner-only, and is in no other file.
+        board: a key of `FIRMWARE_BOARDS`.
         seed: of the random numbers in the emulated world.
 
     Raises:
         InputError: another board, a vehicle without a fan drive, a folder that can't be written.
     """
-    if board not in TARGETS:
-        raise InputError("firmware", f"board {board!r} is not one", choices=TARGETS, fix="--board cortex-m7")
-    real = REALS[TARGETS[board].real]
-    scenario = replace_hardware(scenario)
+    if board not in FIRMWARE_BOARDS:
+        raise InputError("firmware", f"board {board!r} is not one", choices=FIRMWARE_BOARDS, fix="--board cortex-m7")
+    real = FIRMWARE_BOARDS[board]
+    asked, scenario = scenario, replace_hardware(scenario)
     frame, command = message_structures(scenario)
     dialect = derive_dialect(frame, command)
-    blocks = [block_text(world_block(scenario, seed=seed), real), *firmware_blocks(scenario, command, real)]
+    identity = scenario_identity(asked, dialect)
+    blocks = [block_text(world_block(scenario, seed=seed), real), *firmware_blocks(asked, command, real)]
     refuse_workspaces(blocks)
     texts = {
         f"exported/{name}": text
         for block in blocks
         for name, text in ((f"{block.name}.h", block.header), (f"{block.name}.c", block.source))
     }
-    texts["emulated/samples.h"] = SAMPLES_HEADER
+    texts["exported/identity.h"] = IDENTITY_HEADER
+    texts["exported/identity.c"] = identity_source(identity)
+    texts["emulated/samples.h"] = samples_header({name: s.period for name, s in scenario.world.sensors.items()})
     texts["emulated/samples.c"] = samples_source(frame, dialect)
-    texts["emulated/instants.h"] = _instants_header(scenario)
+    texts["emulated/instants.h"] = _instants_header(scenario, driven_fan(asked).motor.period)
     try:
         files = _copy_sources(folder, board) + _write_texts(folder, texts)
-        files.append(_write_key(folder / "key.h", key))
+        files.append(_write_key(folder / "key.bin", key))
         write_c_headers(dialect, folder / "mavlink")
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
         raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out firmware") from None
     return FirmwareFolder(folder, files, dialect)
+
+
+IDENTITY_HEADER = """/* What the vehicle is, as text by path, and its digest: trimtab.wire.identity. */
+#ifndef IDENTITY_H
+#define IDENTITY_H
+#include <stdint.h>
+
+enum { IDENTITY_DIGEST = 8 };
+extern const uint8_t identity_digest[IDENTITY_DIGEST];
+extern const uint16_t identity_lines;
+extern const char *const identity_line[];
+#endif
+"""
+
+
+def identity_source(identity: Mapping[str, str]) -> str:
+    """C that holds an identity, text by path, as the vehicle's end tells it."""
+    digest = ", ".join(map(str, identity_digest(identity)))
+    lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
+    quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # no trigraphs
+    return "\n".join(
+        [
+            '#include "identity.h"',
+            "",
+            f"const uint8_t identity_digest[IDENTITY_DIGEST] = {{{digest}}};",
+            f"const uint16_t identity_lines = {len(lines)};",
+            "const char *const identity_line[] = {",
+            *(f"    {line}," for line in quoted),
+            "};",
+            "",
+        ]
+    )
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
@@ -97,9 +141,14 @@ def replace_hardware(scenario: Scenario) -> Scenario:
         )
         raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
     scenario.check()
-    drive = replace(actuators, frame=actuators.period)
+    drive = replace(actuators, frame=actuators.period, fan=None)
     scenario = replace_links(scenario)
     return replace(scenario, world=replace(scenario.world, actuators=drive))
+
+
+def driven_fan(scenario: Scenario) -> RegulatedFan:
+    """The scenario's own regulator and motor, or those that the firmware has by default."""
+    return getattr(scenario.world.actuators, "fan", None) or RegulatedFan()
 
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
@@ -108,9 +157,10 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
     zero = np.float64(0.0)
     doc = "Speed of the thrust fan: counts in, duty out; every 10 ms."
     speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
-    regulator = timed_block("speed_regulator", doc, SpeedRegulator(), speed)
+    fan = driven_fan(scenario)
+    regulator = timed_block("speed_regulator", doc, fan.regulator, speed)
     doc = "Motor, propeller and encoder of the thrust fan."
-    motor = timed_block("motor", doc, Motor(), MotorInput(duty=zero, voltage=zero))
+    motor = timed_block("motor", doc, fan.motor, MotorInput(duty=zero, voltage=zero))
     return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor)]
 
 
@@ -124,11 +174,17 @@ def refuse_workspaces(blocks: list[BlockText]) -> None:
             )
 
 
-SAMPLES_HEADER = f"""{LICENCE_NOTE}
+def samples_header(sensors: Mapping[str, int]) -> str:
+    """The header of what sends the samples: each sensor with its period, so that a board sees what is asked of it."""
+    periods = "\n".join(f"#define SAMPLES_{identifier(name).upper()} {period}" for name, period in sensors.items())
+    return f"""{LICENCE_NOTE}
 #ifndef SAMPLES_H
 #define SAMPLES_H
 #include "link.h"
 #include "world.h"
+
+/* The scenario's sensors, and how often each measures, in units of 100 ns. */
+{periods}
 
 /* Send what the sensors measured at this instant. */
 void samples_send(link *l, const world_out *out);
@@ -170,7 +226,7 @@ def _sending_lines(name: str, dialect: Dialect) -> list[str]:
     return [*lines, f"{pad}link_send(l, &message);"]
 
 
-def _instants_header(scenario: Scenario) -> str:
+def _instants_header(scenario: Scenario, motor_period: int) -> str:
     periods = ", ".join(map(str, sorted(set(scenario.world.periods()))))
     longest = scenario.world.max_step
     return f"""{LICENCE_NOTE}
@@ -180,7 +236,7 @@ def _instants_header(scenario: Scenario) -> str:
 #include <stdint.h>
 
 static const int64_t PERIODS[] = {{{periods}}};
-enum {{ MAX_STEP = {longest}, MOTOR_PERIOD = {Motor().period} }};
+enum {{ MAX_STEP = {longest}, MOTOR_PERIOD = {motor_period} }};
 #endif
 """
 
@@ -205,11 +261,16 @@ def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:
     return [folder / name for name in texts]
 
 
+def key_image(key: SigningKey, since: float) -> bytes:
+    """What a board reads its key from (firmware/portable/key.h); `since` is in Unix time."""
+    stamp = int((since - EPOCH) * PER_SECOND)
+    body = KEY_MAGIC + key.secret + stamp.to_bytes(8, "little")
+    return body + zlib.crc32(body).to_bytes(4, "little")
+
+
 def _write_key(path: Path, key: SigningKey) -> Path:
     """The key, and when it was written: nothing signed earlier is believed, for this board knows no calendar."""
-    stamp = int((time.time() - EPOCH) * PER_SECOND)
-    numbers = ", ".join(map(str, key.secret))
     path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
-        file.write(f"/* Secret. */\n#define KEY {numbers}\n#define BUILD_STAMP {stamp}u\n")
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(key_image(key, time.time()))
     return path

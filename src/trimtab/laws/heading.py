@@ -18,7 +18,6 @@ from trimtab.core.rotation import wrap, wrap_positive
 from trimtab.core.signals import Estimate, PlanarForce
 from trimtab.laws.spin import (
     ConstantSpin,
-    check_same_model,
     limit_point_value,
     lyapunov,
     safe_reference_bound,
@@ -109,7 +108,6 @@ def _output(
 
 
 def _check_law(name: str, law: Any) -> None:
-    check_same_model(name, {"damping": law.damping, "turning": law.turning})
     target = np.asarray(law.target)
     if law.wrapping == "modulo" and not np.all((target >= 0) & (target < 2 * np.pi)):
         problem = f"with wrapping 'modulo' the target must be in [0, 2 pi), it is {law.target} rad"
@@ -122,12 +120,12 @@ class HeadingBangBang:
 
         damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) turn_rate; to turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref. To damp once |e| <= tolerance or e r_ref > 0 (the target was passed between two
-               samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.2]
+               samples; this exit is reconstructed, see docs Errata).                              [1, section 2.3.3]
 
     Ends:    in chatter at the edge of the tolerance, since damping alone lets the heading drift.
     Valid:   turn_rate of about 1 rad/s. A fast turn coasts on past the target for longer than it takes to get there:
              at 1.5 rad/s one ideal run in a thousand swings to and fro by 120 degrees for ever, at 3 rad/s a third.
-    Source:  [1] section 2.3.2; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's,
+    Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's,
              the source's runs take 1.5 rad/s.
     """
 
@@ -135,13 +133,13 @@ class HeadingBangBang:
 
     target: Scalar = quantity("rad", "Wanted heading.", kind="angle", default=0.0)
     turn_rate: Scalar = quantity("rad/s", "Size of the yaw rate to turn with.", default=1.0, above=0)
-    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.2.2")
+    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.1.6")
     damping: ZeroVelocity = part("The law in damp.", default=ZeroVelocity())
     turning: ConstantSpin = part("The law in turn; its own reference is not used.", default=ConstantSpin())
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
     def check(self) -> None:
-        """Refuse two laws that believe in different vehicles, and a target that cannot be reached."""
+        """Refuse a target that cannot be reached."""
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
@@ -161,7 +159,7 @@ class HeadingProportional:
 
         damp:  ZeroVelocity. While |e| > tolerance: r_ref = -sign(e) max(k |e|, floor); to turn once V < eps(r_ref).
         turn:  ConstantSpin at r_ref = -sign(e) max(v, k |e|, floor), v = provision(W, r_ref).
-               To damp once |e| <= tolerance or e r_ref > 0 (reconstructed).              [1, section 2.3.3, eq. 2.69]
+               To damp once |e| <= tolerance or e r_ref > 0 (reconstructed).              [1, section 2.3, eq. 2.69]
 
     Form:    "literal" is as published: no floor, and the reference follows at every step. Nearly all its runs end in
              the bad limit point: allowing |r_ref| = v, where the derivation needs more, drives W up to
@@ -171,14 +169,14 @@ class HeadingProportional:
              stands still, and as W is below limit_point_value and cannot grow, the turn gets away.
     Valid:   k of about 1/s. A minute on, 1 % of ideal runs miss by 2 degrees or more at 1.5/s and 60 % at 3/s, where
              they swing to and fro as HeadingBangBang does.
-    Source:  [1] section 2.3.3; floor and margin are this project's; gains [1] tables 6.1 and 6.4, reconstructed.
+    Source:  [1] section 2.3; floor and margin are this project's; gains [1] tables 6.1 and 6.4, reconstructed.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
     target: Scalar = quantity("rad", "Wanted heading.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Yaw rate per heading error.", default=1.0, above=0, source="[1] 6.1, figure 6.11")
-    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.2.2")
+    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.1.6")
     floor: Scalar = quantity("rad/s", "Least size of the reference, if floored.", default=0.8, above=0)
     margin: Scalar = quantity("1", "Part of limit_point_value below which it may fall.", default=0.7, above=0, high=1)
     damping: ZeroVelocity = part("The law in damp.", default=ZeroVelocity())
@@ -187,7 +185,7 @@ class HeadingProportional:
     form: str = option("As published, or kept from freezing.", default="floored", choices=("floored", "literal"))
 
     def check(self) -> None:
-        """Refuse two laws that believe in different vehicles, and a target that cannot be reached."""
+        """Refuse a target that cannot be reached."""
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:

@@ -6,14 +6,12 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 2.2.6 and 2.3. Equations 2.40 to 2.48 and 2.62 to 2.69 are reconstructed from their results, see docs Errata.
 """
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar, leaves, option, part, quantity, record, tree_where
+from trimtab.core.record import Scalar, option, part, quantity, record, tree_where
 from trimtab.core.signals import Estimate, PlanarForce
 from trimtab.laws.velocity import READS, VelocityOutput, ZeroVelocity
 from trimtab.vehicles.hovercraft import Hovercraft
@@ -103,16 +101,6 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
     return (swing + jnp.abs(reference)) / (1 + jnp.sqrt(1 + model.arm**2 * model.mass / model.inertia))
 
 
-def check_same_model(name: str, laws: Mapping[str, Any]) -> None:
-    """Refuse laws of one state machine that believe in different vehicles; laws: field name -> law."""
-    (first, a), *others = [(n, {p: v for p, v, _ in leaves(law.model, "model")}) for n, law in laws.items()]
-    for other, b in others:
-        differ = [p for p in {**a, **b} if p not in a or p not in b or not np.array_equal(a[p], b[p])]
-        if differ:
-            problem = f"{first}.{differ[0]} and {other}.{differ[0]} differ"
-            raise InputError(name, problem, fix="both laws drive the same vehicle: set both to the same value")
-
-
 @record
 class SpinSupervisorState:
     """Where the supervisor is. Source: [1] section 2.2.6."""
@@ -151,10 +139,6 @@ class SupervisedSpin:
         default="published",
         choices=("published", "sharp"),
     )
-
-    def check(self) -> None:
-        """Refuse two laws that believe in different vehicles."""
-        check_same_model("SupervisedSpin", {"braking": self.braking, "spinning": self.spinning})
 
     def init(self, key: Any) -> SpinSupervisorState:
         """Braking."""

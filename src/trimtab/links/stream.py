@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from trimtab.core.interfaces import LinkStatistics
+from trimtab.core.interfaces import Audience, LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
 """Bytes under way at most: what a slow link can't carry is dropped here and now, not seconds later."""
@@ -24,6 +24,8 @@ SLICE = 0.2
 """Longest single wait (s), so that a link closed by another thread is noticed."""
 PIECE = 65536
 """Most bytes that one call takes."""
+LONGEST_MUTE = 3.0
+"""Seconds that a peer may say nothing good while another waits for its place."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
 """Errors that concern one packet, not the connection."""
 
@@ -54,7 +56,7 @@ class StreamLink:
     def __init__(self, dialer: Dialer) -> None:
         self._dialer, self._counts, self._lock = dialer, LinkCounters(), threading.RLock()
         self._fd, self._rest, self._closed = -1, b"", False
-        self._wait, self._next, self._since = FIRST_WAIT, 0.0, 0.0
+        self._wait, self._next, self._since, self._vouched = FIRST_WAIT, 0.0, 0.0, 0.0
         self._connect()
 
     @property
@@ -66,6 +68,7 @@ class StreamLink:
         """The next piece of the stream; None when `timeout` seconds have passed without one."""
         deadline = time.monotonic() + timeout
         while not self._closed:
+            self._dismiss_mute()
             connection = self._connect()
             left = min(max(deadline - time.monotonic(), 0.0), SLICE)
             if connection < 0:
@@ -78,8 +81,10 @@ class StreamLink:
                 return None
         return None
 
-    def send(self, packet: bytes) -> bool:
+    def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
         """Hand a packet to the system's buffer; False where that is full, or where nothing is connected."""
+        if audience is Audience.PUBLIC:
+            return False
         with self._lock:
             if self._closed or self._connect() < 0 or not self._flush():
                 return self._counts.count_dropped()
@@ -89,8 +94,17 @@ class StreamLink:
             self._rest = packet[written:]
             return self._counts.count_sent(len(packet))
 
-    def accept_sender(self) -> None:
-        """Nothing to do: there is one peer, and it is connected."""
+    def has_audience(self, audience: Audience) -> bool:
+        """Whether it is the one peer's, who gets what is private."""
+        return audience is not Audience.PUBLIC
+
+    def accept_sender(self, *, is_private: bool = False) -> None:
+        """The one peer that is connected has said something good: it may stay, whoever else waits."""
+        self._vouched = time.monotonic()
+
+    def reply(self, packet: bytes) -> bool:
+        """To the one peer there is."""
+        return self.send(packet)
 
     def fileno(self) -> int:
         """For select(); -1 while there is no connection."""
@@ -119,8 +133,17 @@ class StreamLink:
                 return -1
             if self._fd >= 0:
                 self._counts.connections += 1
-                self._since = now
+                self._since = self._vouched = now
             return self._fd
+
+    def _dismiss_mute(self) -> None:
+        """End a connection that has brought nothing good for long, if somebody waits for its place."""
+        if self._fd < 0 or time.monotonic() - self._vouched < LONGEST_MUTE:
+            return
+        fd, mask = self._dialer.wait_event()
+        if fd >= 0 and wait_until_ready(fd, mask, 0.0):
+            with self._lock:
+                self._hang_up()
 
     def _pause(self, left: float) -> None:
         """Wait until it may be worth while to dial again, `left` seconds at most."""

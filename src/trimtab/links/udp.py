@@ -6,7 +6,7 @@ import socket
 import time
 from typing import Any
 
-from trimtab.core.interfaces import LinkStatistics
+from trimtab.core.interfaces import Audience, LinkStatistics
 from trimtab.links.open_link import Address
 from trimtab.links.stream import LinkCounters, configure_socket, wait_until_ready
 from trimtab.links.tcp import bind_socket, resolve_host
@@ -47,7 +47,9 @@ class UdpLink:
     def __init__(self, endpoint: socket.socket, peer: Any = None) -> None:
         self._socket, self._counts, self._fixed = endpoint, LinkCounters(), peer is not None
         self._heard: dict[Any, float] = {}
+        self._private: dict[Any, float] = {}
         self._latest: Any = None
+        self._sender: Any = None
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -69,7 +71,7 @@ class UdpLink:
                 if wait_until_ready(self._socket.fileno(), select.POLLIN, left):
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet:
-                        self._latest = peer
+                        self._latest = self._sender = peer
                         if self._fixed:  # the system lets nobody else through
                             self.accept_sender()
                         return self._counts.count_received(packet)
@@ -77,13 +79,26 @@ class UdpLink:
                 return None
         return None
 
-    def send(self, packet: bytes) -> bool:
-        """Send to the peer, or to each who was vouched for within ten seconds; False where none got it."""
-        peers = (None,) if self._fixed else self.peers
-        taken = sum([self._send_to(packet, peer) for peer in peers])
+    def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
+        """Send to the peer, or to each of the audience that was vouched for of late; False where none got it."""
+        taken = sum([self._send_to(packet, peer) for peer in self._peers_of(audience)])
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
-    def accept_sender(self) -> None:
+    def has_audience(self, audience: Audience) -> bool:
+        """Whether somebody of an audience was heard and believed within ten seconds."""
+        return bool(self._peers_of(audience))
+
+    def _peers_of(self, audience: Audience) -> tuple[Any, ...]:
+        """Addresses; None: the one that the socket is connected to."""
+        if self._fixed:
+            return () if audience is Audience.PUBLIC else (None,)
+        if audience is Audience.ALL:
+            return self.peers
+        oldest = time.monotonic() - HEARD_WITHIN
+        private = {peer for peer, at in list(self._private.items()) if at >= oldest}
+        return tuple(peer for peer in self.peers if (peer in private) == (audience is Audience.PRIVATE))
+
+    def accept_sender(self, *, is_private: bool = False) -> None:
         """The packet received last was good: its sender is answered from now on, if there is room for it."""
         peer, self._latest = self._latest, None
         if peer is None:
@@ -93,8 +108,19 @@ class UdpLink:
             if len(live) >= MOST_PEERS:
                 return
             self._heard = {p: at for p, at in self._heard.items() if p in live}
+            self._private = {p: at for p, at in self._private.items() if p in live}
             self._counts.connections += not live
         self._heard[peer] = now
+        if is_private:
+            self._private[peer] = now
+
+    def reply(self, packet: bytes) -> bool:
+        """To the sender of the last packet, who may be a stranger, and to nobody else."""
+        peer = self._sender
+        if peer is None:
+            return self._counts.count_dropped()
+        taken = self._send_to(packet, None if self._fixed else peer)
+        return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def fileno(self) -> int:
         """For select(); -1 once it is closed."""

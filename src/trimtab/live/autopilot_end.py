@@ -23,9 +23,20 @@ LONGEST_QUEUE = 64
 LONGEST_BACKLOG = 5 * LONGEST_QUEUE
 """Steps after which what still waits does so for nothing: a sensor as quick as the steps never lets its queue end."""
 LONGEST_OVERTAKING = ms(500)
-"""A sample less than this older than the last of its sensor was overtaken by it; an older one is of another clock."""
-LARGEST_TIME_DIFFERENCE = seconds(2)
-"""A sample from further away than this is not believed: its clock is not the one that is known."""
+"""A sample older than the newest of its sensor was overtaken by it; nobody fuses one older by more than this."""
+OTHER_CLOCK = 8
+"""So many samples in a row, older by more than that, are of another clock: the vehicle was started anew."""
+MOST_FALLS = 8
+"""Samples of one sensor in a row, each older than the one before: its time runs backwards, and none is taken."""
+LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
+"""A sample that is older, or further ahead, is not believed: its clock is not the one that is known.
+
+A sample was measured before it came; what it seems to lead by is the error of the offset, half of a round trip at most.
+"""
+
+
+ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
+"""Names in an estimated state -> places in a pose."""
 
 
 class AutopilotEnd:
@@ -47,12 +58,21 @@ class AutopilotEnd:
             s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh")) for s in self.sensors
         }
         self._last_times: dict[str, int] = {}
+        self._received_times: dict[str, int] = {}
+        self._falls = dict.fromkeys(self.sensors, 0)
+        self._too_old = dict.fromkeys(self.sensors, 0)
         self._time_slot: Any = step.reads["t"]
         self._backlogs = dict.fromkeys(self.sensors, 0)
+        paths = [f"estimate.state.{name}" for name in ESTIMATED_POSE]
+        self._pose_slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
         estimator = scenario.autopilot.estimator
         self._any_order = estimator.listens if optional_member(estimator, "ANY_ORDER") else ()
+        self.is_believable: Callable[[int], bool] = lambda t: True
+        """Whether a sample of a time may be taken; nothing is remembered of one that may not."""
         self.dropped_samples = self.received_samples = self.implausible_samples = self.overtaken_samples = 0
         """Dropped because too many waited or for too long; received; dropped because of their times; late ones."""
+        self.backward_samples = 0
+        """Of sensors whose time runs backwards; none of them is taken."""
 
     def handle_message(self, message: Message) -> bool:
         """Keep a message for the next step if it is a part of a sample; tells whether it was."""
@@ -60,7 +80,9 @@ class AutopilotEnd:
         if sensor is None:
             return False
         sample = self.sensors[sensor].assemble(message)
-        if sample is not None and self._is_new_sample(sensor, sample.t):
+        if sample is not None and not self.is_believable(sample.t):
+            self.implausible_samples += 1
+        elif sample is not None and self._is_new_sample(sensor, sample.t):
             queue = self._queues[sensor]
             self.dropped_samples += len(queue) == LONGEST_QUEUE
             self.received_samples += 1
@@ -69,12 +91,31 @@ class AutopilotEnd:
 
     def _is_new_sample(self, sensor: str, t: int) -> bool:
         """Whether a sample of time t is one that was neither sent twice nor overtaken."""
-        before = self._last_times.get(sensor)
-        if before is not None and 0 < before - t <= LONGEST_OVERTAKING:
+        if self._falls_back(sensor, t):
+            return False
+        before = self._last_times.get(sensor, t - 1)
+        too_old = before - t > LONGEST_OVERTAKING
+        self._too_old[sensor] = self._too_old[sensor] + 1 if too_old else 0
+        if t < before and self._too_old[sensor] < OTHER_CLOCK:
             self.overtaken_samples += 1
-            return sensor in self._any_order
+            return sensor in self._any_order and not too_old
         self._last_times[sensor] = t
         return t != before
+
+    def _falls_back(self, sensor: str, t: int) -> bool:
+        """Whether a sensor's time has been running backwards; those before were not overtaken then."""
+        falls = self._falls[sensor] + 1 if t < self._received_times.get(sensor, t) else 0
+        self._received_times[sensor], self._falls[sensor] = t, falls
+        if falls == MOST_FALLS:
+            self.overtaken_samples -= MOST_FALLS - 1
+            self.backward_samples += MOST_FALLS - 1
+        self.backward_samples += falls >= MOST_FALLS
+        return falls >= MOST_FALLS
+
+    @property
+    def backward_sensors(self) -> list[str]:
+        """Sensors whose time runs backwards now."""
+        return [sensor for sensor, falls in self._falls.items() if falls >= MOST_FALLS]
 
     @property
     def queue_length(self) -> int:
@@ -97,13 +138,13 @@ class AutopilotEnd:
         inputs[self._time_slot] = t
         for sensor, queue in self._queues.items():
             time, age, fresh = self._slots[sensor]
-            inputs[fresh] = bool(queue) and self._set_sample(sensor, queue, t, to_local)
+            inputs[fresh] = bool(queue)
+            if queue:
+                self._set_sample(sensor, queue, to_local)
             inputs[age] = (t - inputs[time]) * SECONDS_PER_UNIT
 
-    def _set_sample(
-        self, sensor: str, queue: deque[GroupSample], t: int, to_local: Callable[[int], int] | None
-    ) -> bool:
-        """Give the step the sample that has waited longest; whether it can be believed."""
+    def _set_sample(self, sensor: str, queue: deque[GroupSample], to_local: Callable[[int], int] | None) -> None:
+        """Give the step the sample that has waited longest."""
         sample = queue.popleft()
         self._backlogs[sensor] = self._backlogs[sensor] + 1 if queue else 0
         if self._backlogs[sensor] > LONGEST_BACKLOG:
@@ -111,11 +152,13 @@ class AutopilotEnd:
             sample = queue.pop()
             queue.clear()
         local = sample.t if to_local is None else to_local(sample.t)
-        if to_local is not None and abs(t - local) > LARGEST_TIME_DIFFERENCE:
-            self.implausible_samples += 1
-            return False
         sample.write(self.step.inputs, local - sample.t)
-        return True
+
+    def fill_pose(self, pose: Any) -> None:
+        """Where it believes to be, into a pose as `logs.frames` has it; nothing where it estimates no position."""
+        if len(self._pose_slots) == len(ESTIMATED_POSE):
+            pose[:6] = 0.0
+            pose[list(ESTIMATED_POSE.values())] = self.step.outputs[self._pose_slots]
 
     def log_sources(self) -> list[LogSource]:
         """What a row of the autopilot's log has of its step."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe
+from trimtab.actuators.failsafe import BREACHES, CAUSES, MODES, Failsafe
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command
@@ -38,6 +38,7 @@ from trimtab.wire.protocol import (
     VehicleType,
 )
 from trimtab.wire.station import Status
+from trimtab.wire.streams import TextAssembly
 
 COMPUTER_MODE, MANUAL_MODE, HOLD_MODE = 15, 0, 4
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
@@ -77,6 +78,7 @@ class Duties:
             world: whose inputs get what the failsafe decides.
             uplink: what commands pass before the failsafe sees them, e.g. one with a fault.
         """
+        self.failsafe = failsafe
         self.step = compile_block(failsafe_block(failsafe, command))
         writes = self.step.writes
         self._inputs = _input_slots(self.step)
@@ -97,6 +99,8 @@ class Duties:
         self._radio_at: int | None = None
         self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
+        self.breach = BREACHES[0]
+        """The kind of limit that the vehicle is beyond, for the next step."""
 
     def slot(self, path: str) -> Any:
         """Where a number of the newest command stands in the inputs of what it comes to first."""
@@ -127,6 +131,10 @@ class Duties:
             self.step.inputs[self._manual] = self._low + np.clip(share, 0, 1) * self._range
             self._radio_at = now
 
+    def radio_silence(self, now: int) -> int | None:
+        """Time since the safety pilot's sticks were heard; None where they never were."""
+        return None if self._radio_at is None else now - self._radio_at
+
     def act(self, t: int, command: GroupSample | None) -> bool:
         """Decide at integer time t, with the newest command if a new one came; returns whether the mode is another."""
         self._receive_command(t, command)
@@ -135,6 +143,7 @@ class Duties:
         inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
         inputs[at["takeover"]] = self._is_manual_mode or self._is_switched
         inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
+        inputs[at["breach"]] = BREACHES.index(self.breach)
         self._arm = self._disarm = False
         self.step.step()
         self._world.inputs[self._in] = self.step.outputs[self._out]
@@ -196,6 +205,7 @@ class FlightRequests:
         self._heartbeat_time: int | None = None
         self._autopilot, self._mode = 0, 0
         self._pending: _PendingRequest | None = None
+        self._texts = TextAssembly()
 
     def handle_message(self, message: Message, now: int) -> None:
         """Follow the autopilot: its heartbeats, and what it acknowledges."""
@@ -203,6 +213,10 @@ class FlightRequests:
             return
         if message.name == "HEARTBEAT":
             self._handle_heartbeat(message, now)
+        elif message.name == "STATUSTEXT":
+            text = self._texts.join(message)
+            if text:
+                self._tell(f"autopilot: {text}")
         elif message.name == "COMMAND_ACK" and message.component == self._autopilot:
             self._handle_acknowledgement(message)
 

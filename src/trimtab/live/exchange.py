@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from trimtab.core.interfaces import Link
+from trimtab.wire.authority import SESSION
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
@@ -25,6 +26,7 @@ class _MessageLayout(NamedTuple):
     slots: list[int]
     whole: list[bool]
     time: int
+    has_session: bool
 
 
 class MessageGroup:
@@ -43,7 +45,8 @@ class MessageGroup:
                 whole.append(place.type != "double")
                 if place.path == f"{group}.{TIME}":
                     time = i
-            self._layouts[name] = _MessageLayout(slots, whole, time)
+            has_session = SESSION in dialect.definitions[name].where and group == COMMAND
+            self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
         """The packets of what stands in a vector; `shift` is added to its time."""
@@ -52,7 +55,7 @@ class MessageGroup:
             numbers = vector[layout.slots].tolist()
             values = [int(v) if whole else v for v, whole in zip(numbers, layout.whole, strict=True)]
             values[layout.time] += shift
-            packets.append(endpoint.pack(name, values))
+            packets.append(endpoint.pack(name, [*values, endpoint.session] if layout.has_session else values))
         return packets
 
     def assemble(self, message: Message) -> "GroupSample | None":
@@ -60,11 +63,11 @@ class MessageGroup:
         layout = self._layouts[message.name]
         time = message.values[layout.time]
         if len(self.names) == 1:
-            return GroupSample(time, layout.slots, message.values, layout.time)
+            return GroupSample(time, layout.slots, message.values[: len(layout.slots)], layout.time)
         if time not in self._parts and len(self._parts) == MOST_INCOMPLETE:
             del self._parts[next(iter(self._parts))]
         parts = self._parts.setdefault(time, {})
-        parts[message.name] = message.values
+        parts[message.name] = message.values[: len(layout.slots)]
         if len(parts) < len(self.names):
             return None
         del self._parts[time]

@@ -5,6 +5,7 @@ Source: docs page, Fly.
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from time import monotonic_ns, sleep, time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +13,16 @@ import numpy as np
 from trimtab.compiler.structs import Member
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
+from trimtab.logs.frames import no_pose
+from trimtab.logs.log_limit import LogLimit
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 from trimtab.wire.mavlink import FrameCounts
 
+FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
+"""Side -> name of the vehicle's frame in its log."""
 ROWS = 16384
 """Rows that the ring holds: how long the disk may keep the writer waiting."""
 WRITER_DIED = "the log's writer died; what it had written is there"
@@ -47,7 +52,7 @@ def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
 
 
 class FlightLog:
-    """Rows into a ring: a few microseconds each, and never a wait."""
+    """Rows into a ring: a few microseconds each, and never a wait but in `await_room`."""
 
     def __init__(
         self,
@@ -55,8 +60,19 @@ class FlightLog:
         sources: Sequence[LogSource],
         own: Mapping[str, tuple[str, Quantity]],
         metadata: Mapping[str, Any],
+        frame: str = "",
+        limit: LogLimit | None = None,
     ) -> None:
-        """Start the writer's process. own: path -> (type, declaration) of the numbers that come with each row."""
+        """Start the writer's process.
+
+        Args:
+            path: of a new file.
+            sources: vectors whose numbers go into each row.
+            own: path -> (type, declaration) of the numbers that come with each row.
+            metadata: of the log.
+            frame: name of the vehicle's frame, whose poses are set, where time runs by a clock; empty: in virtual time.
+            limit: of what it may take on the disk; None: none.
+        """
         signals: list[Signal] = []
         self._picks: list[tuple[Any, Any, slice]] = []
         stop = 1
@@ -66,10 +82,13 @@ class FlightLog:
             self._picks.append((source.vector, np.array(slots, np.intp), slice(start, stop)))
         signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
         self._own = slice(stop, stop + len(own))
-        self._row = np.zeros(stop + len(own))
+        self.pose: Any = no_pose() if frame else np.zeros(0)
+        """As `logs.frames` has it; set it in place, and each row has it until it is set anew."""
+        self._row = np.zeros(stop + len(own) + len(self.pose))
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
         try:
-            self._stream: LogStream = start_writer(path, self._ring, signals=signals, metadata=metadata)
+            options = {"metadata": metadata, "frame": frame, "limit": limit}
+            self._stream: LogStream = start_writer(path, self._ring, signals=signals, **options)
         except BaseException:
             self._release_ring()
             raise
@@ -81,7 +100,17 @@ class FlightLog:
         for vector, index, where in self._picks:
             row[where] = vector[index]
         row[self._own] = own
+        row[self._own.stop :] = self.pose
         self._ring.write_row(row)
+
+    def await_room(self) -> None:
+        """Wait until a row fits, or the writer has died: for flights in virtual time, which may outrun the disk."""
+        while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
+            sleep(1e-3)
+
+    def start_clock(self, start: int) -> None:
+        """Time zero is at this time of the monotonic clock (ns). Before the first row."""
+        self._stream.set_epoch(time_ns() - monotonic_ns() + start)
 
     def write_event(self, text: str) -> None:
         """A line of text between rows."""
@@ -99,6 +128,14 @@ class FlightLog:
         self._ring.close()
 
 
+def list_log_problems(summary: LogFileSummary | None) -> list[str]:
+    """What is wrong with a log that has ended; None where its writer had died."""
+    if summary is None:
+        return [WRITER_DIED]
+    count = summary.dropped + summary.unwritten
+    return [f"the log lacks {count} rows"] if count else []
+
+
 def open_flight_log(
     path: Path | None,
     sources: Sequence[LogSource],
@@ -108,12 +145,18 @@ def open_flight_log(
     side: str,
     seed: int,
     log_period: int,
+    is_live: bool = False,
+    limit: int | None = None,
 ) -> FlightLog | None:
-    """The log of one side of a flight, "autopilot" or "vehicle"; None without a path."""
+    """The log of one side of a flight, "autopilot" or "vehicle"; None without a path.
+
+    is_live: its clock is started.  limit: bytes that it may take; a vehicle's goes on at the cost of its oldest files.
+    """
     if path is None:
         return None
+    bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
     about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
-    return FlightLog(path, sources, own, describe_scenario(scenario) | about)
+    return FlightLog(path, sources, own, describe_scenario(scenario) | about, FRAMES[side] if is_live else "", bound)
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:

@@ -8,30 +8,38 @@ a replay repeats it.
 Source: docs pages, Fly and Supervisor.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic_ns
-from typing import NamedTuple
 
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.core.record import Quantity
-from trimtab.core.time import SECONDS_PER_UNIT, UNITS_PER_SECOND, ms, seconds, to_seconds
-from trimtab.live.autopilot_end import AutopilotEnd, scenario_dialect
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, count_frames, frame_signals, open_flight_log
-from trimtab.live.real_time import NS, Deadlines, RealTimeGrant, discard_packets, real_time
+from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
+from trimtab.live.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, AutopilotEnd, scenario_dialect
+from trimtab.live.autopilot_parameters import AutopilotParameters
+from trimtab.live.connection_problem import owner_problem
+from trimtab.live.flight_log import FlightLog, count_frames, list_log_problems, open_flight_log
+from trimtab.live.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
+from trimtab.live.parameter_store import ParameterStore
+from trimtab.live.preflight import Preflight
+from trimtab.live.real_time import NS, Deadlines, discard_packets, real_time
 from trimtab.live.remote import RemoteVehicle
-from trimtab.logs.stream import LogFileSummary
+from trimtab.live.supervised import CompiledSupervisor, explain_change
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.supervisor import ENDED, FLYING, HOLD, REQUESTS
+from trimtab.loop.supervisor import ENDED
 from trimtab.run.blocks import compile_autopilot
+from trimtab.run.identity import scenario_identity
 from trimtab.wire.dialect import Dialect
+from trimtab.wire.identity import IdentityComparison
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import Severity
+from trimtab.wire.streams import pack_text
 
-REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
-"""Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
+COUNT, HALT = "count", "halt"
+OVERRUN_POLICIES = (COUNT, HALT)
+"""What becomes of a flight when the work of a period ends after the next deadline."""
 LONGEST_DELAY = seconds("0.5")
 """How far behind the loop may be before it gives up catching up and goes on from now."""
 MOST_PACKETS = 64
@@ -42,78 +50,12 @@ PATIENCE_FACTOR = 3
 """So many times as long it waits for a vehicle's clock where frames come at all."""
 SILENCE = ms(250)
 """After which it is said that nothing comes."""
+SHORT_SILENCE = ms(100)
+"""A vehicle that was heard so lately is heard."""
+SAMPLE_REPORT_PERIOD = seconds(10)
+"""At least, between two lines on samples that are refused."""
 DISARM_TIMEOUT = seconds("0.5")
 """How long it waits for an answer when it disarms."""
-OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "loop.late": ("f8", Quantity("s", "From the deadline to the wake-up.")),
-    "loop.step": ("f8", Quantity("s", "The compiled step alone.")),
-    "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
-    "loop.skipped": ("i8", Quantity("1", "Periods so far that were passed over.", kind="count")),
-    "link.samples": ("i8", Quantity("1", "Samples heard so far.", kind="count")),
-    "link.overtaken": ("i8", Quantity("1", "Samples so far that came after a later one.", kind="count")),
-    "link.silence": ("f8", Quantity("s", "Time since the vehicle was last heard.")),
-    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
-    **frame_signals("link"),
-    "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
-    "vehicle.armed": ("?", Quantity("1", "The vehicle says that it is armed.", kind="flag")),
-}
-"""What a row of a flight's log has besides frame and outputs."""
-
-
-class CompiledSupervisor:
-    """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
-
-    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
-        """step: the compiled autopilot of this scenario."""
-        self._step = step
-        declared = {m.path: m.declaration for m in step.text.outputs}
-        paths = ("supervisor.mode", "supervisor.cause")
-        self._codes = [(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
-        self._last_codes: tuple[int, ...] = ()
-        supervisor = scenario.autopilot.supervisor
-        sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
-        fields = ("value.request", "t", "age", "fresh", "valid")
-        slots = {f: step.reads[path] for f in fields if (path := f"{sample}.{f}") in step.reads}
-        self._slots = slots if len(slots) == len(fields) and self._codes else None
-        self._request: str | None = None
-
-    @property
-    def mode(self) -> int | None:
-        """The supervisor's, by its number; None where there is none, or it can't be asked."""
-        return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
-
-    def request(self, request: str) -> None:
-        """Make a request in the next step, unless it would change nothing."""
-        self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
-
-    def set_inputs(self, t: int) -> None:
-        """What the step at integer time t reads of requests."""
-        if self._slots is None:
-            return
-        inputs, at = self._step.inputs, self._slots
-        inputs[at["fresh"]] = self._request is not None
-        if self._request is not None:
-            inputs[at["value.request"]], inputs[at["t"]], inputs[at["valid"]] = REQUESTS.index(self._request), t, True
-            self._request = None
-        inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
-
-    def describe_changes(self) -> str:
-        """What it has decided since this was last asked, for people; empty for nothing."""
-        codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
-        if codes == self._last_codes:
-            return ""
-        self._last_codes = codes
-        return "supervisor: " + ": ".join(names[k] for (_, names), k in zip(self._codes, codes, strict=True))
-
-
-class LiveFlightSummary(NamedTuple):
-    """What became of a flight. arming_time: when the vehicle first said that it is armed (100 ns), None if never."""
-
-    t: int
-    arming_time: int | None
-    grant: RealTimeGrant
-    deadlines: Deadlines
-    log: LogFileSummary | None
 
 
 class LiveAutopilot:
@@ -127,35 +69,70 @@ class LiveAutopilot:
         *,
         seed: int = 0,
         step: CompiledBlock | None = None,
+        typed: str | None = None,
+        takes_over: bool = False,
+        confirms: bool = False,
+        accepts: Sequence[str] = (),
+        store: ParameterStore | None = None,
     ) -> None:
-        """Compile it. endpoint: makes the autopilot's end for a dialect; step: the compiled autopilot, if there is."""
+        """Compile it.
+
+        Args:
+            scenario: whose autopilot.
+            link: to the vehicle.
+            endpoint: makes the autopilot's end for a dialect.
+            seed: of the random numbers.
+            step: the compiled autopilot, if there is.
+            typed: the command that was typed, for those that people are told to type.
+            accepts: paths of settings at or below which the vehicle may differ from this end.
+            store: where parameters are stored when a ground station asks for it; None: nowhere.
+            confirms: that the vehicle may be armed again after a failsafe.
+            takes_over: have the vehicle handed over where another autopilot flies it; refused without.
+        """
+        self._takes_over = takes_over
         scenario.check()
         dialect = scenario_dialect(scenario)
         self.scenario, self.link, self.seed = add_pilot_sensor(scenario), link, seed
         self.endpoint = endpoint(dialect)
         self.autopilot_end = AutopilotEnd(scenario, dialect, step or compile_autopilot(self.scenario, seed=seed))
+        self.parameters = AutopilotParameters(
+            self.scenario, self.autopilot_end.step, self.endpoint, store or ParameterStore()
+        )
         self.supervised = CompiledSupervisor(self.scenario, self.autopilot_end.step)
-        self.remote = RemoteVehicle(self.endpoint, link)
+        self.autopilot_end.is_believable = self._is_believable
+        identity = IdentityComparison(self.endpoint, scenario_identity(scenario, dialect))
+        typed = typed or f"trimtab fly {scenario.name} --link URI"
+        self.remote = RemoteVehicle(self.endpoint, link, typed, identity, accepts)
+        self.remote.confirms = confirms
+        self.preflight = Preflight(self.scenario, self.autopilot_end, self.remote, self.endpoint.counts)
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.arming_time: int | None = None
         self._sent = self._jumps = self._accepted = self._receive_time = 0
-        self._silent = False
+        self._sample_report_time = 0
+        self._silent = self._halts = False
+        self._overrun = ""
+        self._backward_sensors: list[str] = []
         self._flight_log: FlightLog | None = None
         self._tell: Callable[[str], None] = lambda _: None
 
-    def connect(self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False) -> None:
+    def connect(
+        self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False, *, follows_clock: bool = False
+    ) -> None:
         """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds.
 
         A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
+        follows_clock: sign by the vehicle's clock where the two differ by too much.
         """
         began = monotonic_ns()
         while not self.remote.is_ready and not stop():
             now = monotonic_ns()
             waits = patience * (PATIENCE_FACTOR if self.endpoint.counts.accepted else 1)
-            if now - began > waits * 1e9 or self.remote.misfit:
-                fix = f"trimtab vehicle {self.scenario.name} --listen …, with the same --set on both ends"
-                raise InputError("--link", self.remote.reason_not_ready(), fix=fix)
+            if self.remote.untimely is not None and follows_clock:
+                self.remote.follow_clock()
+            if now - began > waits * 1e9 or self.remote.misfit or self.remote.untimely is not None:
+                problem = self.remote.find_problem(self.scenario.name)
+                raise InputError("--link", problem.problem, fix=problem.fix)
             self.remote.due(now // NS)
             data = self.link.receive(0.02)
             if data is not None:
@@ -164,15 +141,19 @@ class LiveAutopilot:
     def _handle_data(self, data: bytes) -> None:
         now = monotonic_ns() // NS
         for message in self.endpoint.feed(data):
-            if not self.autopilot_end.handle_message(message):
+            is_sample = self.remote.is_of_vehicle(message) and self.autopilot_end.handle_message(message)
+            if not is_sample and not self.parameters.handle_message(message):
                 self.remote.handle_message(message, now)
+        self.remote.handle_untimely(self.endpoint.untimely)
 
     def fly(
         self,
         *,
         duration: int | None = None,
         log: Path | None = None,
+        log_limit: int | None = None,
         wanted_real_time: bool = True,
+        overrun: str = COUNT,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> LiveFlightSummary:
@@ -180,17 +161,34 @@ class LiveAutopilot:
 
         Args:
             duration: the scenario's when None.
+            log_limit: bytes that the log may take on the disk; None: any.
             log: file of the flight's log.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
+            overrun: "count" goes on after one; "halt" ends an armed flight at the first.
             stop: asked every period.
             tell: is given lines for people.
         """
+        if overrun not in OVERRUN_POLICIES:
+            raise InputError("overrun", f"{overrun!r} is no policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"')
+        self._halts, self._overrun = overrun == HALT, ""
         length = self.scenario.duration if duration is None else duration
         sources, log_period = self.autopilot_end.log_sources(), self.scenario.autopilot.period
         flight_log = self._flight_log = open_flight_log(
-            log, sources, OWN_SIGNALS, self.scenario, side="autopilot", seed=self.seed, log_period=log_period
+            log,
+            sources,
+            FLIGHT_SIGNALS,
+            self.scenario,
+            side="autopilot",
+            seed=self.seed,
+            log_period=log_period,
+            is_live=True,
+            limit=log_limit,
         )
         self._tell, self.remote.tell = tell, self._report
+        self.preflight.log_folder = None if log is None else log.parent
+        if flight_log is not None:
+            for remark in self.remote.remarks:
+                flight_log.write_event(remark)
         discard_packets(self.link)
         self.autopilot_end.drop_samples()
         try:
@@ -198,26 +196,39 @@ class LiveAutopilot:
                 try:
                     t = self._run_loop(length, stop)
                 finally:
-                    if self.arming_time is not None or self.remote.is_asking:  # else it is none of this end's business
+                    cause, stopped = self._end_reason(), "it was aborted by request" if stop() else ""
+                    ended = "the supervisor had ended the flight" if self.supervised.mode == ENDED else ""
+                    remote = self.remote.list_problems(self.arming_time is not None, self._silent)
+                    problems = [p for p in (cause, stopped, ended, *remote) if p]
+                    is_ours = self.remote.has_authority or self.remote.is_asking
+                    if is_ours and not self.remote.is_taken:  # else it is none of this end's business
                         self._disarm()
         finally:
             self._flight_log = None
             summary = flight_log.close() if flight_log else None
-        if flight_log is not None and summary is None:
-            tell(WRITER_DIED)
-        return LiveFlightSummary(t, self.arming_time, grant, self.deadlines, summary)
+        lost = [] if flight_log is None else list_log_problems(summary)
+        for problem in lost:
+            tell(problem)
+        return LiveFlightSummary(t, self.arming_time, grant, self.deadlines, summary, cause, (*problems, *lost))
 
     def _run_loop(self, length: int, stop: Callable[[], bool]) -> int:
         flight_log, period = self._flight_log, self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
         deadlines = self.deadlines = Deadlines(period)
+        if flight_log is not None:
+            flight_log.start_clock(deadlines.start)
         self._receive_time = deadlines.start // NS
         k = t = 0
         while not stop() and (self.arming_time is None or t - self.arming_time < length):
+            if self._end_reason():
+                self._report(f"ended: {self._end_reason()}")
+                break
             t = k * period
             woke = self._receive_until(k)
             now = deadlines.start // NS + t
             ahead = deadlines.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            for change in self.parameters.apply_changes(t):
+                self._report(str(change))
             self.autopilot_end.set_inputs(t, self._to_local)
             self.supervised.set_inputs(t)
             began = monotonic_ns()
@@ -225,13 +236,22 @@ class LiveAutopilot:
             stepped = monotonic_ns()
             if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send_command(t, ahead)
-            self._update_line(t)
+            self._update_line(t, now)
             self._report_silence(now)
             if flight_log is not None:
+                self.autopilot_end.fill_pose(flight_log.pose)
                 flight_log.write_row(t, self._own_signals(now, woke - deadlines.start - t * NS, stepped - began))
-            deadlines.record_period(k, woke, began, stepped)
+            if deadlines.record_period(k, woke, began, stepped) and self._halts and self.arming_time is not None:
+                past = -deadlines.remaining(k + 1) * 1e3
+                self._overrun = f"an overrun: the work of period {k} ended {past:.2f} ms after the next deadline"
             k = self._next_period(k)
         return t
+
+    def _end_reason(self) -> str:
+        """What ends a flight before its time; empty while nothing does."""
+        if self.arming_time is not None and self.remote.is_taken:
+            return f"the vehicle was taken over by session {self.remote.owner:06x}"
+        return self.remote.misfit or self.preflight.refusal or self._overrun
 
     def _send_command(self, t: int, ahead: int) -> None:
         """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
@@ -255,6 +275,17 @@ class LiveAutopilot:
         """The vehicle's time as the loop's."""
         return self.remote.sync.to_local(t) - self.deadlines.start // NS
 
+    def _is_believable(self, t: int) -> bool:
+        """Whether a sample of the vehicle's time t can be of now."""
+        now = monotonic_ns() // NS
+        lead = self.remote.sync.show_local(t) - now
+        is_believable = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD
+        if self._flight_log is not None and not is_believable and now >= self._sample_report_time:
+            self._sample_report_time = now + SAMPLE_REPORT_PERIOD
+            why = "of another clock" if lead > 0 else "of another clock, or it has waited for so long"
+            self._report(f"a sample is refused: its time is {to_seconds(lead):+.3f} s from now, {why}")
+        return is_believable
+
     def _receive_until(self, k: int) -> int:
         """Take what comes until deadline k; returns when that was (ns)."""
         packets = 0
@@ -274,25 +305,55 @@ class LiveAutopilot:
             return k + 1
         passed = behind // self.deadlines.period
         self.skipped += passed
+        self._report(f"this end stood still for {to_seconds(behind):.3f} s: {passed} periods are passed over")
         return k + 1 + passed
 
-    def _update_line(self, t: int) -> None:
+    def _update_line(self, t: int, now: int) -> None:
         """Arm when there is something to fly with; keep the line."""
-        if self.arming_time is None and self.remote.armed:
+        if self.arming_time is None and self.remote.has_authority:
             self.arming_time = t
-        elif self.arming_time is None and self.autopilot_end.has_command:
-            self.remote.arm()
-        self._report_supervisor()
-        self.remote.due(monotonic_ns() // NS)  # not the deadline, which may be long past: its answer is timed
+        elif self.arming_time is None and self.remote.is_taken and not self._takes_over:
+            problem = owner_problem(self.remote.owner, self.remote.typed)
+            self._report(problem.problem)
+            raise InputError("--link", problem.problem, fix=problem.fix)
+        elif self.arming_time is None:
+            self._prepare_arming(now)
+        self._report_backward_sensors()
+        self._report_supervisor(now)
+        now = monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
+        self.remote.due(now)
+        for packet in self.parameters.due(now):
+            self.link.send(packet)
 
-    def _report_supervisor(self) -> None:
+    def _prepare_arming(self, now: int) -> None:
+        """Ask for what is looked at before arming; with all of it well, ask the vehicle to arm."""
+        preflight = self.preflight
+        may_arm = preflight.update(now, now - self._receive_time)
+        preflight.report(self._report)
+        if may_arm:
+            self.remote.arm(takes_over=self._takes_over)
+        elif preflight.refusal:
+            for packet in pack_text(self.endpoint, Severity.WARNING, preflight.refusal):
+                self.link.send(packet)
+
+    def _report_backward_sensors(self) -> None:
+        """Say of which sensors nothing is taken, because their time runs backwards."""
+        sensors = self.autopilot_end.backward_sensors
+        for sensor in sensors if sensors != self._backward_sensors else ():
+            self._report(f"{sensor}: its time runs backwards, its samples are refused")
+        self._backward_sensors = sensors
+
+    def _report_supervisor(self, now: int) -> None:
         """Say what the supervisor has decided, and pass it what it is asked."""
         self.remote.mode = self.supervised.mode
         if self.remote.requests:
             self.supervised.request(self.remote.requests.popleft())
         news = self.supervised.describe_changes()
         if news:
-            self.remote.tell(news)
+            is_heard = self.endpoint.counts.accepted != self._accepted or now - self._receive_time < SHORT_SILENCE
+            silent = self._backward_sensors if is_heard else None
+            why = explain_change(self.supervised, self.remote, silent, self.arming_time is not None)
+            self.remote.tell(f"{news}{why}")
 
     def _report_silence(self, now: int) -> None:
         """Say when nothing comes any more, and when it does again."""
@@ -314,10 +375,13 @@ class LiveAutopilot:
             self.skipped,
             self.autopilot_end.received_samples,
             self.autopilot_end.overtaken_samples,
+            self.autopilot_end.backward_samples,
+            self.autopilot_end.implausible_samples,
             (now - self._receive_time) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
             *count_frames(self.endpoint.counts),
             self.link.fileno() >= 0,
+            remote.has_authority,
             remote.armed,
         )
 

@@ -4,6 +4,7 @@ Posture and velocity are the true ones: a ground station is there to see what th
 Source: docs page, Telemetry.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -16,15 +17,16 @@ from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
 from trimtab.live.duties import RADIO_TIMEOUT, command_ranges
 from trimtab.live.exchange import slot_indices
+from trimtab.live.globe import Globe
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.run.blocks import motion_block
 from trimtab.wire import telemetry
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import ReceiverChannels, VehicleEvent
+from trimtab.wire.protocol import ArmRequest, ReceiverChannels, VehicleEvent
 from trimtab.wire.streams import Streams, TelemetryStream
-from trimtab.wire.telemetry import Health, VehicleMotion
+from trimtab.wire.telemetry import Health, Place, VehicleMotion
 
-QUICK, MEDIUM, SLOW = ms(250), ms(500), seconds(1)
+QUICK, MEDIUM, SLOW, VERY_SLOW = ms(250), ms(500), seconds(1), seconds(5)
 FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
@@ -32,17 +34,25 @@ class Instruments:
     """Reads a vehicle for its telemetry."""
 
     def __init__(
-        self, body: VirtualVehicle, failsafe: Failsafe, endpoint: Endpoint, flying: Callable[[], bool]
+        self,
+        body: VirtualVehicle,
+        failsafe: Failsafe,
+        endpoint: Endpoint,
+        flying: Callable[[], bool],
+        origin: Place | None = None,
     ) -> None:
-        """Compile what is needed. flying: whether somebody commands it."""
+        """Compile what is needed. flying: whether somebody commands it.  origin: where W is on the globe."""
         self._body, self._endpoint, self._flying = body, endpoint, flying
         self._motion = compile_block(motion_block(body.scenario))
         self._pairs = _slot_pairs(self._motion.reads, body.world.writes)
+        self.globe = Globe(endpoint, self.vehicle_motion, origin)
         paths = [f"command.value.{p}" for p, _, _ in leaves(failsafe.safe)]
         self._command_slots = slot_indices(body.world.reads, paths, len(body.world.inputs))
         self._low, span = command_ranges(failsafe)
         self._range = np.where(span > 0, span, np.nan)
         self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
+        self.may_be_armed: Callable[[], bool] = lambda: True
+        """Whether all that is looked at before arming is well."""
         self._pulses: tuple[float, ...] = ()
         self._pulse_time = -2 * RADIO_TIMEOUT
 
@@ -58,6 +68,10 @@ class Instruments:
             "RC_CHANNELS": TelemetryStream(self._receiver_fields, MEDIUM),
             "SYS_STATUS": TelemetryStream(self._health_fields, SLOW),
             "EXTENDED_SYS_STATE": TelemetryStream(lambda now: telemetry.landed_state(not self._flying()), SLOW),
+            "GLOBAL_POSITION_INT": TelemetryStream(self.globe.position_fields, QUICK),
+            "GPS_GLOBAL_ORIGIN": TelemetryStream(self.globe.origin_fields, VERY_SLOW),
+            "HOME_POSITION": TelemetryStream(self.globe.home_fields, VERY_SLOW),
+            "BATTERY_STATUS": TelemetryStream(lambda now: telemetry.battery_status(), VERY_SLOW),
             "SYSTEM_TIME": TelemetryStream(lambda now: telemetry.system_time(now, time.time()), SLOW),
         }
         if self._imu is not None:
@@ -65,7 +79,9 @@ class Instruments:
         return Streams(self._endpoint, streams)
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Take note of what the safety pilot's receiver says."""
+        """Take note of what the safety pilot's receiver says, and of where it is armed."""
+        if isinstance(event, ArmRequest) and event.arm and not self._flying():
+            self.globe.mark_home()
         if isinstance(event, ReceiverChannels):
             self._pulses, self._pulse_time = event.pulses, now
 
@@ -77,6 +93,12 @@ class Instruments:
             motion.inputs[into] = world.outputs[out]
         motion.step()
         return VehicleMotion(*(motion.result(name).tolist() for name in VehicleMotion._fields))
+
+    def pose(self) -> list[float]:
+        """Position, attitude and place on the globe, as `logs.frames` has them."""
+        motion = self.vehicle_motion()
+        place = self.globe.place(motion.p_WB)
+        return [*motion.p_WB, *motion.attitude, *((math.nan,) * 3 if place is None else place)]
 
     def _servo_fields(self, now: int) -> Mapping[str, Any]:
         shares = (self._body.world.inputs[self._command_slots] - self._low) / self._range
@@ -96,7 +118,9 @@ class Instruments:
 
     def _health_fields(self, now: int) -> Mapping[str, Any]:
         outputs, counts = self._body.world.outputs, self._endpoint.counts
-        has = well = Health.MOTORS | Health.ARMING_CHECK
+        has = well = Health.MOTORS
+        has |= Health.ARMING_CHECK
+        well |= Health.ARMING_CHECK if self.may_be_armed() else Health(0)
         for sensor, kind in (
             (self._imu, Health.GYRO | Health.ACCELEROMETER),
             (self._magnetometer, Health.MAGNETOMETER),

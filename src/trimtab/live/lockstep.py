@@ -128,6 +128,7 @@ class LockstepVehicle:
         try:
             for t in lead_lockstep(body, link, self.endpoint):
                 if flight_log is not None and t and body.row_t % log_period == 0:
+                    flight_log.await_room()
                     flight_log.write_row(body.row_t)
         finally:
             self.endpoint.close()
@@ -157,6 +158,7 @@ class LockstepAutopilot:
         try:
             for t in follow_lockstep(self.autopilot_end, link, self.endpoint, self.scenario.duration, period):
                 if flight_log is not None:
+                    flight_log.await_room()
                     flight_log.write_row(t)
         finally:
             self.endpoint.close()

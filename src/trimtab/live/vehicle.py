@@ -7,33 +7,57 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from trimtab.actuators.failsafe import BREACHES
 from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.interfaces import Link
-from trimtab.core.record import Quantity, replace
+from trimtab.core.record import Quantity, leaves, replace
 from trimtab.core.time import ms
 from trimtab.links.wire import Wire
+from trimtab.live.arming import ArmingGuard
+from trimtab.live.authority import AUTHORITY_SIGNALS, CommandGate
+from trimtab.live.autopilot_parameters import AutopilotRelay
+from trimtab.live.broadcast import Broadcast
+from trimtab.live.clocks import RefusalAnswers
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
-from trimtab.live.exchange import GroupSample, command_group
-from trimtab.live.flight_log import WRITER_DIED, FlightLog, LogSource, count_frames, frame_signals, open_flight_log
+from trimtab.live.exchange import GroupSample, command_group, slot_indices
+from trimtab.live.flight_log import (
+    FlightLog,
+    LogSource,
+    count_frames,
+    frame_signals,
+    list_log_problems,
+    open_flight_log,
+)
 from trimtab.live.instruments import Instruments
+from trimtab.live.outputs import Outputs
+from trimtab.live.parameter_store import ParameterStore
 from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
+from trimtab.live.station_options import StationOptions, station_services
 from trimtab.live.virtual_vehicle import VirtualVehicle
+from trimtab.logs.frames import TRANSFORM_PERIOD
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import choose_failsafe, compile_world, uplink_block
+from trimtab.run.identity import identity_path, scenario_identity
 from trimtab.wire.dialect import Dialect, derive_dialect
+from trimtab.wire.identity import IdentityService
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.parameter_metadata import component_metadata, metadata_documents
 from trimtab.wire.parameters import Parameters
 from trimtab.wire.protocol import ArmRequest, ParameterChange, Severity
-from trimtab.wire.station import Station
+from trimtab.wire.station import Station, Status
 from trimtab.wire.telemetry import mav_type
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
     "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
     **frame_signals("wire"),
+    **AUTHORITY_SIGNALS,
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
+OUTPUTS_DIED = "the outputs' process died"
 DISARM_DELAY = ms(50)
 """How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
 
@@ -47,15 +71,32 @@ class VehicleSummary(NamedTuple):
     cause: str
     lateness: Histogram
     log: LogFileSummary | None
+    problems: tuple[str, ...]
+    """What a script should know of: times of failsafe, outputs that had to go safe by themselves, a lost log."""
 
 
 class LiveVehicle:
     """A world, its duties and its end of a line; `serve` runs it."""
 
     def __init__(
-        self, scenario: Scenario, link: Link, endpoint: Callable[[Dialect], Endpoint], *, seed: int = 0
+        self,
+        scenario: Scenario,
+        link: Link,
+        endpoint: Callable[[Dialect], Endpoint],
+        *,
+        seed: int = 0,
+        station_options: StationOptions | None = None,
     ) -> None:
-        """Compile it. endpoint: makes the vehicle's end for a dialect."""
+        """Compile it.
+
+        Args:
+            scenario: whose vehicle.
+            link: to its autopilot and to ground stations.
+            endpoint: makes the vehicle's end for a dialect.
+            seed: of the random numbers.
+            station_options: what ground stations get of it.
+        """
+        options = station_options or StationOptions()
         self.scenario, self.link, self.seed = scenario, link, seed
         uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
         world, frame, command = compile_world(bare, seed=seed)
@@ -65,46 +106,94 @@ class LiveVehicle:
         failsafe = choose_failsafe(scenario, command)
         received = None if isinstance(uplink, Wire) else compile_block(uplink_block(uplink, command, seed=seed))
         self.duties = Duties(failsafe, command, world, received)
-        self.instruments = Instruments(self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded)
+        self.instruments = Instruments(
+            self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded, options.origin
+        )
         self._command = command_group(dialect, self.duties.slot)
+        safe = [(f"command.value.{p}", v) for p, v, _ in leaves(failsafe.safe)]
+        self._safe_row = [float(x) for _, v in safe for x in np.ravel(np.asarray(v, float))]
+        self._row_slots = slot_indices(self.body.world.reads, [p for p, _ in safe], len(self.body.world.inputs))
+        self._failsafe, self._problems = failsafe, list[str]()
+        self.guard = ArmingGuard(
+            self.body, scenario.limits, failsafe, self.endpoint.counts, lambda now: self.duties.radio_silence(now)
+        )
+        self._outputs: Outputs | None = None
         parameters = Parameters(scenario.world, "world")
         self._declared = {p.path: p.declaration for p in parameters.listed}
         kind, streams = mav_type(scenario.world.vehicle), self.instruments.telemetry_streams()
-        self.station = Station(self.endpoint, parameters, STATION_MODES, vehicle=kind, streams=streams)
+        documents = metadata_documents(parameters)
+        streams.add_on_request("COMPONENT_METADATA", lambda now: component_metadata(now // ms(1), documents))
+        store = options.store or ParameterStore()
+        services = [self.instruments.globe, *station_services(self.endpoint, options, documents)]
+        self.station = Station(
+            self.endpoint,
+            parameters,
+            STATION_MODES,
+            vehicle=kind,
+            streams=streams,
+            services=services,
+            store=store.write,
+        )
         self.requests = FlightRequests(self.endpoint, lambda text: self._announce(Severity.NOTICE, text))
+        self.station.tell = self._report
+        self.station.arming_checks = lambda: self.guard.checks
+        self.instruments.may_be_armed = lambda: not (self.guard.problem or self.guard.confirmation_problem)
+        self.identity = IdentityService(self.endpoint, scenario_identity(scenario, dialect))
+        self.broadcast = Broadcast(self.endpoint, link, self._command.names)
+        self.relay = AutopilotRelay(self.endpoint, self.broadcast)
+        self.gate = CommandGate(self.station, self.broadcast, lambda text: self._announce(Severity.WARNING, text))
+        self.refusals = RefusalAnswers(self.endpoint, link, self._report)
         self.clock = WallClock()
         self.lateness = Histogram()
         self.release_time: int | None = None
         self._newest_command: GroupSample | None = None
+        self._pose_time = 0
         self._flight_log: FlightLog | None = None
         self._tell: Callable[[str], None] = lambda _: None
 
     def _handle_data(self, data: bytes) -> None:
         now, messages = self.clock.now(), self.endpoint.feed(data)
-        if messages:
-            self.link.accept_sender()
+        self.refusals.handle_refusals(now)
+        self.broadcast.accept_sender(messages, now)
         for message in messages:
             if message.name in self._command.names:
+                if not self.gate.admits(message, now):
+                    continue
                 command = self._command.assemble(message)
                 if command is not None and (self._newest_command is None or command.t >= self._newest_command.t):
                     self._newest_command = command
                 continue
             self.requests.handle_message(message, now)
+            self.relay.pass_on(message)
+            for packet in self.identity.answer(message):
+                self.broadcast.send(packet)
             handled = self.station.handle_message(message, now)
             for packet in handled.replies:
-                self.link.send(packet)
+                self.broadcast.send(packet)
             for event in handled.events:
                 if isinstance(event, ParameterChange):
                     self._set_parameter(event)
                 else:
                     self.duties.handle_event(event, now)
+                    if isinstance(event, ArmRequest):
+                        self._note_request(event)
                     self.requests.handle_event(event, now)
                     self.instruments.handle_event(event, now)
+
+    def _note_request(self, request: ArmRequest) -> None:
+        """The checks into the log where it is armed; a person's hand has disarmed it else."""
+        if request.by_hand and not request.arm:
+            self.guard.confirm()
+        if request.arm and not self.duties.is_commanded and self._flight_log is not None:
+            for check in self.guard.checks:
+                self._flight_log.write_event(check.record)
 
     def _set_parameter(self, event: ParameterChange) -> None:
         uplink, path = self.duties.uplink, event.path.removeprefix("world.")
         step = self.body.world if uplink is None or path not in uplink.parameters else uplink
-        step.parameters[event.path if step is self.body.world else path].flat[event.slot] = event.value
+        values = step.parameters[event.path if step is self.body.world else path]
+        values.flat[event.slot] = event.value
+        self.identity.change(identity_path(event.path), values)
         self._report(f"{event.path} = {format_value(self._declared[event.path], event.value)}")
 
     def _report(self, text: str) -> None:
@@ -119,7 +208,10 @@ class LiveVehicle:
         *,
         duration: int | None = None,
         log: Path | None = None,
+        log_limit: int | None = None,
         log_period: int = 10_000,
+        watchdog: int | None = None,
+        outputs_folder: Path | None = None,
         wanted_real_time: bool = False,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
@@ -128,8 +220,11 @@ class LiveVehicle:
 
         Args:
             duration: None runs on without end.
+            log_limit: bytes that the log may take on the disk; None: any.
             log: file of the vehicle's own log, with the truth.
             log_period: how often a row is written.
+            watchdog: silence (100 ns) after which the outputs, in a process of their own, go safe; None: no process.
+            outputs_folder: where the outputs' process keeps its port and its own log.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
             stop: asked at every instant.
             tell: is given lines for people.
@@ -139,21 +234,70 @@ class LiveVehicle:
         decisions = LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}")
         sources = [*self.body.log_sources(), decisions]
         flight_log = self._flight_log = open_flight_log(
-            log, sources, OWN_SIGNALS, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
+            log,
+            sources,
+            OWN_SIGNALS,
+            self.scenario,
+            side="vehicle",
+            seed=self.seed,
+            log_period=log_period,
+            is_live=True,
+            limit=log_limit,
         )
-        discard_packets(self.link)
+        self._problems.clear()
+        self.guard.log_folder = None if log is None else log.parent
         try:
+            if watchdog is not None:
+                self._outputs = self._start_outputs(watchdog, outputs_folder, wanted_real_time)
+            discard_packets(self.link)
             with real_time(wanted_real_time):
-                self._run_loop(duration, log_period, stop)
+                try:
+                    self._run_loop(duration, log_period, stop)
+                finally:  # before real time ends, which takes longer than the watchdog waits
+                    if self._outputs is not None:
+                        self._outputs.close()
         finally:
-            self._flight_log = None
+            self._flight_log = self._outputs = None
             summary = flight_log.close(self.body.final_truth()) if flight_log else None
-        if flight_log is not None and summary is None:
-            tell(WRITER_DIED)
-        return VehicleSummary(self.body.t, self.release_time, *self.duties.mode, self.lateness, summary)
+        lost = [] if flight_log is None else list_log_problems(summary)
+        for problem in lost:
+            tell(problem)
+        self._problems += lost
+        problems = tuple(dict.fromkeys(self._problems))
+        return VehicleSummary(self.body.t, self.release_time, *self.duties.mode, self.lateness, summary, problems)
+
+    def _start_outputs(self, watchdog: int, folder: Path | None, wanted_real_time: bool) -> Outputs:
+        rules = self._failsafe
+        latch, lift_delay = int(rules.timeout) * NS, int(rules.lift_delay) * NS
+        return Outputs(
+            self._safe_row,
+            timeout=watchdog * NS,
+            lift_delay=lift_delay,
+            latch=max(latch, watchdog * NS),
+            folder=folder,
+            wanted_real_time=wanted_real_time,
+        )
+
+    def _hand_over(self, t: int) -> None:
+        """What acts now to the outputs' process, and what it says of itself."""
+        outputs = self._outputs
+        if outputs is None or not outputs.is_alive:
+            return
+        lift = bool(self.duties.step.result("lift"))
+        silence = outputs.hand_over(self.duties.is_commanded, lift, self.body.world.inputs[self._row_slots].tolist())
+        if silence:
+            self._problems.append("the outputs went safe by themselves")
+            self._announce(Severity.CRITICAL, f"outputs were safe: no row for {silence * 1e-6:.0f} ms")
+            if silence >= int(self._failsafe.timeout) * NS:
+                self.duties.handle_event(ArmRequest(False), t)
+        if not outputs.is_alive:
+            self._problems.append(OUTPUTS_DIED)
+            self._announce(Severity.CRITICAL, OUTPUTS_DIED)
 
     def _run_loop(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
         self.clock, last = WallClock(), None
+        if self._flight_log is not None:
+            self._flight_log.start_clock(self.clock.start)
         for t in self.body.instants():
             why = self._end_reason(t, duration, stop) if last is None else ""
             if why:
@@ -168,6 +312,8 @@ class LiveVehicle:
         """Why it is to end now; empty: it isn't."""
         if stop():
             return "ended by request"
+        if self._outputs is not None and not self._outputs.is_alive:
+            return f"ended: {OUTPUTS_DIED}"
         over = duration is not None and self.release_time is not None and t - self.release_time >= duration
         return "ended, its time is over" if over else ""
 
@@ -177,23 +323,43 @@ class LiveVehicle:
         late = woke - self.clock.start - t * NS
         self.lateness.add(late)
         self.body.advance(t, fresh=True, is_held=self.release_time is None)
-        for packet in self.body.sample_packets(self.endpoint, self.body.changed_sensors()):
-            self.link.send(packet)
+        if self.broadcast.has_autopilot(t):
+            self.broadcast.send_private(self.body.sample_packets(self.endpoint, self.body.changed_sensors()))
+        if flight_log is not None and t >= self._pose_time:
+            self._pose_time = t + TRANSFORM_PERIOD
+            flight_log.pose[:] = self.instruments.pose()
         if flight_log is not None and t and self.body.row_t % log_period == 0:
-            own = (self.release_time is None, late * 1e-9, *count_frames(self.endpoint.counts))
+            own = (self.release_time is None, late * 1e-9, *count_frames(self.endpoint.counts), *self.gate.counts)
             flight_log.write_row(self.body.row_t, own)
         command, self._newest_command = self._newest_command, None
+        breach = self.guard.find_breach(t)
+        self.duties.breach = BREACHES[0] if breach is None else breach.kind
         if self.duties.act(t, command):
-            self._announce_mode(t)
-        self.station.status = self.requests.status(self.duties.status, t)
-        for packet in self.station.due(t) + self.requests.due(t):
-            self.link.send(packet)
+            self._announce_mode(t, "" if breach is None else breach.text)
+        self.guard.follow(t, self.duties.mode.mode)
+        self._hand_over(t)
+        self.gate.follow(self.duties.is_commanded)
+        self.station.status = self.requests.status(self._find_status(), t)
+        for packet in self.station.due(t):
+            self.broadcast.send(packet)
+        self.broadcast.send_private(self.requests.due(t))
 
-    def _announce_mode(self, t: int) -> None:
+    def _find_status(self) -> Status:
+        """What it is, and why it can't be armed."""
+        guard = self.guard
+        return self.duties.status._replace(
+            arming_problem=guard.problem, confirmation_problem=guard.confirmation_problem
+        )
+
+    def _announce_mode(self, t: int, breach: str) -> None:
+        """Tell the mode that it is in now. breach: what is beyond a limit."""
         if self.release_time is None and self.duties.is_commanded:
             self.release_time = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
+        text += f": {breach}" if self.duties.mode.cause in BREACHES else ""
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
+        if self.duties.mode.mode == "failsafe":
+            self._problems.append(text)
         self._announce(severity, text)
 
     def _announce(self, severity: Severity, text: str) -> None:

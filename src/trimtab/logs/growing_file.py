@@ -135,6 +135,10 @@ class GrowingFile:
         footer += struct.pack("<I", zlib.crc32(text + footer))
         self._append(end + text + footer + MAGIC)
 
+    def close(self) -> None:
+        """Give the descriptor back."""
+        os.close(self._file)
+
     def _append(self, data: bytes) -> None:
         """Put bytes on the disk, all of them or none."""
         try:

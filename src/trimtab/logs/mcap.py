@@ -21,6 +21,8 @@ from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
 from trimtab.logs.contents import MAGIC, Contents, parse_contents
 from trimtab.logs.log import Log
 from trimtab.logs.messages import (
+    CLOCK,
+    EPOCH,
     EVENTS,
     FORMAT,
     LAYOUT,
@@ -146,9 +148,12 @@ def _build_log(contents: Contents) -> Log:
     rows = min(len(contents.texts.get(topic, ())) for topic in by_topic)
     if contents.is_truncated or rows < load_json(layout["rows"]):
         metadata["truncated"] = True
+    epoch = int(contents.metadata.get(CLOCK, {}).get(EPOCH, 0))
+    if epoch:
+        metadata[EPOCH] = epoch
     events = [json.loads(text) for text in contents.texts.get(EVENTS, [])]
     if events:
-        seconds = [time // NS_PER_TICK * SECONDS_PER_UNIT for time in contents.times[EVENTS]]
+        seconds = [(time - epoch) // NS_PER_TICK * SECONDS_PER_UNIT for time in contents.times[EVENTS]]
         metadata["events"] = [{"t": t, "text": e["message"]} for t, e in zip(seconds, events, strict=True)]
     arrays: dict[str, np.ndarray] = {}
     for topic, fields in by_topic.items():
@@ -156,7 +161,7 @@ def _build_log(contents: Contents) -> Log:
         for path, keys in fields.items():
             dtype, shape = np.dtype(signals[path]["dtype"]), signals[path]["shape"]
             arrays[path] = np.array(signal_values(messages, keys), dtype).reshape(rows, *shape)
-    ticks = np.array(contents.times.get(next(iter(by_topic)), [])[:rows], np.int64) // NS_PER_TICK
+    ticks = (np.array(contents.times.get(next(iter(by_topic)), [])[:rows], np.int64) - epoch) // NS_PER_TICK
     return Log(
         t=to_seconds(ticks),
         ticks=ticks,

@@ -22,7 +22,9 @@ GROUPED = ("sensors", "downlink")
 """Blocks of which there are several: each has a topic of its own."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
-"""Names of the two metadata records, and the version of what is written."""
+"""Names of two metadata records, and the version of what is written."""
+CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
+"""Name of the record that says what time of day (ns since 1970) time zero was, and of the number; without it: 0."""
 EVENTS = "/events"
 """Topic of texts with a time; their schema is one that Foxglove lists as a log."""
 EVENT_SCHEMA = {
@@ -124,9 +126,9 @@ def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
     return [(template % row).encode() for row in zip(*columns, strict=True)]
 
 
-def event_text(ticks: int, text: str) -> bytes:
-    """The message of an event."""
-    sec, nsec = divmod(ticks * NS_PER_TICK, NS_PER_SECOND)
+def event_text(time: int, text: str) -> bytes:
+    """The message of an event, at a time (ns)."""
+    sec, nsec = divmod(time, NS_PER_SECOND)
     about = {"timestamp": {"sec": sec, "nsec": nsec}, "level": 2, "message": text, "name": "trimtab"}
     return json.dumps(about | {"file": "", "line": 0}, ensure_ascii=False).encode()
 

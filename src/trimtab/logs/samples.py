@@ -1,4 +1,4 @@
-"""A sensor's own samples out of a log: each once, at the time it was measured, however often the log has rows.
+"""A sensor's own samples out of a log, and into one: each once, at the time it was measured, whatever the log's rows.
 
 A log's rows hold the last sample until there is a new one. Which is which, the sample's own time says. Of other loggers
 CSV files are read: a line of names, which may say their unit, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``, then a line of
@@ -7,6 +7,7 @@ numbers for each instant.
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,9 @@ TIME_UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-
 BLOCK = "csv"
 """Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
 
+RECEIVED, TRUTH = "downlink", "truth"
+"""Blocks of a log: what the autopilot is given, and what was so."""
+
 
 class Samples(NamedTuple):
     """Evenly spaced samples.
@@ -34,6 +38,77 @@ class Samples(NamedTuple):
     values: Any
     ticks: Any
     period: float
+
+
+class SampleSeries(NamedTuple):
+    """What one sensor, or the truth, said.
+
+    ticks: int64 (n,), rising, when each was measured.  values: field -> (n,) or (n, k).
+    declarations: field -> unit and meaning.
+    """
+
+    ticks: Any
+    values: Mapping[str, Any]
+    declarations: Mapping[str, Quantity] = {}
+
+
+def log_samples(
+    sensors: Mapping[str, SampleSeries], truth: SampleSeries | None = None, metadata: Mapping[str, Any] | None = None
+) -> Log:
+    """A log of samples that were recorded elsewhere: what a replay needs, and who compares with the truth.
+
+    It has a row at each instant at which a sample was measured, as if it had arrived at once; each row holds the newest
+    of each sensor. Times may begin anywhere: the first row is at 0.
+
+    Args:
+        sensors: by name, as an estimator listens to them.
+        truth: is interpolated to the rows; at its own instants it is exact.
+        metadata: what else to say of the log.
+
+    Raises:
+        InputError: no sensor, ticks that do not rise, or a field of another length than the ticks.
+    """
+    if not sensors:
+        raise InputError("log_samples", "there is no sensor", fix='give some, e.g. {"ranging": SampleSeries(…)}')
+    every = dict(sensors) | ({TRUTH: truth} if truth is not None else {})
+    for name, series in every.items():
+        _check_series(name, series)
+    instants = np.unique(np.concatenate([s.ticks for s in sensors.values()]).astype(np.int64))
+    ticks = instants - instants[0]
+    signals: dict[str, Any] = {}
+    declared: dict[str, Quantity] = {}
+    for name, series in sensors.items():
+        base, at = f"{RECEIVED}.{name}", np.searchsorted(series.ticks, instants, side="right") - 1
+        seen, held = at >= 0, np.maximum(at, 0)
+        when = np.asarray(series.ticks, np.int64)[held] - instants[0]
+        for field, values in series.values.items():
+            array = np.asarray(values)
+            mask = seen.reshape(-1, *(1,) * (array.ndim - 1))
+            signals[f"{base}.value.{field}"] = np.where(mask, array[held], np.zeros((), array.dtype))
+            declared[f"{base}.value.{field}"] = series.declarations.get(field, Quantity("1", f"Field {field}."))
+        signals[f"{base}.t"] = np.where(seen, when, 0)
+        signals[f"{base}.age"] = np.where(seen, to_seconds(ticks - when), 0.0)
+        signals[f"{base}.fresh"] = seen & (when == ticks)
+        signals[f"{base}.valid"] = seen
+    for field, values in ({} if truth is None else truth.values).items():
+        columns = np.asarray(values, float).reshape(len(values), -1).T
+        rows = [np.interp(instants - instants[0], truth.ticks - instants[0], column) for column in columns]  # pyright: ignore[reportOptionalMemberAccess]
+        signals[f"{TRUTH}.{field}"] = np.stack(rows, axis=1).reshape(len(instants), *np.shape(values)[1:])
+    declared |= {f"{TRUTH}.{f}": d for f, d in ({} if truth is None else truth.declarations).items()}
+    signals["log.dropped"] = np.zeros(len(ticks), np.int64)
+    declared["log.dropped"] = Quantity("1", "Rows lost before this one: a row is a step.", kind="count")
+    return Log(to_seconds(ticks), ticks, signals, declared, dict(metadata or {}))
+
+
+def _check_series(name: str, series: SampleSeries) -> None:
+    ticks = np.asarray(series.ticks)
+    if ticks.ndim != 1 or not len(ticks) or ticks.dtype.kind not in "iu" or (np.diff(ticks) <= 0).any():
+        fix = "give whole numbers of 100 ns, sorted, each once: np.round(seconds * 1e7).astype(np.int64)"
+        raise InputError(f"sensor {name!r}", "its ticks do not rise, or are no whole numbers", fix=fix)
+    for field, values in series.values.items():
+        if len(values) != len(ticks):
+            problem = f"its field {field!r} has {len(values)} values, its ticks are {len(ticks)}"
+            raise InputError(f"sensor {name!r}", problem, fix="give one value for each tick")
 
 
 def samples(log: Log, path: str) -> Samples:

@@ -15,8 +15,10 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
+from trimtab.logs.frames import POSE_COLUMNS
 from trimtab.logs.log import Log, provenance
-from trimtab.logs.messages import EVENTS, dump_json, layout_record, run_record
+from trimtab.logs.log_limit import LogLimit
+from trimtab.logs.messages import EPOCH, EVENTS, dump_json, layout_record, run_record
 from trimtab.logs.ring import Ring
 
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
@@ -62,6 +64,13 @@ class LogStream:
         """Of the writer's process."""
         return self._process.pid
 
+    def set_epoch(self, epoch: int) -> None:
+        """Say, before the first row, what time of day (ns since 1970) time zero is."""
+        with contextlib.suppress(OSError):
+            assert self._process.stdin is not None
+            self._process.stdin.write(json.dumps({EPOCH: epoch}).encode() + b"\n")
+            self._process.stdin.flush()
+
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
         """End the log and wait until it is on the disk; None where the writer had died.
 
@@ -83,7 +92,13 @@ class LogStream:
 
 
 def start_writer(
-    path: str | os.PathLike[str], ring: Ring, *, signals: Sequence[Signal], metadata: Mapping[str, Any]
+    path: str | os.PathLike[str],
+    ring: Ring,
+    *,
+    signals: Sequence[Signal],
+    metadata: Mapping[str, Any],
+    frame: str = "",
+    limit: LogLimit | None = None,
 ) -> LogStream:
     """Start a process that writes what is put into a ring to a log file, four times a second or more often.
 
@@ -95,16 +110,19 @@ def start_writer(
         signals: what a row holds after its time.
         metadata: of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the time of
             day are put in front.
+        frame: name of the vehicle's frame, whose pose then ends each row, see `logs.frames`; empty: there is none.
+        limit: of what it may take on the disk; None: none.
 
     Raises:
         InputError: signals that don't fit the ring, a file that is there already or can't be written.
     """
     target, empty = Path(path), _empty_log(signals, metadata)
-    width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals)
+    width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals) + (POSE_COLUMNS if frame else 0)
     if width != ring.columns:
         problem = f"its rows have {ring.columns} numbers, the time and these signals have {width}"
         raise InputError("ring", problem, fix=f"Ring.create(columns={width})")
     about = {"path": str(target), "ring": ring.name, "run": run_record(empty), "layout": layout_record(empty)}
+    orders = about | {"frame": frame, "limit": limit}
     process = subprocess.Popen(
         [sys.executable, "-m", "trimtab.logs.stream_writer"],
         stdin=subprocess.PIPE,
@@ -112,7 +130,7 @@ def start_writer(
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
         start_new_session=True,
     )
-    _await_start(process, json.dumps(about).encode() + b"\n")
+    _await_start(process, json.dumps(orders).encode() + b"\n")
     return LogStream(target, process)
 
 

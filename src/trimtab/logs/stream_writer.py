@@ -5,21 +5,27 @@ comes by itself when the flying process dies.
 """
 
 import contextlib
+import errno
 import json
 import os
 import select
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
+from trimtab.logs.frames import POSE_COLUMNS, FrameWriter, frame_topics
 from trimtab.logs.growing_file import GrowingFile, Message
 from trimtab.logs.log import Log
+from trimtab.logs.log_limit import LogLimit, format_size, numbered_file
 from trimtab.logs.messages import (
+    CLOCK,
+    EPOCH,
     EVENT_SCHEMA,
     EVENTS,
     LAYOUT,
@@ -51,20 +57,49 @@ class Recorder:
         run, layout: the metadata records, as text.
     """
 
-    def __init__(self, ring: Ring, file: int, run: dict[str, str], layout: dict[str, str]) -> None:
-        """Write the head of the file; raises OSError where that can't be."""
+    def __init__(
+        self,
+        ring: Ring,
+        file: int,
+        run: dict[str, str],
+        layout: dict[str, str],
+        *,
+        frame: str = "",
+        path: Path | None = None,
+        limit: LogLimit | None = None,
+    ) -> None:
+        """Write the head of the file; raises OSError where that can't be.
+
+        frame: name of the vehicle's frame, whose pose stands at the end of each row, where the time of day is said
+            before the first; empty: neither.
+        path: of that file.  limit: of all files; None: there is none.
+        """
         self._ring, self._run, self._layout = ring, run, layout
         self._signals: dict[str, Any] = load_json(layout["signals"])
         self._declared = {path: parse_quantity(d) for path, d in load_json(layout["declared"]).items()}
         empty = self._rows_as_log(np.empty((0, ring.columns)), np.empty(0), np.empty(0))
         self._topics = log_topics(empty)
         events = Topic(EVENTS, {}, EVENT_SCHEMA["title"], json.dumps(EVENT_SCHEMA).encode())
-        self._file = GrowingFile(file, {RUN: run, LAYOUT: layout}, [*self._topics, events])
+        self._frames = FrameWriter(frame) if frame else None
+        self._topics_of_file = [*self._topics, events, *frame_topics()]
+        self._file = GrowingFile(file, {RUN: run, LAYOUT: layout}, self._topics_of_file)
+        self._path, self._limit = path, limit
+        self._number, self._file_rows = 1, 0
+        self._sizes: dict[Path, int] = {}
+        self._epoch = None if frame else 0
         self._rows: list[Any] = []
         self._dropped: list[Any] = []
         self._events: list[tuple[int, str]] = []
         self._last, self._taken, self._written, self._unwritten, self._lost = -1, 0, 0, 0, 0
         self._full = ""
+
+    def set_epoch(self, epoch: int) -> None:
+        """Time zero was this time of day (ns since 1970). Before the first row; without room it stays unknown."""
+        with contextlib.suppress(OSError):
+            self._file.add_metadata({CLOCK: {EPOCH: str(epoch)}})
+            self._epoch = epoch
+            return
+        self._epoch = 0
 
     def read_ring(self) -> None:
         """Empty the ring."""
@@ -86,7 +121,9 @@ class Recorder:
         return int(rows[before - 1, 0]) if before else max(self._last, 0)
 
     def write(self) -> None:
-        """Put all that was taken on the disk."""
+        """Put all that was taken on the disk, once the time of day is known."""
+        if self._epoch is None:
+            return
         rows = np.concatenate([np.empty((0, self._ring.columns)), *self._rows])
         dropped = np.concatenate([np.empty(0, np.int64), *self._dropped])
         self._rows, self._dropped = [], []
@@ -99,19 +136,72 @@ class Recorder:
         log = self._rows_as_log(rows, dropped, np.full(len(rows), self._unwritten))
         said = [f"the log has a gap of {self._lost} rows: {self._full}"] if self._full else []
         events = [*self._events, *((int(rows[0, 0]), text) for text in said if len(rows))]
-        messages = [*self._log_messages(log), *self._event_messages(events)]
+        messages = [*self._log_messages(log), *self._event_messages(events), *self._frame_messages(rows)]
         if not messages:
             return
+        if self._limit is not None and self._file.size >= self._limit.file_size:
+            self._follow_limit(self._limit)
         try:
+            if self._limit is not None and self._file.size >= self._limit.size:
+                raise OSError(errno.EFBIG, f"its limit of {format_size(self._limit.size)} is reached")
             self._file.write(messages)
         except OSError as error:
             self._count_failure(error, len(rows))
             return
         self._written += len(rows)
+        self._file_rows += len(rows)
         self._events = []
         if self._full and len(rows):
             _report(f"writes again, after a gap of {self._lost} rows")
             self._full, self._lost = "", 0
+
+    def _follow_limit(self, limit: LogLimit) -> None:
+        """End the file that is full and go on in a new one; the oldest go. Without room for one it stays as it is."""
+        if not limit.rolls or self._path is None or self._file.size >= limit.size:
+            return
+        before, following = self._file, self._open_next(numbered_file(self._path, self._number + 1))
+        if following is None:
+            return
+        self._end_file(before, {"closed": dump_json(True)}, "{}")
+        before.close()
+        self._sizes[numbered_file(self._path, self._number)] = before.size
+        self._file, self._number, self._file_rows = following, self._number + 1, 0
+        if self._frames is not None:
+            self._frames.begin_file()
+        while self._sizes and sum(self._sizes.values()) + limit.file_size > limit.size:
+            oldest = next(iter(self._sizes))
+            with contextlib.suppress(OSError):
+                oldest.unlink()
+            del self._sizes[oldest]
+
+    def _open_next(self, path: Path) -> GrowingFile | None:
+        """A new file with the same head; None where there is no room for it."""
+        try:
+            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        except OSError:
+            return None
+        try:
+            run = self._run | {"file": dump_json(self._number + 1)}
+            following = GrowingFile(file, {RUN: run, LAYOUT: self._layout}, self._topics_of_file)
+            if self._epoch:
+                following.add_metadata({CLOCK: {EPOCH: str(self._epoch)}})
+        except OSError:
+            os.close(file)
+            path.unlink(missing_ok=True)
+            return None
+        return following
+
+    def _end_file(self, file: GrowingFile, about: dict[str, str], final: str) -> bool:
+        """Write a file's last metadata and its end; whether there was room."""
+        layout = {**self._layout, "rows": dump_json(self._file_rows), "final": final}
+        number = {"file": dump_json(self._number)} if self._number > 1 else {}
+        try:
+            file.add_metadata({RUN: self._run | number | about, LAYOUT: layout})
+            file.finish()
+        except OSError as error:
+            _report(f"has no end ({error.strerror}); what was written can be read")
+            return False
+        return True
 
     def _count_failure(self, error: OSError, rows: int) -> None:
         """Count what there was no room for; the flight goes on."""
@@ -124,7 +214,7 @@ class Recorder:
 
     def _log_messages(self, log: Log) -> list[Message]:
         texts = [message_texts(log, topic.fields, slice(None)) for topic in self._topics]
-        times = (log.ticks * NS_PER_TICK).tolist()
+        times = ((self._epoch or 0) + log.ticks * NS_PER_TICK).tolist()
         return [
             (channel, self._written + i, time, topic[i])
             for i, time in enumerate(times)
@@ -132,8 +222,18 @@ class Recorder:
         ]
 
     def _event_messages(self, events: list[tuple[int, str]]) -> list[Message]:
-        channel = len(self._topics) + 1
-        return [(channel, 0, ticks * NS_PER_TICK, event_text(ticks, text)) for ticks, text in events]
+        channel, said = (
+            len(self._topics) + 1,
+            [((self._epoch or 0) + ticks * NS_PER_TICK, text) for ticks, text in events],
+        )
+        return [(channel, 0, time, event_text(time, text)) for time, text in said]
+
+    def _frame_messages(self, rows: Any) -> list[Message]:
+        if self._frames is None:
+            return []
+        first = len(self._topics) + 2
+        messages = self._frames.messages(rows[:, 0].astype(np.int64), rows[:, -POSE_COLUMNS:], self._epoch or 0)
+        return [(first + m.topic, 0, m.time, m.text) for m in messages]
 
     def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
         """Rows as signals in their own types."""
@@ -154,18 +254,13 @@ class Recorder:
         if final is None:
             self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
         self.read_ring()
+        self._epoch = self._epoch or 0
         self.write()
         counts = {"rows": self._written, "dropped": self._ring.dropped_rows, "unwritten": self._unwritten}
-        run = self._run | {"log": dump_json(counts), "closed": dump_json(final is not None)}
-        layout = {**self._layout, "rows": dump_json(self._written), "final": final or "{}"}
-        whole = True
-        try:
-            self._file.add_metadata({RUN: run, LAYOUT: layout})
-            self._file.finish()
-        except OSError as error:
-            whole = False
-            _report(f"has no end ({error.strerror}); what was written can be read")
-        return counts | {"size": self._file.size, "cpu_s": time.process_time(), "whole": whole}
+        about = {"log": dump_json(counts), "closed": dump_json(final is not None)}
+        whole = self._end_file(self._file, about, final or "{}")
+        size = self._file.size + sum(self._sizes.values())
+        return counts | {"size": size, "cpu_s": time.process_time(), "whole": whole}
 
 
 def main() -> None:
@@ -176,7 +271,15 @@ def main() -> None:
         ring = Ring.attach(orders["ring"])
         try:
             file = os.open(orders["path"], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-            recorder = Recorder(ring, file, orders["run"], orders["layout"])
+            recorder = Recorder(
+                ring,
+                file,
+                orders["run"],
+                orders["layout"],
+                frame=orders["frame"],
+                path=Path(orders["path"]),
+                limit=None if orders["limit"] is None else LogLimit(*orders["limit"]),
+            )
         except OSError as error:
             fix = "give the path of a new file, in a folder of yours"
             problem = f"cannot be written: {error.strerror or error}"
@@ -194,17 +297,21 @@ def main() -> None:
 
 def record_until_stopped(recorder: Recorder) -> str | None:
     """Write until there is a word on standard input, or its end; gives the last values that it names, or None."""
-    due = time.monotonic() + CHUNK_S
-    while not select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
+    due, heard = time.monotonic() + CHUNK_S, b""
+    while True:
+        if select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
+            more = os.read(sys.stdin.fileno(), 2**20)
+            *lines, heard = (heard + more).split(b"\n")
+            for word in map(json.loads, lines):
+                if "final" in word:
+                    return word["final"]
+                recorder.set_epoch(word[EPOCH])
+            if not more:
+                return None
         recorder.read_ring()
         if time.monotonic() >= due:
             recorder.write()
             due = time.monotonic() + CHUNK_S
-    line = os.read(sys.stdin.fileno(), 2**20)
-    while line and not line.endswith(b"\n"):
-        more = os.read(sys.stdin.fileno(), 2**20)
-        line = line + more if more else b""
-    return json.loads(line)["final"] if line else None
 
 
 def _isolate_process() -> None:

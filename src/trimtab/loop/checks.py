@@ -6,7 +6,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import Option, Quantity, children, is_record, leaves
+from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
 
 
@@ -29,12 +29,6 @@ def check_part(where: str, own: Any) -> None:
     except InputError as error:
         part = where if not error.part or error.part in where else f"{where}: {error.part}"
         raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
-
-
-def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
-    """Path and record, of a record and of all below it."""
-    below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
-    return [(path, value), *below] if is_record(value) else below
 
 
 def _check_quantity(where: str, value: Any, declared: Quantity) -> None:

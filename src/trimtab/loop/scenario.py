@@ -7,12 +7,15 @@ from trimtab.core.errors import InputError
 from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without
 from trimtab.core.interfaces import optional_member
+from trimtab.core.quantity import records
 from trimtab.core.record import option, part, period, record, replace
 from trimtab.core.time import seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
-from trimtab.loop.checks import check_part, check_values, records
+from trimtab.loop.beliefs import check_beliefs
+from trimtab.loop.checks import check_part, check_values
+from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.loop.world import World
 from trimtab.sensors.navigation_errors import PlanarNavigation
 
@@ -32,8 +35,10 @@ class Scenario:
     duration: int = period("Length of a run.", default=seconds(15))
     targets: Any = part("Where signals should go, for the metrics.", default=())
     failsafe: Any = part("What the vehicle does when nobody commands it, in flight; none in a simulation.", default=())
+    limits: VehicleLimits = part("What the vehicle watches of itself, in flight.", default=VehicleLimits())
     truth_sensor: Any = part("What the ideal twin measures instead of the sensors.", default=PlanarNavigation())
     name: str = option("Name in the catalogue.", default="scenario")
+    mismatch: Any = part("Paths of the autopilot's copies of the vehicle that are meant to differ.", default=())
     choices: Any = part("How it was built from the catalogue, as `scenarios.build` notes it for logs.", default=())
 
     def ideal(self) -> "Scenario":
@@ -81,6 +86,7 @@ class Scenario:
 
     def check(self) -> None:
         """Refuse values that cannot be flown; the walk refuses parts that don't fit each other."""
+        check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)
         check_values(self)
         for path, owner in records(self):
             covers: Any = optional_member(owner, "check_duration")

@@ -8,17 +8,20 @@ from typing import Any, TypeVar
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.record import Option, Quantity, leaves, with_leaf
+from trimtab.core.record import Option, Quantity, absent_parts, leaves, with_leaf, with_part_of
 from trimtab.core.time import parse_time
 
 T = TypeVar("T")
 
 
 def with_settings(tree: T, settings: Mapping[str, str]) -> T:
-    """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near."""
+    """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near.
+
+    An optional part that a path leads into is put there, e.g. the hovercraft's friction.
+    """
     for path, text in settings.items():
         try:
-            tree = with_leaf(tree, path, partial(_parse_value, path, text))
+            tree = with_leaf(with_part_of(tree, path), path, partial(_parse_value, path, text))
         except KeyError:
             raise _unknown_path_error(tree, path) from None
     return tree
@@ -26,6 +29,7 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
 
 def _unknown_path_error(tree: Any, path: str) -> InputError:
     known = [p for p, _, _ in leaves(tree)]
+    known += [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
     below = [p for p in known if p.startswith(path + ".")]
     near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
     fix = (

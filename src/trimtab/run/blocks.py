@@ -17,6 +17,7 @@ from trimtab.core.record import part, quantity, record, replace, to_arrays, tree
 from trimtab.core.rng import key as root_key
 from trimtab.core.signals import Command, Frame, Sample
 from trimtab.core.time import Clock, to_seconds
+from trimtab.environment.geodetic import TangentPlane
 from trimtab.links.wire import Wire
 from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
 from trimtab.loop.scenario import Scenario
@@ -183,7 +184,9 @@ def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
 def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
     """A failsafe, for commands of this structure."""
     no, value = np.bool_(False), zeros_like(command.value)
-    first = FailsafeInput(command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no)
+    first = FailsafeInput(
+        command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no, breach=np.int32(0)
+    )
     return timed_block(
         "failsafe", "Failsafe: what the vehicle does when nobody commands it, and who may.", failsafe, first
     )
@@ -241,6 +244,16 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
 
     first = StepInput(t=np.int64(0), input={"truth": state, "u": u})
     return BlockDefinition("motion", "How a vehicle moves.", step, lambda p: (), inputs.world.vehicle, first)
+
+
+def place_block() -> BlockDefinition:
+    """Where a position in W, `p_WB`, is on the globe; the parameters say where W is. Source: docs page, Earth."""
+
+    def step(p: Any, s: Any, now: Any) -> Any:
+        return s, dict(zip(("latitude", "longitude", "height"), p.from_ned(now["p_WB"]), strict=True))
+
+    plane, zero = TangentPlane(latitude=0.0, longitude=0.0), {"p_WB": np.zeros(3)}
+    return BlockDefinition("place", "Where a vehicle is on the globe.", step, lambda p: (), to_arrays(plane), zero)
 
 
 def replace_links(scenario: Scenario) -> Scenario:

@@ -15,6 +15,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity, children, is_record, leaves
 from trimtab.core.time import Timetable, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
+from trimtab.loop.beliefs import belief_mismatches
 from trimtab.native.build import load_library
 
 SHORT = 5_000_000
@@ -264,12 +265,14 @@ def make_log(
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
     """What a log says of its scenario; `choices` where it was built by name, so that a replay builds it alike."""
+    mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
     about = {
         "scenario": scenario.name,
         **({"choices": scenario.choices} if scenario.choices else {}),
         "duration_s": to_seconds(scenario.duration),
         "parameters": {p: plain_setting(v) for p, v, _ in leaves(scenario)},
         "parts": part_classes(scenario),
+        **({"mismatch": mismatch} if mismatch else {}),
         **provenance(),
     }
     return to_plain("log.metadata", about)

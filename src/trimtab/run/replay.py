@@ -5,6 +5,7 @@ before it.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -12,6 +13,7 @@ import numpy as np
 
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.compiler.folder import ROUNDINGS
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.signals import Frame
@@ -21,14 +23,12 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, strengthen_types
 from trimtab.run.blocks import autopilot_block
 from trimtab.run.inputs import leaf_paths
+from trimtab.run.parameter_changes import AutopilotChange, read_changes, with_changes
 from trimtab.run.program import check_seed
 from trimtab.run.runner import choose_c
 
 TOLERANCE = 1e-10
 """Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
-ROUNDINGS = 8
-"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
-Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
 """What a flight's log counts: rows that it lacks."""
 
@@ -87,7 +87,8 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     block = autopilot_block(flown, seed=seed, run=run)
     compiled = choose_c(backend, lambda: compile_block(block))
     steps = find_steps(log, leaf_paths(block.input), flown.autopilot.period)
-    outputs = _replay_jax(block, steps) if compiled is None else _replay_c(compiled, steps)
+    changes = read_changes(log) if autopilot is None else []
+    outputs = step_jax(block, steps, changes) if compiled is None else step_c(compiled, steps, changes)
     return _compare_outputs(log, steps, outputs, "jax" if compiled is None else "c", changed=autopilot is not None)
 
 
@@ -107,10 +108,12 @@ def describe_replay(result: Replay) -> str:
 class RecordedSteps(NamedTuple):
     """Control steps, from the first on and without a gap.
 
-    rows: of the log (n,).  inputs: float64 (n, width), what each step was given.  end_reason: why it ends, or nothing.
+    rows: of the log (n,).  ticks: their times (n,).  inputs: float64 (n, width), what each step was given.  end_reason:
+    why it ends, or nothing.
     """
 
     rows: Any
+    ticks: Any
     inputs: Any
     end_reason: str
 
@@ -132,7 +135,7 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
     if log.metadata.get("truncated") and not reason:
         reason = f"the log is cut at {log.t[-1]:g} s"
     columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
-    return RecordedSteps(rows, np.concatenate(columns, axis=1), reason)
+    return RecordedSteps(rows, log.ticks[rows], np.concatenate(columns, axis=1), reason)
 
 
 def _frame_column(log: Log, path: str) -> Any:
@@ -170,18 +173,28 @@ def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
     return rows, ""
 
 
-def _replay_c(step: CompiledBlock, steps: RecordedSteps) -> dict[str, Any]:
-    """Outputs by path, (n, …), from the compiled step."""
-    rows = np.empty((len(steps.inputs), len(step.outputs)))
+def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -> dict[int, list[AutopilotChange]]:
+    """Step -> what is another number from it on."""
+    by_step: dict[int, list[AutopilotChange]] = {}
+    for change in changes:
+        by_step.setdefault(int(np.searchsorted(steps.ticks, change.t)), []).append(change)
+    return by_step
+
+
+def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
+    """Outputs by path, (n, …), of a compiled block that is given recorded steps. changes: of its parameters."""
+    rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
+        for change in by_step.get(k, ()):
+            change.put_into(step.parameters)
         step.inputs[:] = row
         step.step()
         rows[k] = step.outputs
     return {m.name: rows[:, step.writes[m.name]].reshape(len(rows), *m.shape) for m in step.text.outputs}
 
 
-def _replay_jax(block: BlockDefinition, steps: RecordedSteps) -> dict[str, Any]:
-    """Outputs by path, (n, …), from a scan."""
+def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
+    """The same from a scan."""
     shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
@@ -195,11 +208,17 @@ def _replay_jax(block: BlockDefinition, steps: RecordedSteps) -> dict[str, Any]:
             after, output = block.step(parameters, s, frame)
             return cast_like(after, s), output
 
-        return jax.lax.scan(body, state, frames)[1]
+        return jax.lax.scan(body, state, frames)
 
-    state = strengthen_types(block.init(block.parameters))
-    outputs = fly(block.parameters, state, jax.tree.unflatten(tree, columns))
-    return dict(zip(leaf_paths(outputs), map(np.asarray, jax.tree.leaves(outputs)), strict=True))
+    state, parameters = strengthen_types(block.init(block.parameters)), block.parameters
+    by_step, parts = _changes_by_step(steps, changes), []
+    starts = sorted({0, *(k for k in by_step if k < len(steps.inputs))})
+    for k, end in zip(starts, [*starts[1:], len(steps.inputs)], strict=True):
+        parameters = with_changes(parameters, by_step.get(k, ()))
+        state, outputs = fly(parameters, state, jax.tree.unflatten(tree, [column[k:end] for column in columns]))
+        parts.append(outputs)
+    joined = [np.concatenate(leaves) for leaves in zip(*map(jax.tree.leaves, parts), strict=True)]
+    return dict(zip(leaf_paths(parts[0]), joined, strict=True))
 
 
 def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:

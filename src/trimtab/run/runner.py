@@ -64,10 +64,14 @@ def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
     except InputError as error:
         if backend == "c" or not (isinstance(error, NoCompilerError | BuildError) or error.part == "export"):
             raise
-        if error.part not in _reported_parts:
-            _reported_parts.add(error.part)
-            print(f"note: flying on JAX, about ten times slower: {error}", file=sys.stderr)
+        _report_once(f"flying on JAX, about ten times slower: {error}", error.part)
         return None
+
+
+def _report_once(note: str, part: str) -> None:
+    if part not in _reported_parts:
+        _reported_parts.add(part)
+        print(f"note: {note}", file=sys.stderr)
 
 
 def check_signals(of: WalkStructure) -> None:
@@ -144,8 +148,9 @@ def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
     if lanes > 1:
         try:
             return build_walk_library(of, lanes, own), lanes
-        except InputError:
-            pass  # numbers that lanes don't carry: scalar code flies them
+        except InputError as error:  # scalar code flies them
+            if error.part != "lanes":
+                _report_once(f"flying runs one by one, not {lanes} at a time: {error}", error.part)
     return build_walk_library(of, 0, own), 0
 
 

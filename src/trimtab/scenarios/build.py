@@ -14,6 +14,7 @@ from trimtab.loop.settings import with_settings
 from trimtab.scenarios import catalogue
 
 LINKS = ("uplink", "downlink")
+MISMATCH = "mismatch"
 
 
 def build(
@@ -23,7 +24,8 @@ def build(
 
     Args:
         name: in the catalogue, or ``file.py:function``.
-        settings: text by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a recording.
+        settings: text by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a recording,
+            "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`).
         without: imperfections to switch off.
         faults: to inject, as after ``--fault``.
 
@@ -44,7 +46,9 @@ def build(
         "faults": faults,
     }
     scenario = _replace_links_by_recordings(scenario, rest)
-    own = {path: text for path, text in rest.items() if path not in LINKS}
+    if MISMATCH in rest:
+        scenario = replace(scenario, mismatch=tuple(path.strip() for path in rest[MISMATCH].split(",")))
+    own = {path: text for path, text in rest.items() if path not in (*LINKS, MISMATCH)}
     _refuse_choices(name, scenario, own)
     scenario = with_settings(scenario, own)
     for imperfection in without:
@@ -77,7 +81,10 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
     """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    settings, choices = [p for p, _, _ in leaves(scenario) if "." not in p], [*catalogue.scenario_choices(name), *LINKS]
+    settings, choices = (
+        [p for p, _, _ in leaves(scenario) if "." not in p],
+        [*catalogue.scenario_choices(name), *LINKS, MISMATCH],
+    )
     for wrong in [n for n in rest if "." not in n and n not in settings]:
         problem = f"scenario {name!r} has no such choice and no such setting"
         fix = f"trimtab list {name}  shows every setting by its path"

@@ -61,6 +61,13 @@ def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
     return _argument_choices(_find_function(name))
 
 
+def choice_lines(name: str) -> dict[str, dict[str, str]]:
+    """One line for each choice of those arguments that have them: ``Annotated[Literal[…], {"choice": "line"}]``."""
+    hints = typing.get_type_hints(_find_function(name), include_extras=True)
+    noted = {n: hint.__metadata__[0] for n, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
+    return {argument: dict(lines) for argument, lines in noted.items() if isinstance(lines, Mapping)}
+
+
 def _argument_choices(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
     hints = typing.get_type_hints(build)
     return {n: typing.get_args(hints.get(n)) for n in inspect.signature(build).parameters}

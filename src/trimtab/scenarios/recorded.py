@@ -32,12 +32,12 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
         name: of the scenario, where it is not the recorded one: ``file.py:function``, or one that was renamed.
 
     Raises:
-        InputError: a log that does not say what flew, or a catalogue that no longer has it.
+        InputError: a log that does not say what flew, or names something that is not in the catalogue.
     """
     choices = log.metadata.get("choices") or {}
     own_name, settings = choices.get("scenario") or log.metadata.get("scenario"), log.metadata.get("parameters")
     if name is None and isinstance(own_name, str):
-        name = _current_name(own_name)
+        name = _check_catalogue(own_name)
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
         fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
@@ -58,13 +58,16 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     return _set_values(alike, settings)
 
 
-def _current_name(name: str) -> str:
-    """A recorded name; refused where it leads to no scenario any more."""
-    try:
-        catalogue.scenario_choices(name)
-    except InputError as error:
-        fix = "name the recorded scenario: --scenario file.py:function"
-        raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
+def _check_catalogue(name: str) -> str:
+    """A recorded name; refused where the catalogue has none such: a log is data, and nothing is imported for it."""
+    known = catalogue.scenario_names()
+    if name not in known:
+        problem = (
+            f"the log's own name is {name!r}, which is not in the catalogue, and no file is run because a log names it"
+        )
+        raise InputError(
+            "replay", problem, choices=known, fix="name it yourself, if it is yours: --scenario file.py:function"
+        )
     return name
 
 

@@ -26,13 +26,13 @@ class CarrierSense:
     one, it draws and waits again; if not, it sends. It cannot hear what began less than `blind_time` ago, so that two
     that begin so close together collide and both messages are lost.
 
-    Source:  [1] section 5.5.2 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
+    Source:  [1] section 5.5.1 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
              reconstructed, see docs Errata.
     """
 
     byte_time: Scalar = quantity("s", "Time to send one byte.", default=1 / 2400, above=0)
     message_bytes: Scalar = quantity("1", "Length of a message.", default=24.0, above=0)
-    longest_wait: Scalar = quantity("1", "Longest wait, bytes.", default=64.0, low=1, source="[1] section 5.5.2")
+    longest_wait: Scalar = quantity("1", "Longest wait, bytes.", default=64.0, low=1, source="[1] section 5.5.1")
     blind_time: Scalar = quantity("s", "How long a carrier goes unnoticed.", default=0.9 / 2400, low=0)
     attempts: int = option("Draws followed in one exchange, over all stations; at most 256.", default=48)
 

@@ -63,7 +63,7 @@ class UltrasonicListening:
     it on the average, and wrong in proportion to the speed. The sample's time is that of the newest chirp in it.
 
     Frames:  beacons in W, unit in B.    Not modelled: Doppler shift; chirps of beacons that are not heard.
-    Source:  [2]; [1] section 5.5.1 and 5.5.2, where it is compared with pinging.
+    Source:  [2]; [1] section 5.5.6, where it is compared with pinging.
     """
 
     beacons: Beacons = part(

@@ -71,7 +71,7 @@ class Hovercraft:
     mass: Scalar = quantity("kg", "Total mass with batteries.", default=2.6, above=0, source="[1] text, 5.7 lb")
     inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.096, above=0, source="[1] table 4.2")
     arm: Scalar = quantity("m", "Centre of mass to rudder pivot.", default=0.32, above=0, source="[1] 12.6 in")
-    friction: Any = part("Friction, or None for the source's frictionless model.", default=None)
+    friction: Any = part("Friction, or None for the source's frictionless model.", default=None, optional=Friction())
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
     """What it says it is to ground stations, see `wire.telemetry`."""

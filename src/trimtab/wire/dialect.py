@@ -1,7 +1,7 @@
 """A MAVLink dialect derived from the records that the two ends exchange, beside the standard messages.
 
     SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
-    COMMAND           t, valid and the leaves of the value
+    COMMAND           t, valid and the leaves of the value; as an extension the session of who sends it
     INSTANT           t and the number of samples: closes a frame, when the two ends walk in step
 
 What does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid. Age and
@@ -23,6 +23,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.signals import Command, Frame
+from trimtab.wire.authority import SESSION
 from trimtab.wire.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
 
 FIRST_ID = 0x747400
@@ -31,6 +32,7 @@ MOST_MESSAGES = 256
 TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
 STANDARD = Path(__file__).with_name("standard.xml")
 COMMAND, INSTANT = "command", "instant"
+SESSION_TYPE = "uint32_t"
 TIME, VALID = "t", "valid"
 LANGUAGE_WORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long
@@ -103,7 +105,7 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     Raises InputError where there are more messages than ids.
     """
     parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
-    parts_of[COMMAND] = _split_parts(command_like, COMMAND)
+    parts_of[COMMAND] = _split_parts(command_like, COMMAND, room=MAX_PAYLOAD - SIZES[SESSION_TYPE])
     now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
     count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
     parts_of[INSTANT] = [[now, count]]
@@ -122,7 +124,7 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
     return _make_dialect(standard, groups, contents)
 
 
-def _split_parts(record: Any, path: str) -> list[list[_FieldPiece]]:
+def _split_parts(record: Any, path: str, room: int = MAX_PAYLOAD) -> list[list[_FieldPiece]]:
     """Time, validity and the leaves of the value, in as many payloads as they need."""
     head, rest = [], []
     for below, value, declared in leaves(record):
@@ -136,11 +138,11 @@ def _split_parts(record: Any, path: str) -> list[list[_FieldPiece]]:
     parts: list[list[_FieldPiece]] = [[*head]]
     for piece in rest:
         while piece.numbers:
-            room = (MAX_PAYLOAD - sum(p.size for p in parts[-1])) // SIZES[piece.type]
-            if not room or (room < piece.numbers and len(parts[-1]) > len(head) and piece.size <= MAX_PAYLOAD // 2):
+            fit = (room - sum(p.size for p in parts[-1])) // SIZES[piece.type]
+            if not fit or (fit < piece.numbers and len(parts[-1]) > len(head) and piece.size <= MAX_PAYLOAD // 2):
                 parts.append([*head])
                 continue
-            fits = min(room, piece.numbers)
+            fits = min(fit, piece.numbers)
             parts[-1].append(piece._replace(numbers=fits))
             piece = piece._replace(start=piece.start + fits, numbers=piece.numbers - fits)
     return parts
@@ -165,6 +167,7 @@ def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: d
         name: tuple(
             ValuePlace(fields[f.name].path, fields[f.name].start + k, f.type)
             for f in definitions[name].fields
+            if f.name in fields
             for k in range(f.slots)
         )
         for name, fields in fields_of.items()
@@ -173,7 +176,7 @@ def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: d
 
 
 def _name_fields(pieces: list[_FieldPiece]) -> dict[str, _FieldPiece]:
-    used_names: set[str] = set()
+    used_names = {SESSION}
     return {unique_name(field_name(p.path), used_names): p for p in pieces}
 
 
@@ -184,6 +187,8 @@ def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPie
         kind = p.type if p.scalar else f"{p.type}[{p.numbers}]"
         unit = "" if p.unit == "1" else f' units="{plain_text(p.unit)}"'
         lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain_text(p.doc)}</field>')
+    if group == COMMAND:
+        lines += ["      <extensions/>", f'      <field type="{SESSION_TYPE}" name="{SESSION}">Who sends it.</field>']
     return [*lines, "    </message>"]
 
 

@@ -11,16 +11,19 @@ import dataclasses
 import hashlib
 import hmac
 import struct
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 
 from trimtab.core.errors import InputError, closest
+from trimtab.wire.authority import draw_session
 from trimtab.wire.definitions import Message, MessageDefinition, arrange_values, fit_values
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey
-from trimtab.wire.stamps import Stamps
+from trimtab.wire.losses import SequenceGaps
+from trimtab.wire.stamps import Refusal, Stamps
 
 
 @dataclasses.dataclass
@@ -31,6 +34,8 @@ class FrameCounts:
     accepted: int = 0
     lost: int = 0
     """Frames that never came, told by the gaps in their senders' sequence numbers."""
+    disordered: int = 0
+    """Frames whose sender's sequence numbers jump about, so that nothing is known of its losses."""
     checksum: int = 0
     """Wrong checksum: damaged, or of a sender with other definitions."""
     unknown: int = 0
@@ -38,9 +43,15 @@ class FrameCounts:
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
+    unchecked: int = 0
+    """Signed frames taken by an end that has no key to check them with."""
     wrong_signature: int = 0
     replayed: int = 0
     """Signed rightly but not new."""
+    stale: int = 0
+    """Signed rightly by a clock that is behind: from before this end's start, or over a minute old."""
+    leading: int = 0
+    """Signed rightly by a clock that is far ahead."""
     reflected: int = 0
     """This end's own, sent back."""
     garbage: int = 0
@@ -51,7 +62,26 @@ class FrameCounts:
     @property
     def refusals(self) -> int:
         """Frames that came whole and were not taken."""
-        return self.unknown + self.unsigned + self.downgraded + self.wrong_signature + self.replayed + self.reflected
+        strangers = self.unsigned + self.downgraded + self.wrong_signature
+        return self.unknown + strangers + self.replayed + self.stale + self.leading + self.reflected
+
+
+class UntimelyMessage(NamedTuple):
+    """A message that was signed rightly and refused for its stamp. lead: of that over this end's clock (s)."""
+
+    message: Message
+    stamp: int
+    lead: float
+
+
+class Numbering(NamedTuple):
+    """Frames that are numbered one after the other: of a component, and for whom.
+
+    Who doesn't get all of a component's frames takes those in between for lost, unless they are numbered apart.
+    """
+
+    component: int
+    is_public: bool
 
 
 VERSION_2, VERSION_1 = 0xFD, 0xFE
@@ -80,28 +110,43 @@ class Endpoint:
         link: int = 0,
         datagrams: bool = False,
         clock: Callable[[], float] | None = None,
+        is_reset: bool = False,
     ) -> None:
-        """Open one end; with a key that has a file, its time stamps are kept beside it until close()."""
+        """Open one end; with a key that has a file, its time stamps are kept beside it until close().
+
+        is_reset: the time stamps begin with this computer's clock, whatever is kept.
+        """
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
+        self.session = draw_session()
+        """Tells this end from others of its system and component, also from itself before a restart."""
         self.counts = FrameCounts()
         self._datagrams = datagrams
         self._rest = b""
-        self._sequence = 0
-        self._heard: dict[tuple[int, int], int] = {}
+        self._sequences: dict[Numbering, int] = {}
+        self._gaps: defaultdict[tuple[int, int], SequenceGaps] = defaultdict(SequenceGaps)
         self._keyed = None if key is None else hashlib.sha256(key.secret)
         store = None
         if key is not None and key.path is not None:
             store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
-        self.stamps = Stamps(store, clock) if key else None
-        self._any_order = {"TIMESYNC", *(name for names in dialect.groups.values() for name in names)}
+        self.stamps = Stamps(store, clock, is_reset=is_reset) if key else None
+        self.untimely: list[UntimelyMessage] = []
+        """What was refused for its stamp alone in the last `feed`."""
+        self.is_asked_by_stranger = False
+        """Whether one of this end's system asked for the time, as `fly` does, without the key, in the last `feed`."""
+        self._any_order = {
+            "TIMESYNC",
+            "TUNNEL",
+            "COMMAND_ACK",
+            *(name for names in dialect.groups.values() for name in names),
+        }
 
-    def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] = ()) -> bytes:
+    def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] | bytes = ()) -> bytes:
         """The bytes of a message.
 
         Args:
             name: of a message of the dialect.
-            values: fields by name, those left out are zero; or all values in the order of the payload.
+            values: fields by name, those left out are zero; or all values in the order of the payload; or that itself.
 
         Numbers that a type can't hold are put to the nearest that it can, and counted. A message or field that does not
         exist is refused with InputError.
@@ -110,6 +155,10 @@ class Endpoint:
         if definition is None:
             near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
             raise InputError("wire", f"there is no message {name!r}", choices=near, fix=f"write {near[0]!r}")
+        self.counts.sent += 1
+        numbering = Numbering(self.component, False)
+        if isinstance(values, bytes):
+            return self._make_frame(definition, values.rstrip(b"\0") or b"\0", numbering)
         if not len(values):
             values = definition.blank_values
         elif isinstance(values, Mapping):
@@ -119,19 +168,30 @@ class Endpoint:
         except (struct.error, OverflowError, TypeError, ValueError):
             payload = definition.packing.pack(*fit_values(definition, values))
             self.counts.clamped += 1
-        return self._make_frame(definition, payload.rstrip(b"\0") or b"\0")
+        return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
-    def _make_frame(self, definition: MessageDefinition, payload: bytes) -> bytes:
+    def repack(self, frame: bytes) -> bytes:
+        """The message of a frame that this end has packed, numbered and signed anew for those who don't get all."""
+        _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
+        definition = self.dialect.by_id[low | high << 16]
+        return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
+
+    def forward(self, message: Message) -> bytes:
+        """A message of another component of this system, for those who don't hear that one."""
+        definition = message.definition
+        payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
+        return self._make_frame(definition, payload, Numbering(message.component, True))
+
+    def _make_frame(self, definition: MessageDefinition, payload: bytes, numbering: Numbering) -> bytes:
         flags = SIGNED_FLAG if self._keyed else 0
-        number = definition.id
-        head = (VERSION_2, len(payload), flags, 0, self._sequence, self.system, self.component)
+        number, sequence = definition.id, self._sequences.get(numbering, 0)
+        head = (VERSION_2, len(payload), flags, 0, sequence, self.system, numbering.component)
         frame = HEADER.pack(*head, number & 0xFFFF, number >> 16) + payload
         frame += checksum(frame[1:], definition.crc_extra)
-        self._sequence = (self._sequence + 1) & 0xFF
+        self._sequences[numbering] = (sequence + 1) & 0xFF
         if self.stamps is not None:
             frame += bytes((self.link,)) + self.stamps.next_stamp().to_bytes(6, "little")
             frame += self._signature_tag(frame)
-        self.counts.sent += 1
         return frame
 
     def _signature_tag(self, frame: bytes) -> bytes:
@@ -142,6 +202,7 @@ class Endpoint:
 
     def feed(self, data: bytes | None) -> list[Message]:
         """The messages that are complete and accepted with these bytes, in order; never raises."""
+        self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
         buffer, at, messages = self._rest + data, 0, []
@@ -184,31 +245,43 @@ class Endpoint:
             return NO_FRAME
         if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
+            self._note_stranger(definition.name, system)
             return NO_FRAME  # it may have been cut, and another one may begin in what was taken for its signature
-        if self._is_acceptable(frame, flags, system, component, definition.name):
+        values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
+        is_signed = bool(flags) and self._keyed is not None
+        message = Message(definition.name, values, definition, system, component, is_signed)
+        if self._is_acceptable(frame, message):
             self._count_lost(system, component, sequence)
-            payload = frame[HEADER.size : end].ljust(definition.size, b"\0")
-            values = definition.packing.unpack(payload)
-            is_signed = bool(flags) and self._keyed is not None
-            messages.append(Message(definition.name, values, definition, system, component, is_signed))
+            messages.append(message)
             self.counts.accepted += 1
         return size
 
-    def _is_acceptable(self, frame: bytes, flags: int, system: int, component: int, name: str) -> bool:
-        if self.stamps is not None and not flags:
+    def _is_acceptable(self, frame: bytes, message: Message) -> bool:
+        if self.stamps is not None and not message.is_signed:
             self.counts.unsigned += 1
+            self._note_stranger(message.name, message.system)
             return False
-        if system == self.system and component == self.component:
+        if message.system == self.system and message.component == self.component:
             self.counts.reflected += 1
             return False
-        if self.stamps is not None:
-            stream, stamp = (system, component, frame[-TAG]), int.from_bytes(frame[-12:-6], "little")
-            ordered = name not in self._any_order
-            if not self.stamps.is_new(stream, stamp, ordered):
-                self.counts.replayed += 1
-                return False
+        if self.stamps is None:
+            self.counts.unchecked += frame[2] == SIGNED_FLAG
+            return True
+        stream = message.system, message.component, frame[-TAG]
+        stamp, ordered = int.from_bytes(frame[-12:-6], "little"), message.name not in self._any_order
+        refusal = self.stamps.find_refusal(stream, stamp, ordered)
+        if refusal is None:
             self.stamps.accept(stream, stamp, ordered)
-        return True
+            return True
+        self.counts.replayed += refusal is Refusal.REPLAYED
+        self.counts.stale += refusal is Refusal.STALE
+        self.counts.leading += refusal is Refusal.LEADING
+        if refusal is not Refusal.REPLAYED:
+            self.untimely.append(UntimelyMessage(message, stamp, self.stamps.lead(stamp)))
+        return False
+
+    def _note_stranger(self, name: str, system: int) -> None:
+        self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
         """An unknown message: its checksum can't be told, so it must be signed, or end where another frame starts."""
@@ -236,11 +309,9 @@ class Endpoint:
         return length + 8
 
     def _count_lost(self, system: int, component: int, sequence: int) -> None:
-        last = self._heard.get((system, component), sequence - 1)
-        missed = (sequence - last - 1) & 0xFF
-        if missed < 128:  # else it came late
-            self.counts.lost += missed
-            self._heard[system, component] = sequence
+        lost, disordered = self._gaps[system, component].follow(sequence)
+        self.counts.lost = max(self.counts.lost + lost, 0)
+        self.counts.disordered += disordered
 
     def store_stamps(self) -> None:
         """Store time stamps ahead; call it every few seconds where waiting for a disk does no harm."""

@@ -2,23 +2,25 @@
 
 A name is made of the path: initials of what leads to a parameter, then its own name, "world.vehicle.mass" -> WV_MASS;
 a long one is cut word by word. Where two meet, or one still is too long, it ends in five digits of its path's hash.
-Over the wire lists are sent at a pace, and a change is answered with the value that holds.
-Source: https://mavlink.io/en/services/parameter.html (values as C casts).
+Over the wire lists are sent at a pace, and a change is answered with the value that holds. A list begins with a hash of
+all names and values, by which a station that has kept them needs no list: it says so by setting _HASH_CHECK.
+Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK is PX4's.
 """
 
 import hashlib
 import math
 import re
 import struct
+import zlib
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import seconds
-from trimtab.wire.definitions import Message
+from trimtab.wire.definitions import Message, arrange_values
 from trimtab.wire.dialect import unique_name
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import REAL_32, ParameterChange
@@ -29,8 +31,14 @@ MOST_NUMBERS = 64
 FLOAT = struct.Struct("<f")
 WORD = 4
 """To how many letters the words of a long name are cut."""
+HASH, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 5, 0xFFFF
 PERIOD = seconds("0.02")
 """Between two values of a list."""
+
+
+ChangedValues = Mapping[str, list[float]]
+"""Path of a leaf -> all its numbers."""
+NO_STORE = "there is no file for them: --parameters FILE"
 
 
 class Parameter(NamedTuple):
@@ -45,22 +53,43 @@ class Parameter(NamedTuple):
 class Parameters:
     """Numbers of a tree of records, in the order of their declaration, by name and by index."""
 
-    def __init__(self, tree: Any, path: str = "") -> None:
-        """Every quantity at or below a record but tables, e.g. a scenario's world; `path` is put before all paths."""
+    def __init__(self, tree: Any, path: str = "", only: Container[str] | None = None) -> None:
+        """Every quantity at or below a record but tables, e.g. a scenario's world; `path` is put before all paths.
+
+        only: paths; None: all.
+        """
         numbers = [
             (where, slot if np.shape(value) else None, declared, float(number))
             for where, value, declared in leaves(tree, path)
-            if isinstance(declared, Quantity) and np.size(value) <= MOST_NUMBERS
+            if isinstance(declared, Quantity) and np.size(value) <= MOST_NUMBERS and (only is None or where in only)
             for slot, number in enumerate(np.ravel(np.asarray(value, float)))
         ]
         names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in numbers])
         self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, numbers, strict=True))
         self.values = [value for *_, value in numbers]
+        self.defaults = tuple(self.values)
+        """The values at the start."""
+        self._changed = set[str]()
         self._index = {p.name: k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
         """Name -> path of the leaf, and which of its numbers."""
         return {p.name: (p.path, p.slot) for p in self.listed}
+
+    @property
+    def digest(self) -> int:
+        """CRC-32 without inversions of each name and value (4 bytes), in the order of the names."""
+        pairs = sorted(zip([p.name for p in self.listed], self.values, strict=True))
+        data = b"".join(name.encode() + FLOAT.pack(round_to_float32(value)) for name, value in pairs)
+        return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+    def changed_values(self) -> ChangedValues:
+        """All numbers of each leaf of which one has been changed since the start."""
+        changed: dict[str, list[float]] = {path: [] for path in sorted(self._changed)}
+        for own, value in zip(self.listed, self.values, strict=True):
+            if own.path in changed:
+                changed[own.path].append(value)
+        return changed
 
     def find_index(self, name: str, index: int) -> int | None:
         """The index of what a ground station asks for: by name where index is negative."""
@@ -78,6 +107,7 @@ class Parameters:
         refusal = _refusal(self.listed[index].declaration, value)
         if not refusal:
             self.values[index] = value
+            self._changed.add(self.listed[index].path)
         return refusal
 
 
@@ -138,28 +168,35 @@ class ParameterService:
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
         """Nothing asked for yet."""
         self._endpoint, self._parameters = endpoint, parameters
-        self._listing: deque[int] = deque()
+        self._listing: deque[int | None] = deque()
         self._sent_at: int | None = None
 
     def start_list(self) -> None:
-        """Send every value, from the first, as they become due."""
-        self._listing = deque(range(len(self._parameters.listed)))
+        """Send the hash, then every value, as they become due; asked for again meanwhile, the values alone."""
+        values = range(len(self._parameters.listed))
+        self._listing = deque(values if self._listing else [None, *values])
 
     def due(self, now: int) -> list[bytes]:
         """The next value of the list that was asked for, if it is time."""
         if not self._listing or (self._sent_at is not None and 0 <= now - self._sent_at < PERIOD):
             return []
         self._sent_at = now
-        return [self.value(self._listing.popleft())]
+        index = self._listing.popleft()
+        return [self._hash_packet() if index is None else self.value(index)]
 
     def read(self, message: Message) -> list[bytes]:
         """The value that a PARAM_REQUEST_READ asks for; nothing if there is none."""
+        if message.get("param_index") < 0 and message.get("param_id") == HASH:
+            return [self._hash_packet()]
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
         return [] if index is None else [self.value(index)]
 
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
         """Follow a PARAM_SET: the value that holds now, the event if it is another, why it was refused."""
         name = message.get("param_id")
+        if name == HASH:  # the station has them all
+            self._listing.clear()
+            return [], [], ""
         index = self._parameters.find_index(name, -1)
         if index is None:
             return [], [], f"there is no parameter {name!r}"
@@ -168,6 +205,14 @@ class ParameterService:
         value = self._parameters.values[index]
         events = [ParameterChange(own.path, own.slot, value)] if value != before else []
         return [self.value(index)], events, f"{name} ({own.path}) {refusal}" if refusal else ""
+
+    def _hash_packet(self) -> bytes:
+        definition = self._endpoint.dialect.definitions["PARAM_VALUE"]
+        fields = {"param_id": HASH, "param_type": UNSIGNED_32, "param_index": NO_INDEX}
+        fields |= {"param_count": len(self._parameters.listed)}
+        payload = definition.packing.pack(*arrange_values(definition, fields))
+        bits = self._parameters.digest.to_bytes(FLOAT.size, "little")
+        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value stands first
 
     def value(self, index: int) -> bytes:
         """The packet that tells a value."""

@@ -16,9 +16,10 @@ from trimtab.wire.definitions import Message
 
 
 class ArmRequest(NamedTuple):
-    """Arm or disarm; arming comes only while nothing speaks against it."""
+    """Arm or disarm; arming comes only while nothing speaks against it. by_hand: a ground station asks, a person."""
 
     arm: bool
+    by_hand: bool = False
 
 
 class ModeRequest(NamedTuple):
@@ -96,10 +97,15 @@ class CommandCode(IntEnum):
     PAUSE_CONTINUE = 193
     OVERRIDE_GOTO = 252
     ARM = 400
+    STORAGE = 245
+    REBOOT = 246
+    RUN_CHECKS = 401
+    GET_HOME = 410
     GET_INTERVAL = 510
     SET_INTERVAL = 511
     REQUEST_MESSAGE = 512
     REQUEST_CAPABILITIES = 520
+    REQUEST_CONTROL = 32100
 
 
 class CommandResult(IntEnum):
@@ -109,6 +115,7 @@ class CommandResult(IntEnum):
     NOT_NOW = 1
     DENIED = 2
     UNSUPPORTED = 3
+    FAILED = 4
 
 
 class Severity(IntEnum):
@@ -126,6 +133,7 @@ class Capability(IntFlag):
     """MAV_PROTOCOL_CAPABILITY."""
 
     COMMAND_INT = 8
+    FILES = 32
     MAVLINK2 = 8192
     PARAMETERS_AS_FLOAT = 131072
 

@@ -4,11 +4,12 @@ A stamp counts 10 us since 2015. What is stored beside the key lies ten seconds 
 after a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
 
 Refused as replayed: a stamp that was taken before from its stream (system, component, link); one that is 250 ms or more
-behind the newest of its stream; one that is not newer than this end's own stamp when it started; any that is over a
-minute behind this end. What has to come in order is refused, too, where its stamp is not newer than that of all before
-it that had to.
-A peer whose clock lags is refused until it has heard this end once: every MAVLink implementation moves its own stamp
-up to those that it accepts.
+behind the newest of its stream. What has to come in order is refused, too, where its stamp is not newer than that of
+all before it that had to. Refused as stale: one that is not newer than this end's own stamp when it started; any that
+is over a minute behind this end. Refused as leading: one that is over 40 s ahead of this end's clock; were it taken,
+this end's own stamps, and those that it stores, would move up to it, and whoever has the right clock would be stale.
+A peer whose clock lags by less than that is refused until it has heard this end once: every MAVLink implementation
+moves its own stamp up to those that it accepts.
 Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
 what was recorded in the minute before a restart could be sent again; here it can't. S. Kent, "IP encapsulating security
 payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each taken once.
@@ -19,6 +20,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 
 from trimtab.core.errors import InputError
@@ -37,8 +39,18 @@ LONGEST_LATENESS = PER_SECOND // 4
 """How far behind the newest of its stream a stamp may be: a vehicle that hears nothing for so long stops by itself."""
 STORE_MARGIN = 10 * PER_SECOND
 """How far ahead the stored stamp lies: after it was killed, a sender is ahead of its peers for so long."""
+MOST_LEAD = MARGIN - 2 * STORE_MARGIN
+"""How far a stamp may be ahead of this end's clock: with what is stored ahead, the right clock is still not stale."""
 LARGEST = 2**48 - 1
 DIGITS = 20
+
+
+class Refusal(Enum):
+    """Why a stamp is not taken."""
+
+    REPLAYED = "replayed"
+    STALE = "stale"
+    LEADING = "leading"
 
 
 def running_clock() -> Callable[[], float]:
@@ -74,11 +86,18 @@ class _Stream:
 class Stamps:
     """The stamps of one sender, and the newest of each stream that it hears."""
 
-    def __init__(self, store: Path | None = None, clock: Callable[[], float] | None = None) -> None:
-        """Start above what is stored and above now; `store` None keeps nothing. The file stays locked until close()."""
-        self._clock = clock or running_clock()
+    def __init__(
+        self, store: Path | None = None, clock: Callable[[], float] | None = None, *, is_reset: bool = False
+    ) -> None:
+        """Start above what is stored and above now; `store` None keeps nothing. The file stays locked until close().
+
+        is_reset: begin with now, whatever is stored: a clock that was wrong once has stored what is far ahead.
+        """
+        self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
-        self._ceiling = 0 if self._file is None or store is None else _read_store(self._file, store)
+        self._ceiling = 0
+        if self._file is not None and store is not None and not is_reset:
+            self._ceiling = _read_store(self._file, store)
         self.last = max(self._ceiling, self._current_stamp())
         self._floor = self.last
         self._streams: dict[tuple[int, int, int], _Stream] = {}
@@ -86,7 +105,7 @@ class Stamps:
         """How often the stamp ahead could not be written, e.g. because the disk is full."""
 
     def _current_stamp(self) -> int:
-        return min(max(int((self._clock() - EPOCH) * PER_SECOND), 0), LARGEST)
+        return min(max(int((self._clock() - EPOCH) * PER_SECOND) + self._shift, 0), LARGEST)
 
     def next_stamp(self) -> int:
         """A stamp greater than all before."""
@@ -98,15 +117,37 @@ class Stamps:
         if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
             self._write_store()
 
-    def is_new(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> bool:
-        """Whether a stamp of (system, component, link) may be taken; nothing is remembered before `accept`.
+    def find_refusal(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> Refusal | None:
+        """Why a stamp of (system, component, link) may not be taken; nothing is remembered before `accept`.
 
         ordered: its packet must not come after a later one that must not either.
         """
-        if stamp <= self._floor or stamp < max(self.last, self._current_stamp()) - MARGIN:
-            return False
+        now = self._current_stamp()
+        if stamp > max(now, self._floor) + MOST_LEAD:
+            return Refusal.LEADING
+        if stamp <= self._floor or stamp < max(self.last, now) - MARGIN:
+            return Refusal.STALE
         heard = self._streams.get(stream)
-        return heard is None or heard.is_new(stamp, ordered)
+        return None if heard is None or heard.is_new(stamp, ordered) else Refusal.REPLAYED
+
+    @property
+    def stored_lead(self) -> float:
+        """By how much this end began ahead of its clock (s), because so much was stored."""
+        return max(self._floor - self._current_stamp(), 0) / PER_SECOND
+
+    def lead(self, stamp: int) -> float:
+        """By how much a stamp is ahead of this end's own (s); negative behind it."""
+        return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
+
+    def follow(self, stamp: int) -> None:
+        """Go on from another end's stamp, ahead or behind, of which its answer has shown that it is of now.
+
+        Nothing is stored any more: the clock that is followed is not this end's.
+        """
+        self._shift += stamp - self._current_stamp()
+        self._floor = self.last = stamp
+        self._streams.clear()
+        self._close_file()
 
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
         """Remember the stamp of a packet whose signature was right; this end's own moves up to it."""
@@ -119,6 +160,10 @@ class Stamps:
         """Store exactly where the stamps stand, and give the file back."""
         if self._file is not None:
             self._write_store(0)
+        self._close_file()
+
+    def _close_file(self) -> None:
+        if self._file is not None:
             os.close(self._file)
             self._file = None
 

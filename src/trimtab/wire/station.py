@@ -5,14 +5,16 @@ the vehicle comes out as events; the vehicle acts, and tells by `status` what it
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import seconds
+from trimtab.wire.arming import CONFIRMATION, ArmingCheck, pack_checks
+from trimtab.wire.authority import Authority, Sender, parse_session
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.parameters import Parameters, ParameterService
+from trimtab.wire.parameters import NO_STORE, ChangedValues, Parameters, ParameterService
 from trimtab.wire.protocol import (
     GENERIC_AUTOPILOT,
     SET_MODE_MESSAGE,
@@ -42,10 +44,17 @@ LISTENING_TIME = seconds(10)
 VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
+WRITE_STORAGE, RESET_STORAGE = 1, 2
+"""First parameter of PREFLIGHT_STORAGE."""
+OWNED_COMMANDS = CommandCode.ARM, CommandCode.REQUEST_CONTROL
+"""Whose acknowledgements tell the session of the vehicle's owner."""
+
+
 class Status(NamedTuple):
     """What the vehicle is, as it tells others.
 
-    arming_problem: why it can't be armed, empty if it can.  closed_modes: mode -> why it can't be entered now.
+    arming_problem: why it can't be armed, empty if it can.  confirmation_problem: why it can't be armed unless a person
+    confirms it.  closed_modes: mode -> why it can't be entered now.
     autopilot_problem: why its autopilot can't be asked to hold, resume or end; empty if it can.
     """
 
@@ -53,6 +62,7 @@ class Status(NamedTuple):
     armed: bool = False
     state: State = State.STANDBY
     arming_problem: str = ""
+    confirmation_problem: str = ""
     closed_modes: Mapping[int, str] = {}
     autopilot_problem: str = "there is no autopilot that could be asked"
 
@@ -62,6 +72,27 @@ class StationResponse(NamedTuple):
 
     replies: list[bytes]
     events: list[VehicleEvent]
+
+
+class Service(Protocol):
+    """Answers requests of one kind for a vehicle. Times `now` are the vehicle's, in 100 ns."""
+
+    @property
+    def names(self) -> Collection[str]:
+        """The messages that it answers."""
+        ...
+
+    def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
+        """The packets that answer a message."""
+        ...
+
+    def due(self, now: int, *, is_armed: bool) -> list[bytes]:
+        """What is to be sent by now."""
+        ...
+
+
+def _arming_sender(message: Message) -> Sender:
+    return Sender(message.system, message.component, parse_session(message.get("param3")))
 
 
 class Station:
@@ -75,6 +106,9 @@ class Station:
         *,
         vehicle: VehicleType = VehicleType.GENERIC,
         streams: Streams | None = None,
+        authority: Authority | None = None,
+        services: Sequence[Service] = (),
+        store: Callable[[ChangedValues | None], str] = lambda _: NO_STORE,
     ) -> None:
         """A vehicle at rest.
 
@@ -84,15 +118,25 @@ class Station:
             modes: number of a mode -> its name for people.
             vehicle: what it says it is.
             streams: what is told again and again while another system (a ground station) is there.
+            authority: who commands it; None: nobody yet.
+            services: what it answers besides.
+            store: keeps changed parameters for the next start, None: forgets them; says why not.
         """
         if not modes:
             raise InputError("station", "there are no modes", fix='give modes={0: "MANUAL", …}')
         self._endpoint, self._modes = endpoint, dict(modes)
-        self._parameters = ParameterService(endpoint, parameters)
+        self._parameters, self._held = ParameterService(endpoint, parameters), parameters
+        self._store = store
         self._vehicle = vehicle
+        self.authority = authority or Authority(endpoint.session)
         self.status = Status(mode=next(iter(self._modes)))
         self.texts = TextQueue(endpoint)
+        self.tell: Callable[[str], None] = lambda _: None
+        """Is given what is said of arming and control, for the vehicle's own log."""
+        self.arming_checks: Callable[[], Sequence[ArmingCheck]] = lambda: ()
+        """What is looked at before arming."""
         self._heartbeat_at: int | None = None
+        self._last_state = self.status.armed, self.status.state
         self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
         self._answers = {
             "HEARTBEAT": self._note_heartbeat,
@@ -110,29 +154,42 @@ class Station:
             "MANUAL_CONTROL": lambda m, now, response: response.events.append(parse_joystick(m)),
             "SETUP_SIGNING": self._refuse_key,
         }
+        self._services = {name: service for service in services for name in service.names}
 
     def handle_message(self, message: Message, now: int) -> StationResponse:
         """What a message leads to; those for others, and those that nothing is known of, lead to nothing."""
         response = StationResponse([], [])
-        answer = self._answers.get(message.name)
-        if answer is not None and self._is_for_us(message):
+        answer, service = self._answers.get(message.name), self._services.get(message.name)
+        if (answer is None and service is None) or not self._is_for_us(message):
+            return response
+        if answer is not None:
             answer(message, now, response)
-            response.replies.extend(self.texts.pack_texts())
+        if service is not None:
+            response.replies.extend(service.answer(message, now, is_armed=self.status.armed))
+        response.replies.extend(self.texts.pack_texts())
         return response
 
     def due(self, now: int) -> list[bytes]:
-        """What is to be sent by now: heartbeats, texts, streams, the parameters that were asked for, paced."""
+        """What is to be sent by now: heartbeats, at once where its state is another, texts, streams, parameters."""
         packets = self.texts.pack_texts()
-        if self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD:
-            self._heartbeat_at = now
+        state = self.status.armed, self.status.state
+        is_due = self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD
+        if is_due or state != self._last_state:
+            self._heartbeat_at, self._last_state = now, state
             packets.append(self._heartbeat_packet())
         if now < self._listens_until:
             packets += self._streams.due(now)
+        for service in dict.fromkeys(self._services.values()):
+            packets += service.due(now, is_armed=self.status.armed)
         return packets + self._parameters.due(now)
 
     def queue_text(self, severity: Severity, text: str) -> None:
         """A line for people, sent with what is due next; what is too much is dropped and counted."""
         self.texts.queue_text(severity, text)
+
+    def _warn(self, text: str) -> None:
+        self.queue_text(Severity.WARNING, text)
+        self.tell(text)
 
     def _pack_fields(self, name: str, **fields: Any) -> bytes:
         return self._endpoint.pack(name, fields)
@@ -172,16 +229,30 @@ class Station:
     def _handle_command(self, message: Message, now: int, response: StationResponse) -> None:
         command, first, second = (message.get(n) for n in ("command", "param1", "param2"))
         if command == CommandCode.ARM:
-            result = self._arm(first, response)
+            sender, vehicle = _arming_sender(message), parse_session(message.get("param4"))
+            if not self.authority.is_addressed(vehicle):
+                return
+            result = self._arm(first, sender, response, is_confirmed=second == CONFIRMATION)
+        elif command == CommandCode.RUN_CHECKS:
+            result = self._run_checks(message, response)
         elif command == CommandCode.TERMINATE and first > 0.5:
-            result = self._arm(0.0, response)
+            result = self._arm(0.0, _arming_sender(message), response)
+        elif command == CommandCode.REQUEST_CONTROL and message.name == "COMMAND_LONG" and second == 1:
+            if not self.authority.is_addressed(parse_session(message.get("param6"))):
+                return
+            result = self._hand_over(Sender(message.system, message.component, parse_session(message.get("param5"))))
         elif command == CommandCode.SET_MODE:
-            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, response)
+            result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, response, message.get("param3"))
         elif (request := parse_request(FlightCommand(command, first, second))) is not None:
             result = self._request_flight(request, response)
         elif command == CommandCode.REQUEST_CAPABILITIES or (command, first) == VERSION_REQUEST:
             response.replies.append(self._pack_fields("AUTOPILOT_VERSION", **version_fields(self._endpoint)))
             result = CommandResult.ACCEPTED
+        elif command == CommandCode.STORAGE and first in (WRITE_STORAGE, RESET_STORAGE):
+            result = self._store_parameters(first == RESET_STORAGE)
+        elif command == CommandCode.REBOOT:
+            self.queue_text(Severity.WARNING, "Not rebooted: end `trimtab vehicle` and start it again")
+            result = CommandResult.NOT_NOW if self.status.armed else CommandResult.UNSUPPORTED
         elif command == CommandCode.REQUEST_MESSAGE and first == 0:
             response.replies.append(self._heartbeat_packet())
             result = CommandResult.ACCEPTED
@@ -197,21 +268,62 @@ class Station:
             result=result,
             target_system=message.system,
             target_component=message.component,
+            result_param2=self._owner_session if command in OWNED_COMMANDS else 0,
         )
 
-    def _arm(self, arm: float, response: StationResponse) -> CommandResult:
-        if arm not in (0.0, 1.0):
-            return CommandResult.DENIED
-        if arm and not self.status.armed and self.status.arming_problem:
-            self.queue_text(Severity.WARNING, f"Arming refused: {self.status.arming_problem}")
-            return CommandResult.NOT_NOW
-        response.events.append(ArmRequest(bool(arm)))
+    @property
+    def _owner_session(self) -> int:
+        return 0 if self.authority.owner is None else self.authority.owner.session
+
+    def owner_packet(self) -> bytes:
+        """Whose the vehicle is, for all on the line."""
+        fields = {"command": CommandCode.REQUEST_CONTROL, "result_param2": self._owner_session}
+        return self._pack_fields("COMMAND_ACK", **fields)
+
+    def _hand_over(self, sender: Sender) -> CommandResult:
+        if not sender.session:
+            return CommandResult.UNSUPPORTED
+        before = self.authority.take_over(sender) if self.authority.is_armed else None
+        if before is not None and before != sender:
+            self._warn(f"Control taken over from {before} by {sender}")
         return CommandResult.ACCEPTED
 
-    def _change_mode(self, flags: int, mode: float, response: StationResponse) -> CommandResult:
-        if not flags & ModeFlag.CUSTOM or mode not in self._modes:
+    def _run_checks(self, message: Message, response: StationResponse) -> CommandResult:
+        """Tell who asks what each check found, and ground stations what fails."""
+        if self.status.armed:
+            return CommandResult.NOT_NOW
+        checks = self.arming_checks()
+        response.replies.extend(pack_checks(self._endpoint, message, checks))
+        for check in checks if message.system != self._endpoint.system else ():
+            if not check.passes:
+                self.queue_text(Severity.WARNING, f"PreArm: {check.sentence}")
+        return CommandResult.ACCEPTED
+
+    def _arm(
+        self, arm: float, sender: Sender, response: StationResponse, *, is_confirmed: bool = False
+    ) -> CommandResult:
+        if arm not in (0.0, 1.0):
+            return CommandResult.DENIED
+        problem = self.authority.find_arming_problem(sender) if arm else self.authority.find_disarming_problem(sender)
+        if problem:
+            self._warn(f"{'Arming' if arm else 'Disarming'} by {sender} refused: {problem}")
+            return CommandResult.DENIED
+        why = self.status.arming_problem or ("" if is_confirmed else self.status.confirmation_problem)
+        if arm and not self.status.armed and why:
+            self._warn(f"Arming refused: {why}")
+            return CommandResult.NOT_NOW
+        if arm:
+            self.authority.arm(sender)
+        response.events.append(ArmRequest(bool(arm), by_hand=not sender.session))
+        return CommandResult.ACCEPTED
+
+    def _change_mode(self, flags: int, mode: float, response: StationResponse, part: float = 0.0) -> CommandResult:
+        """Enter a mode, where there is one of this number; part: of the mode, as PX4 has them: there are none here."""
+        has_parts = part == part and part != 0  # NaN says nothing
+        if not flags & ModeFlag.CUSTOM or mode not in self._modes or has_parts:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())
-            self.queue_text(Severity.WARNING, f"No mode {mode:g}; there are {known}")
+            asked = f"{mode:g}.{part:g}" if has_parts else f"{mode:g}"
+            self.queue_text(Severity.WARNING, f"No mode {asked}; there are {known}")
             return CommandResult.DENIED
         why = self.status.closed_modes.get(int(mode))
         if why:
@@ -239,6 +351,15 @@ class Station:
         response.events.extend(events)
         if refusal:
             self.queue_text(Severity.WARNING, f"Not set: {refusal}")
+
+    def _store_parameters(self, is_reset: bool) -> CommandResult:
+        what = "reset" if is_reset else "stored"
+        why = "it is armed" if self.status.armed else self._store(None if is_reset else self._held.changed_values())
+        said = f"Parameters not {what}: {why}" if why else f"Parameters {what}, for the next start"
+        self.queue_text(Severity.WARNING if why else Severity.NOTICE, said)
+        if not why:
+            return CommandResult.ACCEPTED
+        return CommandResult.NOT_NOW if self.status.armed else CommandResult.FAILED
 
     def _refuse_key(self, message: Message, now: int, response: StationResponse) -> None:
         self.queue_text(Severity.WARNING, "Keys are not taken over the link")

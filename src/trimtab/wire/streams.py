@@ -26,14 +26,14 @@ SLOWEST = seconds(60)
 ALL_STREAMS = 0
 STREAMS: Mapping[int, frozenset[str]] = {
     1: frozenset({"HIGHRES_IMU"}),
-    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME"}),
+    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME", "BATTERY_STATUS"}),
     3: frozenset({"RC_CHANNELS", "SERVO_OUTPUT_RAW"}),
-    6: frozenset({"LOCAL_POSITION_NED"}),
+    6: frozenset({"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"}),
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
 """What REQUEST_DATA_STREAM means by its numbers."""
-INTERVAL = "MESSAGE_INTERVAL"
+INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
 class TextQueue:
@@ -66,6 +66,38 @@ class TextQueue:
         return packets
 
 
+def pack_text(endpoint: Endpoint, severity: Severity, text: str) -> list[bytes]:
+    """The packets of one line, from an end that seldom has anything to say."""
+    queue = TextQueue(endpoint)
+    queue.queue_text(severity, text)
+    return queue.pack_texts()
+
+
+class TextAssembly:
+    """Lines out of their pieces; one of which a piece is lost is passed over."""
+
+    def __init__(self) -> None:
+        """No piece yet."""
+        self._pieces: list[str] = []
+        self._number = 0
+
+    def join(self, message: Message) -> str | None:
+        """The line that a STATUSTEXT ends, with ? for what can't be printed; None where more is to come."""
+        piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
+        if not number:
+            return _make_printable(piece)
+        if place == 0:
+            self._pieces, self._number = [], number
+        if number != self._number or place != len(self._pieces):
+            return None
+        self._pieces.append(piece)
+        return None if len(piece.encode()) >= PIECE else _make_printable("".join(self._pieces))
+
+
+def _make_printable(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
 def _split_text(text: bytes) -> list[bytes]:
     """A text in as many messages as it needs; where the last is full, an empty one says that it ends."""
     pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
@@ -90,6 +122,11 @@ class Streams:
         self._due = dict.fromkeys(self._streams, 0)
         self._next = 0 if self._due else FOREVER
 
+    def add_on_request(self, name: str, fields: Callable[[int], Mapping[str, Any]]) -> None:
+        """Tell another message to who asks for it, and not unasked: not everybody knows it."""
+        self._streams[name] = TelemetryStream(fields, 0)
+        self._names[self._endpoint.dialect.definitions[name].id] = name
+
     def due(self, now: int) -> list[bytes]:
         """The one message that has been due for longest, if any is."""
         if now < self._next:
@@ -105,6 +142,8 @@ class Streams:
         """Follow a request for a message, or for its rate: what to answer, and packets."""
         if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
             command, first = CommandCode.GET_INTERVAL, second
+        if command == CommandCode.GET_HOME:
+            command, first = CommandCode.REQUEST_MESSAGE, self._endpoint.dialect.definitions[HOME].id
         name = self._names.get(int(first)) if math.isfinite(first) else None
         if name is not None and command == CommandCode.GET_INTERVAL:
             return CommandResult.ACCEPTED, [self._interval_packet(name)]
@@ -118,7 +157,8 @@ class Streams:
     def ask(self, message: Message, now: int) -> None:
         """Follow a REQUEST_DATA_STREAM."""
         which, rate, start = (message.get(n) for n in ("req_stream_id", "req_message_rate", "start_stop"))
-        for name in self._streams if which == ALL_STREAMS else STREAMS.get(which, ()):
+        unasked = [name for name, stream in self._streams.items() if stream.period]
+        for name in unasked if which == ALL_STREAMS else STREAMS.get(which, ()):
             self._set_period(name, seconds(1) // rate if start and rate else 0, now)
 
     def _stream_packet(self, name: str, now: int) -> list[bytes]:

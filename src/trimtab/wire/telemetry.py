@@ -24,7 +24,11 @@ SERVOS, RECEIVER = 16, 18
 LOW_PULSE, PULSE_RANGE = 1000, 1000
 """Of a servo (µs)."""
 ON_GROUND = 1
+APPROACH = ("approach_x", "approach_y", "approach_z")
+BATTERY_CELLS, UNKNOWN_TEMPERATURE = 10, 32767
+UNKNOWN_OF_BATTERY = ("current_battery", "current_consumed", "energy_consumed", "battery_remaining")
 GAUSS_PER_TESLA = 1e4
+CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT
 
 
 class Health(IntFlag):
@@ -48,6 +52,14 @@ class VehicleMotion(NamedTuple):
     w_WB_B: Vector
 
 
+class Place(NamedTuple):
+    """On the globe: latitude, longitude (rad), height above the sea (m)."""
+
+    latitude: float
+    longitude: float
+    height: float
+
+
 def attitude(now: int, motion: VehicleMotion) -> Fields:
     """ATTITUDE; angles from -pi to pi."""
     angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, motion.attitude), strict=True))
@@ -60,6 +72,40 @@ def local_position(now: int, motion: VehicleMotion) -> Fields:
     place = zip("xyz", motion.p_WB, strict=True)
     velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
     return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
+
+
+def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
+    """GLOBAL_POSITION_INT; heights are above the sea, and above home."""
+    velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
+    return {
+        "time_boot_ms": _milliseconds(now),
+        **_place_fields(place, ("lat", "lon", "alt")),
+        "relative_alt": round((home.p_WB[2] - motion.p_WB[2]) * 1e3),
+        **{name: round(v * 100) for name, v in zip(("vx", "vy", "vz"), velocity, strict=True)},
+        "hdg": round(math.degrees(motion.attitude[2]) * 100) % 36_000,
+    }
+
+
+def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
+    """HOME_POSITION; nothing is known of how to approach it. quaternion: w, x, y, z of the turn from B to W."""
+    local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
+    return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
+
+
+def global_origin(now: int, origin: Place) -> Fields:
+    """GPS_GLOBAL_ORIGIN: where the local frame's origin lies."""
+    return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
+
+
+def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude", "altitude")) -> dict[str, Any]:
+    degrees = [round(math.degrees(angle) * 1e7) for angle in (place.latitude, place.longitude)]
+    return dict(zip(names, [*degrees, round(place.height * 1e3)], strict=True))
+
+
+def battery_status() -> Fields:
+    """BATTERY_STATUS of which nothing is known: no vehicle here has a model of its battery."""
+    voltages = (UNKNOWN_16,) * BATTERY_CELLS
+    return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
 
 
 def vfr_hud(motion: VehicleMotion) -> Fields:
@@ -139,13 +185,13 @@ def mav_type(vehicle: Any) -> VehicleType:
 
 
 def version_fields(endpoint: Endpoint) -> dict[str, Any]:
-    """What an end can do, trimtab's version, and the fingerprint of its dialect."""
+    """What an end can do, trimtab's version, the fingerprint of its dialect; session and system as its identity."""
     numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
     return {
-        "capabilities": Capability.COMMAND_INT | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT,
+        "capabilities": CAPABILITIES,
         "flight_sw_version": int.from_bytes(bytes([*numbers, 0])),
         "flight_custom_version": endpoint.dialect.fingerprint,
-        "uid": endpoint.system,
+        "uid": endpoint.session << 8 | endpoint.system,
     }
 
 

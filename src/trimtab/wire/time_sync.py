@@ -60,13 +60,26 @@ class TimeSync:
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=MOST)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
+        self.doubles = 0
+        """Questions that were answered twice, with two times: two clocks answer."""
+        self._answered: tuple[int, int] = 0, 0
+        self._doubtful: TimeSyncExchange | None = None
         self._last: int | None = None
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
         """Answers to nothing that was asked, or that came too late."""
         self.jumps = 0
-        """How often the other clock turned out to be another."""
+        """How often the other clock turned out to be another: two exchanges in a row must say so."""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the last exchange shows another clock than those before: ask again soon."""
+        return self._doubtful is not None
+
+    def is_open(self, ts1: int) -> bool:
+        """Whether the question of a TIMESYNC's `ts1` was asked here and has no answer yet: who answers is live."""
+        return ts1 // NS_PER_UNIT in self._asked
 
     @property
     def is_known(self) -> bool:
@@ -96,14 +109,20 @@ class TimeSync:
     def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
         """Take in a TIMESYNC that came at `now`; whether it was an answer to this end's question."""
         sent = ts1 // NS_PER_UNIT
+        self.doubles += tc1 > 0 and ts1 == self._answered[0] and tc1 != self._answered[1]
         if tc1 <= 0 or sent not in self._asked or not 0 <= now - sent <= LONGEST_WAIT:
             self.refused += tc1 != 0
             return False
         self._asked.remove(sent)
+        self._answered = ts1, tc1
         remote = tc1 // NS_PER_UNIT
         exchange = TimeSyncExchange(remote, remote - (sent + now) / 2, now - sent)
-        if self.is_known and abs(exchange.offset - self._line.value(remote)) > exchange.round_trip / 2 + JUMP:
+        if self.is_known and _is_other_clock(exchange, self._line.value(remote)):
+            before, self._doubtful = self._doubtful, exchange
+            if before is None or _is_other_clock(exchange, before.offset):
+                return True
             self._restart()
+        self._doubtful = None
         self._exchanges.append(exchange)
         while remote - self._exchanges[0].remote > WINDOW:
             self._exchanges.popleft()
@@ -132,14 +151,17 @@ class TimeSync:
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
+    def show_local(self, remote: int) -> int:
+        """Their time as `to_local` would give it; nothing is remembered, so that it may be found not to be believed."""
+        local = round(remote - self._offset_at(remote))
+        return local if self._not_before is None else max(local, self._not_before)
+
     def to_local(self, remote: int) -> int:
-        """Their time as this end's; times that rise come out rising, also over a jump of their clock.
+        """Their time, which is believed, as this end's; rising times come out rising, also over a jump of their clock.
 
         While nothing is known the time comes out as it is.
         """
-        local = round(remote - self._offset_at(remote))
-        if self._not_before is not None:
-            local = max(local, self._not_before)
+        local = self.show_local(remote)
         if self.is_known:
             self._last = remote if self._last is None else max(self._last, remote)
             self._latest = local if self._latest is None else max(self._latest, local)
@@ -149,6 +171,10 @@ class TimeSync:
         """This end's time as theirs: where `to_local` would give it back."""
         near = local + self._offset_at(local + round(self._applied))
         return round(local + self._offset_at(round(near)))
+
+
+def _is_other_clock(exchange: TimeSyncExchange, offset: float) -> bool:
+    return abs(exchange.offset - offset) > exchange.round_trip / 2 + JUMP
 
 
 def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:

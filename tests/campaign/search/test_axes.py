@@ -78,6 +78,8 @@ def test_rings_grow_with_the_longest_latency(forward):
 
 def test_paths_and_factors(forward):
     assert axis_of_path("autopilot.law.k2", [1, 2]).change(forward, 1.5) == {"autopilot.law.k2": 1.5}
+    drag = axis_of_path("world.vehicle.friction.force_viscous", [0.0, 1.0])
+    assert with_values(drag.prepare(forward), drag.change(forward, 0.5)).world.vehicle.friction.force_viscous == 0.5
     real, _ = catalogue.load_scenario("hovercraft/forward", {"links": "measured"})
     scaled = axis_of_scale("world.uplink.latency", [0.5, 2]).change(real, 2.0)["world.uplink.latency"]
     np.testing.assert_array_equal(scaled, 2 * real.world.uplink.latency)

@@ -71,7 +71,23 @@ def test_plain_reductions(runs, kind, oracle):
         assert found[i] == pytest.approx(oracle(runs["truth.yaw_rate"][i]), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["error_rms", "most", "peak", "rms", "tail_rms", "settling", "overshoot"])
+def test_a_limit_cycle_is_sustained_and_a_swing_that_dies_away_is_not():
+    turn = 2 * np.pi * T / (T[-1] / 12)
+    swings = {
+        "dies away": np.exp(-4 * T / T[-1]) * np.sin(turn),
+        "limit cycle": 2.0 + 0.3 * np.sin(turn),
+        "grows": np.exp(T / T[-1]) * np.sin(turn),
+        "offset": np.full(len(T), 2.0),
+        "settles to a small cycle": 0.01 * np.sin(turn) + np.exp(-20 * T / T[-1]),
+    }
+    yaw = np.stack([*swings.values()])
+    rows = Rows(T, {"truth.yaw_rate": yaw, "truth.heading": yaw}, TARGETS, frozenset())
+    found = find_metric("sustained:yaw_rate", SIGNALS, TARGETS).of(rows)
+    np.testing.assert_allclose(found[[0, 1, 3, 4]], [0.0, 0.3, 0.0, 0.01], rtol=0.03)
+    assert 2 < found[2] < np.e
+
+
+@pytest.mark.parametrize("kind", ["error_rms", "most", "peak", "rms", "tail_rms", "sustained", "settling", "overshoot"])
 def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
     assert np.isposinf(column(runs, f"{kind}:yaw_rate")[4])
 

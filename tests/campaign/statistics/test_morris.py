@@ -95,7 +95,6 @@ def coverage(function, parameters, count):
     return np.mean(held, axis=0)
 
 
-@pytest.mark.slow
 def test_intervals_of_mu_hold_what_they_say():
     """Ishigami, 20 trajectories; mu* of its second factor has no spread at all; 3 sigma of 120 below 95 %."""
     assert coverage(ishigami, 3, 20)[:2].min() > 0.89

@@ -1,7 +1,10 @@
 """A store believes only what is sound and its own."""
 
+import json
+
 import pytest
 from campaign.small import BLOCK, assert_same, small
+from zarr.storage import LocalStore
 
 from trimtab.campaign.store.store import read_store
 from trimtab.core.errors import InputError
@@ -46,14 +49,10 @@ def test_metric_of_a_file_that_was_changed(store, tmp_path):
 
 
 TORN = {"half": lambda b: b[: len(b) // 2], "empty": lambda b: b"", "zeros": lambda b: bytes(len(b)), "gone": None}
-QUICK = {("success", "empty"), ("success", "gone"), ("error_rms:yaw_rate", "half"), ("error_rms:yaw_rate", "zeros")}
-QUICK |= {("done", "half"), ("done", "gone")}
 CHUNKS = [(column, torn) for column in ("error_rms:yaw_rate", "success", "done") for torn in TORN]
 
 
-@pytest.mark.parametrize(
-    ("column", "torn"), [c if c in QUICK else pytest.param(*c, marks=pytest.mark.slow) for c in CHUNKS]
-)
+@pytest.mark.parametrize(("column", "torn"), CHUNKS)
 def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     small(4 * BLOCK).run(store)
     chunk, spoil = store / column / "c" / "2", TORN[torn]
@@ -68,12 +67,25 @@ def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     assert_same(again.columns, {n: c[: 4 * BLOCK] for n, c in whole.items()})
 
 
+def test_a_description_is_whole_or_not_there_whenever_its_process_is_killed(store, monkeypatch):
+    seen, write = [], LocalStore.set
+
+    async def see(self, key, value):
+        await write(self, key, value)
+        if key == "zarr.json":
+            seen.append(set(json.loads((store / key).read_text())["attributes"]))
+
+    monkeypatch.setattr(LocalStore, "set", see)
+    small(BLOCK).run(store)
+    assert [keys for keys in seen if keys] == [set(read_store(store)[0])]
+
+
 def test_what_killed_processes_leave_is_no_hindrance(store, monkeypatch, whole):
     def killed(*_):
         raise SystemExit
 
     with monkeypatch.context() as patched:
-        patched.setattr("zarr.core.attributes.Attributes.update", killed)  # nothing says yet whose the arrays are
+        patched.setattr("zarr.Group.update_attributes", killed)  # nothing says yet whose the arrays are
         with pytest.raises(SystemExit):
             small(BLOCK).run(store)
     assert (store / "done" / "zarr.json").exists()

@@ -1,6 +1,6 @@
 """The published, continuous filter of the modes: its equations, what they come to, and how little the printed ones do.
 
-[H] is the specification of the system; its sections are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import numpy as np
@@ -58,7 +58,7 @@ def test_its_covariance_settles_at_the_algebraic_equation():
 
 @pytest.mark.slow
 def test_printed_setting_is_the_observer_without_measurement():
-    """[H] section 5.4: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
+    """Oracle, filter: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])
     printed = np.asarray(fly(*trim(), ContinuousModeFilter(), noise=0.0)[0])
     for window in ((0, 1), (4, 5), (9, 10)):

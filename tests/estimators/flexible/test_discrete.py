@@ -1,6 +1,6 @@
 """The filter of the bending modes: its model, the acceptance checks, and what tells it from an observer switched off.
 
-[H] is the specification of the system; its sections and acceptance checks are cited by number.
+[1] is Aerospace 2022, 9(4), 206, its equations corrected as docs/errata-hypersonic.md says; oracle: tests/oracles.
 """
 
 import functools
@@ -19,7 +19,7 @@ from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
-from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
+from trimtab.estimators.flexible.discrete import PRINTED_ETA0, TUNED_Q, FlexibleModeFilter
 from trimtab.estimators.flexible.model import RigidFlight, forcing, modal_dynamics
 from trimtab.sensors.angular_accelerometer import AngularAccelerationReading
 from trimtab.sensors.flight_state import FlightReading
@@ -43,6 +43,7 @@ OPEN_LOOP = 3.268
 def _errors(name, noise, seeds=1):
     """Errors (seeds, n, 4) of a filter from the printed first estimate, plant at its trim."""
     one = {"none": lambda: FlexibleModeFilter(corrects=False), "tuned": FlexibleModeFilter}
+    one |= {"equal": FlexibleModeFilter.with_equal_noise}
     one |= {"printed": FlexibleModeFilter.from_publication, "accurate": FlexibleModeFilter.for_exact_model}
     return np.stack([np.asarray(fly(*trim(), one[name](), seed, noise)[0]) for seed in range(seeds)])
 
@@ -56,7 +57,7 @@ def _chi(x):
 
 
 def test_model_is_the_closed_form():
-    """[H] section 5.1, to the digits that it prints; poles -0.30596 +- 16.0147i, -0.34506 +- 18.3930i."""
+    """The oracle's A_eta, C and poles -0.30596 +- 16.0147i, -0.34506 +- 18.3930i."""
     A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     np.testing.assert_allclose(A, A_PARKER, rtol=2e-8)
     np.testing.assert_allclose(C, C_PARKER, rtol=1e-6)
@@ -86,7 +87,7 @@ def test_model_is_linear_in_the_modes_for_every_reading(kmode):
 
 
 def test_check_07_rank_and_time_constant():
-    """[H] section 9, check 7: rank 4; with the printed setting the slowest time constant is open loop's to 0.1 %."""
+    """Rank 4; with the printed setting the slowest time constant is open loop's to 0.1 %."""
     scaled = A_PARKER / 20
     seen = np.stack([C_PARKER @ np.linalg.matrix_power(scaled, k) for k in range(4)])
     assert np.linalg.matrix_rank(seen) == 4
@@ -104,7 +105,7 @@ def test_check_07_rank_and_time_constant():
 
 @pytest.mark.parametrize(("R", "constant"), [(10, 3.27), (1e-5, 3.21), (1e-7, 1.61), (1e-8, 0.80)])
 def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
-    """[H] section 5.4, last line: steady gain of the continuous filter with Q = 1e-5 I."""
+    """Oracle, `constant`: steady gain of the continuous filter with Q = 1e-5 I."""
     A, C = (np.asarray(m) for m in modal_dynamics(Hypersonic()))
     C = C[None]
     P = solve_continuous_are(A.T, C.T, 1e-5 * np.eye(4), np.array([[R]]))
@@ -112,7 +113,7 @@ def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
 
 
 def test_check_07_printed_setting_beside_no_update():
-    """[H] section 9, check 7: error at 9-10 s below 8 % of that at 0-1 s. **No measurement at all passes it too.**"""
+    """Error at 9-10 s below 8 % of that at 0-1 s. **No measurement at all passes it too.**"""
     for name in ("printed", "none"):
         errors = _errors(name, 0.0)[0]
         assert (rms(errors, 9, 10) < 0.08 * rms(errors, 0, 1)).all(), name
@@ -130,7 +131,7 @@ def test_without_update_the_error_is_that_of_the_damping():
 
 
 def test_check_08_filter_does_work():
-    """[H] section 9, check 8: at 4-5 s 10 times (mode 1) and 8 times (mode 2) below no-update, each of 8 seeds."""
+    """At 4-5 s 10 times (mode 1) and 8 times (mode 2) below no-update, each of 8 seeds."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
     gain = none / rms(_errors("accurate", 0.01, 8), 4, 5)
     assert gain.shape == (8, 4)
@@ -154,21 +155,25 @@ def test_the_trap_an_observer_switched_off_fails_check_08():
     ],
 )
 def test_table_of_settings(name, noise, early, late):
-    """[H] section 5.4, the rows without noise; 4-5 s to 2 % (the prototype's flight was not quite at rest)."""
+    """Oracle, filter, the rows without noise; 4-5 s to 2 %."""
     errors = _errors(name, noise)[0]
     np.testing.assert_allclose(rms(errors, 0, 1), early, rtol=0.01)
     np.testing.assert_allclose(rms(errors, 4, 5), late, rtol=0.02)
 
 
-def test_tuned_setting_has_its_floor():
-    """[H] section 5.4, last row: about 0.036, 0.19, 0.015, 0.79, at 4-5 s and at 9-10 s."""
-    errors = _errors("tuned", 0.01, 4)
+@pytest.mark.parametrize(
+    ("name", "floor"), [("equal", (0.036, 0.19, 0.015, 0.79)), ("tuned", (0.0775, 1.55, 0.0085, 0.19))]
+)
+def test_settings_for_robustness_have_their_floor(name, floor):
+    """Oracle, filter, for equal noise, at 4-5 s and at 9-10 s; what is measured for the default."""
+    errors = _errors(name, 0.01, 4)
     for window in ((4, 5), (9, 10)):
-        np.testing.assert_allclose(rms(errors, *window).mean(0), (0.036, 0.19, 0.015, 0.79), rtol=0.15)
+        print(name, rms(errors, *window).mean(0))
+        np.testing.assert_allclose(rms(errors, *window).mean(0), floor, rtol=0.15)
 
 
 def test_innovation_needs_the_affine_part():
-    """[H] section 4.4, item 10: without d truth minus estimate of the rates is (-0.174, -0.491) at R = 1e-4."""
+    """Errata, item 10: without d truth minus estimate of the rates is (-0.174, -0.491) at R = 1e-4."""
     craft, x, u = trim()
     d = float(forcing(craft, _chi(x), u)[1])
     model = to_arrays(FlexibleModeFilter.for_exact_model()).model()
@@ -190,18 +195,23 @@ def test_filter_is_the_dense_one():
     A, C = (np.asarray(m) for m in modal_dynamics(craft))
     Ad = expm(A * DT)
     Bd = np.linalg.solve(A, Ad - np.eye(4))
-    V = expm(np.block([[-A, np.diag([1e-5, 100, 1e-5, 100])], [np.zeros((4, 4)), A.T]]) * DT)
-    Qd = V[4:, 4:].T @ V[:4, 4:]
-    eta, P = np.array(PRINTED_ETA0), np.diag([1.0, 100, 1, 100])
+    V = expm(np.block([[-A, np.diag(TUNED_Q)], [np.zeros((4, 4)), A.T]]) * DT)
+    F, Qd = np.eye(5), np.zeros((5, 5))
+    F[:4, :4], Qd[:4, :4] = Ad, V[4:, 4:].T @ V[:4, 4:]
+    C, B = np.append(C, 1.0), np.vstack([Bd, np.zeros(4)])
+    eta, P = np.append(PRINTED_ETA0, 0.0), np.diag([1.0, 100, 1, 100, 0.02**2])
     for k in range(60):
         if k:  # flight of the instant before, input that has acted since
             held = RigidFlight(*(getattr(s, n)[k - 1] for n in ("h", "h_rate", "V", "alpha", "q")))
             b = np.asarray(forcing(craft, held, wobble(k - 1, u))[0])
-            eta, P = Ad @ eta + Bd @ b, Ad @ P @ Ad.T + Qd
+            eta, P = F @ eta + B @ b, F @ P @ F.T + Qd
         S = C @ P @ C + 1e-4
         L = P @ C / S
         eta, P = eta + L * s.innovation[k], P - np.outer(L, C @ P)
-        np.testing.assert_allclose([getattr(s, n)[k] for n in NAMES], eta, rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose([getattr(s, n)[k] for n in NAMES], eta[:4], rtol=1e-7, atol=1e-8)
+        np.testing.assert_allclose(
+            [s.offset.value[k], s.offset.sigma[k]], [eta[4], np.sqrt(P[4, 4])], rtol=1e-5, atol=1e-9
+        )
         np.testing.assert_allclose(P_got[k], P, rtol=1e-5, atol=1e-10)
         assert s.S[k] == pytest.approx(S, rel=1e-8)
 
@@ -230,9 +240,10 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     P0 = np.array([0.01, 1.0, 0.01, 1.0])
     truth = np.array([float(getattr(x, name)) for name in NAMES])
     starts = truth + np.random.default_rng(0).normal(size=(runs, 4)) * np.sqrt(P0)
-    one = FlexibleModeFilter(Q=(0.0, qacc, 0.0, qacc), R=1e-4, P0=P0)
+    one = FlexibleModeFilter(Q=(0.0, qacc, 0.0, qacc), R=1e-4, P0=P0, offset_sigma=0.0)
     flights = [fly(craft, x, u, replace(one, eta0=start), seed, 0.01, qacc=qacc) for seed, start in enumerate(starts)]
     e, P = (np.stack([np.asarray(f[i])[:n] for f in flights]) for i in (0, 2))
+    P = P[..., :4, :4]
     for k in (0, 100, 250, 499):
         nees = np.einsum("ri,rij,rj->r", e[:, k], np.linalg.inv(P[:, k]), e[:, k])
         low, high = chi2.ppf([0.0005, 0.9995], 4 * runs) / runs
@@ -244,9 +255,25 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     assert abs((r[:, 1:] * r[:, :-1]).mean()) < 4 / np.sqrt(r.size)
 
 
+def test_an_offset_of_the_accelerometer_is_learnt_and_told_from_bending():
+    """0.05 rad/s^2, a quarter of the signal: taken for bending where it is not estimated."""
+    craft, x, u = trim()
+    errors, estimate, _ = fly(craft, x, u, FlexibleModeFilter(), 1, 0.01, offset=0.05)
+    offset = estimate.state.offset
+    assert float(offset.value[-1]) == pytest.approx(0.05, abs=3 * float(offset.sigma[-1]))
+    assert float(offset.sigma[-1]) < 0.005
+    taken = fly(craft, x, u, FlexibleModeFilter(offset_sigma=0.0), 1, 0.01, offset=0.05)[0]
+    learnt, unlearnt = (np.abs(np.asarray(e)[1500:, 0].mean()) for e in (errors, taken))
+    assert learnt < 0.1
+    assert unlearnt > 0.4
+    filters = FlexibleModeFilter.for_exact_model(), FlexibleModeFilter.for_exact_model(offset_sigma=0.02)
+    of_none = [rms(fly(craft, x, u, one, 1, 0.01)[0], 8, 10) for one in filters]
+    assert (of_none[1] < 1.5 * of_none[0] + 1e-3).all()  # and costs little where there is none
+
+
 @pytest.mark.parametrize("detuned", [0.9, 1.1])
 def test_modes_off_by_a_tenth(detuned):
-    """A plant whose frequencies are 10 % off: the filter stays finite, eta1 within the 0.32 of [H] section 8.
+    """A plant whose frequencies are 10 % off: the filter stays finite, eta1 within 0.32.
 
     At a trim no setting is better than another in the displacements: they are where N/w^2 of the wrong w is. What the
     tuned one is for shows in the loop.
@@ -286,6 +313,20 @@ def test_what_is_not_finite_is_not_used():
     assert not bool(held.state.updated)
     for leaf in jax.tree.leaves((blind, lost, held)):
         assert np.isfinite(np.asarray(leaf)).all()
+
+
+def test_an_acceleration_that_stays_is_used_once():
+    _, x, u = trim()
+    one = FlexibleModeFilter()
+    step = jax.jit(one.step)
+    state, first = step(0, one.init(key(0)), _frame(0, x, u, 0.1))
+    late = _frame(ms(5), x, u, 0.1)
+    held = replace(late.samples["angular-accelerometer"], t=np.int64(0), fresh=False)
+    after, again = step(ms(5), state, replace(late, samples=late.samples | {"angular-accelerometer": held}))
+    assert (bool(first.state.updated), bool(again.state.updated)) == (True, False)
+    x, P = one.predict(state.model, np.append(state.eta, state.offset), state.P, state.chi, state.u)
+    np.testing.assert_allclose(np.append(after.eta, after.offset), x, rtol=1e-12)
+    np.testing.assert_allclose(after.P, P, rtol=1e-12)
 
 
 def test_nothing_is_valid_before_flight_and_input_are_known():

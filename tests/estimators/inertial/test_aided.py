@@ -66,7 +66,7 @@ def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
 
 
 def test_all_forms_agree_where_the_model_is_linear():
-    """To 1e-9 (issue 4): the three of the dual filter on any flight, the coupled one once its Jacobian's force is 0."""
+    """To 1e-9: the three of the dual filter on any flight, the coupled one once its Jacobian's force is 0."""
     decoupled = AidedInertialCoupled(**PARTS, smoothing=1e15, rest="correct")
     forms = [AidedInertialFeedforward(**PARTS), AidedInertialDirect(**PARTS), decoupled, FEEDBACK]
     run = jax.jit(lambda form: own_model(form, TRUTH, draws(3, N), every=15), compiler_options=QUICK)
@@ -164,6 +164,23 @@ def test_a_frozen_imu_is_flagged_and_distrusted():
     assert sigmas_off(flown(sent, trusting)[0], 700) > 10
 
 
+def test_an_imu_behind_its_low_pass_is_taken_at_the_time_that_it_tells_of():
+    """Three samples late in swings of 3 rad/s: taken as of now, the heading is behind, and the filter does not know."""
+    late, sent = 3, good()
+    swing = 3 * np.sin(6 * DT * np.arange(N))
+    turned = np.cumsum((swing + np.append(0, swing[:-1])) / 2 * DT)
+    sent.felt[:, 0] += swing
+    sent.felt[late:] = sent.felt[:-late].copy()
+    sent.heading[:, 0] += turned
+    heading = np.asarray(TRUTH.heading) + turned
+    state, (told, _) = flown(sent, replace(FEEDBACK, intake=replace(FEEDBACK.intake, lag=np.int64(late * TICK))))
+    np.testing.assert_allclose(told.age[1:], late * DT, atol=1e-9)
+    error = wrap(state.heading - np.roll(heading, late))[200:]
+    assert np.abs(error / state.sigma_heading[200:]).max() < 4.5
+    behind = wrap(flown(sent)[0].heading - heading)[200:]
+    assert np.abs(behind).max() > 4 * np.abs(error).max()
+
+
 def test_a_frozen_position_sensor_is_left_out_and_the_covariance_grows():
     sent = good()
     sent.fix[300:] = sent.fix[300]
@@ -240,7 +257,7 @@ def test_positions_that_stay_elsewhere_are_believed_in_the_end_and_flagged():
 
 
 def test_one_outlier_in_ten_does_not_throw_it_off():
-    """Of 10 Hz fixes, by up to 3 m (issue 4, here for positions)."""
+    """Of 10 Hz fixes, by up to 3 m (here of positions)."""
     sent, g = good(), np.random.default_rng(5)
     due = np.flatnonzero(sent.fix_fresh)
     bad = due[g.random(len(due)) < 0.1]
@@ -300,8 +317,17 @@ def test_a_gap_of_the_imu_is_bridged_in_doubt():
 
 
 def test_positions_with_and_without_a_variance():
-    assert position_numbers(SimpleNamespace(north=1.0, east=2.0)) == (1.0, 2.0, 0.0)
-    assert position_numbers(SimpleNamespace(north=1.0, east=2.0, variance=0.5)) == (1.0, 2.0, 0.5)
+    def numbers(**variance):
+        return [float(x) for x in position_numbers(SimpleNamespace(north=1.0, east=2.0, **variance))]
+
+    assert numbers() == [1.0, 2.0, 0.0, 0.0, 0.0]
+    assert numbers(variance=0.5) == [1.0, 2.0, 0.5, 0.0, 0.5]
+    assert numbers(variance=np.array([[0.5, 0.1], [0.1, 0.3]])) == [1.0, 2.0, 0.5, 0.1, 0.3]
+    noise, R = InertialNoise(), np.array([[0.5, 0.1], [0.1, 0.3]])
+    np.testing.assert_array_equal(noise.position_noise(R), R)
+    np.testing.assert_array_equal(noise.position_noise(0.5), 0.5 * np.eye(2))
+    for none in (0.0, np.zeros((2, 2))):
+        np.testing.assert_array_equal(noise.position_noise(none), noise.position * np.eye(2))
 
 
 def test_ranges_that_are_none_are_told_apart():

@@ -56,7 +56,7 @@ def test_a_lever_arm_shows_the_heading():
 
 @pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
-    """Positions only, 10 Hz, an accelerating vehicle; on its own model (issue 4)."""
+    """Positions only, 10 Hz, an accelerating vehicle; on its own model."""
     nees, _, _ = monte_carlo(FORM, weave(ticks(300)), n=300, every=15, reads=False, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)
     assert verdict.verdict == CONSISTENT, verdict
@@ -70,7 +70,7 @@ def accelerating():
 
 @pytest.mark.slow
 def test_heading_from_positions_at_one_hertz(accelerating):
-    """Specification 2.4: heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
+    """Heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
     nees, flown, _ = accelerating
     error = np.asarray(flown.error)[:, :, 0]
     late = np.rad2deg(np.sqrt(np.mean(error[:, error.shape[1] // 2 :] ** 2)))
@@ -90,7 +90,7 @@ def resting():
 
 @pytest.mark.slow
 def test_at_rest_the_heading_drifts_and_the_filter_says_so(resting):
-    """Specification 2.4: 30 deg in 60 s, and overconfidence; considered instead of corrected it stays honest."""
+    """30 deg in 60 s, and overconfidence; considered instead of corrected it stays honest."""
     own = {}
     for how, (_, flown, _) in resting.items():
         error, P = np.asarray(flown.error)[:, -1, 0], np.asarray(flown.P)[:, -1, 0, 0]
@@ -119,7 +119,7 @@ def test_giving_in_finds_back_what_the_gate_had_shut_out():
 
 @pytest.mark.slow
 def test_a_large_first_error_makes_it_too_sure():
-    """Specification 2.4: NEES 11 from 0.5 rad, linearisation."""
+    """NEES 11 from 0.5 rad, linearisation."""
     n = int(24 / DT)
     form = replace(FORM, start=replace(FORM.start, sigma_heading=np.float64(0.5)))
     nees, _, _ = monte_carlo(form, weave(ticks(n)), n=n, every=HERTZ, reads=False, runs=100, keep=50)

@@ -45,6 +45,15 @@ def test_innovations_are_measured_minus_predicted():
     assert (refused.used, refused.rejected, refused.rejected_in_a_row) == (1, 1, 1)
 
 
+def test_a_position_is_that_of_the_aided_point():
+    """What is predicted is the IMU's position and the lever arm, turned by the heading."""
+    form = replace(FORM, arms=replace(FORM.arms, imu=np.array([0.1, 0.0]), aiding=np.array([0.3, 0.4])))
+    node = replace(form.first(), x1=np.array([np.pi / 2, 0.0]), P1=np.zeros((2, 2)))
+    z = np.array([0.5, 0.25])
+    told = form.correct_position(replace(node, x2=np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])), z).position_fix
+    np.testing.assert_allclose(told.innovation, z - np.array([1.0 - 0.4, 0.2]), atol=1e-15)
+
+
 @pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     nees, _, _ = monte_carlo(FORM, turn(ticks(250)), n=250, every=15, reads=True, runs=500)

@@ -1,11 +1,14 @@
-"""The discrete matrices against matrix exponentials, the gains against the specification's."""
+"""The discrete matrices against matrix exponentials, the gains against the Riccati equation's.
+
+[1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from estimators.flights import DT
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 
 from trimtab.core.record import to_arrays
 from trimtab.estimators.inertial.dual_filter import (
@@ -74,9 +77,17 @@ def test_doubt_lets_a_state_wander():
     np.testing.assert_allclose(both - gyro, [0, 0, 2.0, 2.0, 0, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize(("covariance", "gains"), [("literal", (0.795, 0.800)), ("consistent", (0.0438, 0.140))])
-def test_steady_gains_of_the_heading_filter(covariance, gains):
-    """Specification 2.4: K = (0.795, 0.800) with the units as printed, (0.0438, 0.140) mended."""
+WALK = 5e-4 * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
+GROWTH = {"literal": np.diag([4.9e-4, 5e-4]), "consistent": np.diag([4.9e-4 * DT**2, 0.0]) + WALK}
+"""Covariance of heading and bias that a step adds: [1] section 5.4.5 as printed, and with its units mended."""
+
+
+@pytest.mark.parametrize("covariance", GROWTH)
+def test_steady_gains_of_the_heading_filter(covariance):
+    """Against scipy's solution of the Riccati equation: (0.795, 0.800) as printed, (0.0438, 0.140) mended."""
+    H = np.array([[1.0, 0.0]])
+    P = solve_discrete_are(np.array([[1.0, 0.0], [DT, 1.0]]), H.T, GROWTH[covariance], np.array([[1.6e-4]]))
+    gains = P[:, 0] / (P[0, 0] + 1.6e-4)
     noise = to_arrays(InertialNoise(covariance=covariance))
     Q = heading_process_noise(noise.growth(DT, jnp.zeros(2)), noise.integration_time(jnp.asarray(DT)))
     R = jnp.reshape(noise.heading, (1, 1))
@@ -87,7 +98,7 @@ def test_steady_gains_of_the_heading_filter(covariance, gains):
         return done.P, done.x
 
     _, K = jax.jit(lambda: jax.lax.scan(step, jnp.diag(jnp.array([1.6e-4, 1.0])), None, length=5000))()
-    np.testing.assert_allclose(K[-1], gains, atol=5e-4)
+    np.testing.assert_allclose(K[-1], gains, rtol=1e-6)
 
 
 def test_belief_covariance_puts_blocks_and_signs_where_they_belong():

@@ -37,14 +37,14 @@ def turning():
 
 @pytest.mark.parametrize(("covariance", "heading", "nis"), [("literal", 0.58, 0.34), ("consistent", 0.13, 0.98)])
 def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading, nis):
-    """Specification 2.4: heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
+    """Heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
     error, told, _ = turning[covariance]
     assert np.rad2deg(np.sqrt(np.mean(error**2))) == pytest.approx(heading, rel=0.08)
     assert told.mean() == pytest.approx(nis, abs=0.02)
 
 
-def test_check_20_heading_of_the_magnetometer(turning):
-    """Specification check 20, magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
+def test_heading_of_the_magnetometer(turning):
+    """Magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
     error = turning["literal"][0]
     assert 0.45 <= np.rad2deg(np.sqrt(np.mean(error**2))) <= 0.70
 
@@ -59,7 +59,7 @@ def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
 
 @pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
-    """On its own model: turning without force, so that heading errors do nothing to velocity (issue 4)."""
+    """On its own model: turning without force, so that heading errors do nothing to velocity."""
     form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))
     nees, _, nis = monte_carlo(form, turn(ticks(250)), n=250, every=15, reads=True, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)

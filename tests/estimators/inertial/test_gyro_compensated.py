@@ -64,7 +64,6 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     np.testing.assert_allclose(got.state.yaw_rate, wanted.state.yaw_rate, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_rates_are_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
     got = rates_told(sampled(y))
@@ -112,7 +111,7 @@ def measured_response(compensator, f):
     return a + 1j * b
 
 
-def test_check_19_table_6_5_is_the_inverse_of_the_identified_gyro():
+def test_table_6_5_is_the_inverse_of_the_identified_gyro():
     """Compensated over uncompensated: gain 1 %, phase 0.006 rad, delay within 0.01 rad/w. [1] table 6.5, eq. 6.2."""
     f, gain, phase, after, phase_after, delay = TABLE.T
     got = np.array([measured_response(GyroCompensator(normalised=False), x) for x in f])

@@ -11,7 +11,9 @@ import pytest
 from trimtab.compiler.function import lower_function
 from trimtab.core.record import quantity, record, replace
 from trimtab.estimators.inertial import measurement_history as ring
+from trimtab.estimators.inertial.feedback import AidedInertialFeedback
 from trimtab.estimators.inertial.measurement_history import HEADING, IMU, POSITION, Event
+from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.inertial.sensor_watch import NEVER
 
 TICK = 65536
@@ -77,7 +79,7 @@ def play(events, slots=32):
     h = jax.tree.map(jnp.asarray, ring.empty_history(FORM.first(), slots))
     node, used = FORM.first(), []
     for t, kind, value, *doubt in events:
-        value = np.resize(np.append(value, np.zeros(3)), 3)
+        value = np.resize(np.append(value, np.zeros(5)), 5)
         h, node, use = take(
             h, np.int64(t), np.int32(kind), value, np.asarray(doubt[0] if doubt else np.zeros(2), float)
         )
@@ -112,9 +114,41 @@ def flight(seed, n=24):
     return imu, headings, positions
 
 
+def test_an_increment_is_what_the_imu_feels_and_not_the_jump_of_a_fix():
+    """Feedback form at rest that believes to move: a fix between the two times moves the place, and is no motion."""
+    form = AidedInertialFeedback(start=InertialStart(velocity_north=0.5, velocity_east=-0.2))
+    h = jax.tree.map(jnp.asarray, ring.empty_history(form.first(), 32))
+    rate = 0.3
+    events = [(k * TICK, IMU, np.array([rate, 0.0, 0.0, 0.0, 0.0])) for k in range(20)]
+    fixes = [(0, HEADING, np.zeros(5)), (10 * TICK - 9, POSITION, np.array([0.4, 0.0, 1e-6, 0.0, 1e-6]))]
+    enter = {
+        k: jax.jit(lambda h, t, v, k=k: _take(form, h, Event(t, k, v, np.zeros(2)))) for k in (IMU, HEADING, POSITION)
+    }
+    for t, kind, value in sorted(events + fixes, key=lambda e: e[0]):
+        h = enter[kind](h, np.int64(t), value)
+    begin, end = np.int64(5 * TICK + 1234), np.int64(18 * TICK + 4321)
+    seconds = (int(end) - int(begin)) * 1e-7
+    increment = jax.jit(lambda *between: ring.inertial_increment(form, h, *between))
+    moved, turned = increment(begin, end)
+    before = jax.jit(ring.node_before)
+    nodes = [before(h, t) for t in (begin, end)]
+    assert turned == pytest.approx(rate * seconds, rel=1e-9)
+    assert np.linalg.norm(nodes[1].position - nodes[0].position) > 0.1  # the fix was believed
+    speeds = [np.asarray(before(h, np.int64(t)).velocity) for t in range(int(begin), int(end), 5000)]
+    np.testing.assert_allclose(moved, np.mean(speeds, axis=0) * seconds, atol=2e-3)
+    nothing, none = increment(end, end)
+    assert not np.any(nothing)
+    assert none == 0
+
+
+def _take(form, h, event):
+    put, now, *_ = ring.enter_event(h, ring.newest_imu_index(h), event)
+    return ring.replay_events(form, put, now)[0]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_late_and_disordered_is_as_in_time(seed):
-    """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9; issue 4)."""
+    """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9)."""
     imu, headings, positions = flight(seed)
     g = np.random.default_rng(100 + seed)
     arrivals = [(e[0], 0, e) for e in imu] + [(e[0], 1, e) for e in headings]
@@ -144,7 +178,6 @@ def test_an_aiding_measurement_waits_for_the_imu():
     np.testing.assert_allclose(node.P, P, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
     imu, *_ = flight(10, n=20)
     node, used, _ = play([*imu, (2 * TICK, POSITION, np.ones(2))], slots=8)

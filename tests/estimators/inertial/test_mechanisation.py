@@ -44,7 +44,7 @@ def test_it_is_exact_for_force_that_runs_straight():
 
 
 def test_perfect_sensors_close_a_lap_from_rest_to_rest():
-    """A circle of 2 m, spinning the while, at the IMU's own tick: to 1e-8 m (issue 4)."""
+    """A circle of 2 m, spinning the while, at the IMU's own tick: to 1e-8 m."""
     n = 3000
     T = (n - 1) * DT
 

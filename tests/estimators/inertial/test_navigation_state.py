@@ -1,7 +1,6 @@
 """What is told about the reference point: values and sigmas against a Monte-Carlo of the geometry."""
 
 import numpy as np
-import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.estimators.inertial.mechanisation import Belief, LeverArms
@@ -62,7 +61,6 @@ def test_fixes_are_counted():
     assert no_position_fix().innovation.shape == (2,)
 
 
-@pytest.mark.slow
 def test_after_so_many_refused_in_a_row_the_filter_gives_in():
     """The covariance grows until the innovation is a usual one; then the measurement counts, once."""
     x, P, R, y = np.zeros(2), np.diag([1e-4, 1e-4]), 1e-6 * np.eye(2), np.array([1.0, 0.5])

@@ -32,7 +32,7 @@ def places(n, seed=0, size=1.4):
 
 @pytest.mark.parametrize("plan", [SQUARE, UNEVEN], ids=["square", "uneven"])
 @pytest.mark.parametrize("bias", [0.0, 0.05, -0.2])
-def test_check_23_bancroft_is_exact(plan, bias):
+def test_bancroft_is_exact(plan, bias):
     """Without noise within 1e-9 m, whatever the common range error, from all beacons."""
     true = plan.mean(0) + places(500)
     height = H + 0.1 * np.arange(len(plan))
@@ -42,7 +42,7 @@ def test_check_23_bancroft_is_exact(plan, bias):
     assert np.asarray(found.residual).max() < 1e-9
 
 
-def test_check_23_bancroft_is_exact_with_three():
+def test_bancroft_is_exact_with_three():
     """Any three of five; the far ranges are nonsense and must not matter."""
     true = UNEVEN.mean(0) + places(400)
     used = np.zeros((400, 5), bool)
@@ -56,7 +56,7 @@ def test_check_23_bancroft_is_exact_with_three():
 
 
 @pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
-def test_check_23_circular_error(solve):
+def test_circular_error(solve):
     """Half of the static fixes lie within 0.47 to 0.57 cm, with 0.4 cm range noise, four beacons 3 m apart.
 
     [1] figure 5.8: 0.52 cm.

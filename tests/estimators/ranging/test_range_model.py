@@ -133,7 +133,7 @@ def measured(degrees):
     return beta, true_range, true_range / np.asarray(range_ratio(beta))
 
 
-def test_check_22_newton_iterations():
+def test_newton_iterations():
     """At most 5 iterations from 2 to 45° to 1e-6, and the true range comes back."""
     beta, true_range, rho = measured(np.linspace(2, 45, 2000))
     r, found, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
@@ -145,7 +145,7 @@ def test_check_22_newton_iterations():
     np.testing.assert_allclose(r, true_range, atol=3e-6)
 
 
-def test_check_22_range_not_above_the_height_is_returned():
+def test_range_not_above_the_height_is_returned():
     rho = np.array([HEIGHT, HEIGHT - 1e-9, HEIGHT - 0.01, 0.5, 0.0])
     r, beta, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
     np.testing.assert_array_equal(r, rho)
@@ -154,7 +154,7 @@ def test_check_22_range_not_above_the_height_is_returned():
 
 
 def test_calibration_table_backwards():
-    """[1] table 5.2: true ranges out of the measured ones, within the 1.2e-4 of check 22."""
+    """[1] table 5.2: true ranges out of the measured ones, within 1.2e-4."""
     rho = np.array([274.83, 288.83, 315.07, 334.25]) / 100
     r, beta, _ = compensate_range(rho, np.full(4, HEIGHT))
     np.testing.assert_allclose(r, np.array([274.65, 287.84, 312.32, 330.20]) / 100, rtol=1.6e-4)

@@ -83,6 +83,17 @@ def vars_of(start):
     return {name: getattr(start, name) for name in start.__dataclass_fields__}
 
 
+def test_what_the_biases_do_in_the_elapsed_time_is_added():
+    """A constant rate error turns by its time, a constant force error moves by half its time squared."""
+    start, _ = fly(0.7, 0.0, (0, 0), (0.1, 0.2), (1.0, 2.0), pings=6)
+    gyro, force, T = 0.02, 0.3, 0.5
+    assert float(start.elapsed) == pytest.approx(T)
+    known, unsure = (rs.solve_start(start, np.array(s), **LIMITS).P for s in ((0.0, 0.0), (gyro, force)))
+    grown = np.diag(np.asarray(unsure) - np.asarray(known))
+    wanted = [gyro * T, force * T, force * T, force * T**2 / 2, force * T**2 / 2]
+    np.testing.assert_allclose(grown, np.square(wanted), rtol=1e-6)
+
+
 def test_one_unit_that_stands_still_needs_a_heading():
     start = jax.tree.map(jnp.asarray, rs.empty_start())
     for _ in range(5):

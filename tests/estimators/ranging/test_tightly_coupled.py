@@ -1,7 +1,7 @@
 """Single ranges in an inertial filter: exact where it can be, consistent, robust, and better than fixes.
 
-Issue 4: NEES of 500 seeds in the 95 % bounds; beats the loosely coupled chain on the rotating platform (specification
-section 6: 12 in, -115 deg/s) by a stated factor; keeps navigating with two beacons; 10 % outliers of up to 3 m; 5 s
+NEES of 500 seeds in the 95 % bounds; beats the loosely coupled chain on the rotating platform ([1] section 6.2: 12 in,
+-115 deg/s) by a stated factor; keeps navigating with two beacons; 10 % outliers of up to 3 m; 5 s
 without ranges; faults flagged.
 """
 
@@ -154,7 +154,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
 
 @pytest.mark.slow
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
-    """On its own model, with scale and beacons' errors drawn: [4] section 5.4; issue 4."""
+    """On its own model, with scale and beacons' errors drawn: [4] section 5.4."""
     start = replace(START, sigma_heading=0.05, sigma_position=0.05, sigma_velocity=0.1)
     form = to_arrays(TightlyCoupled(noise=rf.IMU, start=start, units=rf.LEVERS, begins="given"))
     out = rf.own_model(form, path=rf.platform, seconds=3.0, runs=500)

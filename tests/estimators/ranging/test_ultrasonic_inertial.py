@@ -17,6 +17,7 @@ from trimtab.estimators.inertial.mechanisation import LeverArms
 from trimtab.estimators.ranging.position import PAIR, RangingPosition
 from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.links.wire import Wire
+from trimtab.logs.navigation import innovations
 from trimtab.loop.structure import strengthen_types
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
@@ -68,13 +69,28 @@ def test_with_perfect_sensors_it_finds_the_truth(scenario):
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_it_says(scenario):
-    """On sensors with all their faults, errors of survey and temperature constant over a flight among them."""
-    logs = flown(scenario)
+    """On sensors with all their faults, errors of survey and temperature constant over a flight among them.
+
+    64 flights, for a constant error is one draw a flight.
+    """
+    logs = flown(scenario, range(64))
     for signal in SIGNALS:
         normalised = np.array([np.mean((e / s)[log.t > 3] ** 2) for log in logs for e, s in [errors(log, signal)]])
         print(signal, np.sqrt(normalised.mean()), np.quantile(normalised, 0.9))
         assert 0.35 < normalised.mean() < 1.0, signal
         assert np.quantile(normalised, 0.9) < 2.5, signal
+
+
+def test_innovations_are_as_large_as_it_says_and_without_a_tail():
+    """Of six flights: NIS near 1 a number, and no heading far out where one unit's beacons lie badly."""
+    made, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
+    logs = simulate_many(made, seeds=range(6), signals=("truth", "estimate"))
+    for name in ("heading", "position"):
+        of_all = [(t, nis / dof) for log in logs for t, nis, dof in [innovations(log)[name]]]
+        late = np.concatenate([nis[t > 2] for t, nis in of_all])
+        assert len(late) > 700
+        assert 0.7 < late.mean() < 1.15, name
+        assert np.mean(late > 9) < 0.005, name
 
 
 def test_it_starts_by_itself(scenario):

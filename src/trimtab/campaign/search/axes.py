@@ -10,7 +10,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.imperfections import without
-from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf
+from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf, with_part_of
 from trimtab.core.time import ms
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency import NODES, MeasuredLatency, normal_scores
@@ -51,7 +51,9 @@ class Axis(NamedTuple):
 
 def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
     """The quantity at a path takes the values themselves."""
-    return Axis(name or path, values, unit, lambda scenario, value: {path: value})
+    return Axis(
+        name or path, values, unit, lambda scenario, value: {path: value}, lambda scenario: with_part_of(scenario, path)
+    )
 
 
 def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:

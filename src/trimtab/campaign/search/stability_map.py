@@ -11,7 +11,7 @@ import numpy as np
 
 from trimtab.campaign.grammar import parse_condition
 from trimtab.campaign.search.axes import Axis, enlarge_rings, find_quantity, with_values
-from trimtab.campaign.statistics.metrics import find_metric
+from trimtab.campaign.statistics.metrics import find_metric, swing_amplitude
 from trimtab.campaign.workers.block import batch_rows
 from trimtab.campaign.workers.prepare import signal_shapes
 from trimtab.core.errors import InputError
@@ -25,6 +25,8 @@ Cell = tuple[int, int, int]
 DEEPEST = 12
 Success = Callable[[Batch], Any]
 """The runs of a batch, with its log -> whether each succeeded (n,)."""
+SWING = 0.1
+"""Most that may go on swinging at a run's end, in parts of a target's band."""
 ROWS = 300
 """About as many rows of each run are looked at."""
 NUMBERS = 20_000_000
@@ -218,6 +220,7 @@ def stability_map(
     depth: int = 4,
     threshold: float = 0.5,
     seed: int = 0,
+    swing: float = SWING,
     success: Success | None = None,
     signals: tuple[str, ...] = (),
     log_period: int | None = None,
@@ -236,8 +239,8 @@ def stability_map(
         depth: how often a cell is halved.
         threshold: the boundary is where the share of successes passes this.
         seed: of a point's first run; the others follow.
-        success: which runs of a batch, with its log, succeed; every target of the scenario inside its band over the
-            last third where not given.
+        swing: most that may go on swinging at a run's end, in parts of each target's band; not for a `success` given.
+        success: which runs of a batch, with its log, succeed; `target_success` where not given.
         signals: what is logged for `success`; the targets' where neither is given.
         log_period: of the rows; a multiple of the autopilot's period with about 300 rows where not given.
         backend, threads: as `simulate_batch`.
@@ -251,7 +254,7 @@ def stability_map(
     for axis in (x, y):
         axis.check()
     check_grid((len(x.values), len(y.values)), depth)
-    judge = target_success(scenario) if success is None else success
+    judge = target_success(scenario, swing) if success is None else success
     if success is None:
         signals = signals or tuple(full_path(t.path) for t in scenario.targets)
     base, paths = _prepare_map(scenario, x, y)
@@ -299,8 +302,12 @@ class _PointFlights(NamedTuple):
         return np.asarray(self.is_success(batch), bool)[:count]
 
 
-def target_success(scenario: Scenario) -> Success:
-    """Success where every target is inside its band over the last third of the run; for angles, modulo full turns."""
+def target_success(scenario: Scenario, swing: float = SWING) -> Success:
+    """Success where each target is inside its band over the last third of a run, and its swing dies away or is small.
+
+    Small: below `swing` times the band, see `statistics.metrics.swing_amplitude`. So a limit cycle inside a band is no
+    success. Angles count modulo full turns.
+    """
     targets = tuple(scenario.targets)
     if not targets:
         fix = "give the scenario targets=(Target(…),), or a success function of your own"
@@ -309,16 +316,16 @@ def target_success(scenario: Scenario) -> Success:
     def judge(batch: Batch) -> Any:
         ticks = np.asarray(batch.ticks)
         late = ticks >= ticks[0] + (ticks[-1] - ticks[0]) * 2 / 3
-        angles = batch_rows(scenario, batch).angles
+        logged = batch_rows(scenario, batch)
         ok = np.ones(len(batch.seeds), bool)
         for target in targets:
             path = full_path(target.path)
             rows = batch.log[path][:, late].astype(float)
             with np.errstate(invalid="ignore", over="ignore"):
                 away = rows - target.value
-                if path in angles:
+                if path in logged.angles:
                     away = away - 2 * np.pi * np.round(away[:, -1:] / (2 * np.pi))
-                ok &= (np.abs(away) <= target.band).all(axis=1)
+                ok &= (np.abs(away) <= target.band).all(axis=1) & (swing_amplitude(logged, path) <= swing * target.band)
         return ok
 
     return judge

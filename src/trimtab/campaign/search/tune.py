@@ -38,6 +38,7 @@ from trimtab.campaign.workers.prepare import (
     plan_campaign,
     prepare_campaign,
     refuse_options,
+    with_spread_parts,
 )
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
@@ -284,7 +285,9 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
     try:
         if isinstance(scenario, str):
             scenario = build(scenario, dict(plan.settings), plan.without, plan.faults)
-        spread = resolve_spread(scenario, parse_factors(plan.spread))
+        factors = parse_factors(plan.spread)
+        scenario = with_spread_parts(scenario, factors)
+        spread = resolve_spread(scenario, factors)
         bare = PreparedCampaign(plan, scenario, spread, (), (), (), 0)
         refuse_options(bare)
         chosen = campaign_gains(bare, gains)

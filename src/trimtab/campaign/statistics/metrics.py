@@ -108,6 +108,20 @@ def overshoot(rows: Rows, path: str) -> Any:
     return np.where(np.isfinite(error).all(axis=1), excess, np.inf)
 
 
+def swing_amplitude(rows: Rows, path: str) -> Any:
+    """Amplitude of what goes on swinging at a run's end, 0 where it dies away; inf for a run that ran away.
+
+    The last third of the run is halved. In each half the amplitude is half of largest less smallest value; where that
+    of the second half is below FADING times the first's, the swing dies away. Growth, a limit cycle and noise stay. A
+    constant offset is no swing, and a period longer than a sixth of the run is not seen whole.
+    """
+    tail = _tail_errors(rows, path)
+    half = tail.shape[1] // 2
+    with np.errstate(invalid="ignore"):
+        before, last = (np.ptp(part, axis=1) / 2 for part in (tail[:, :half], tail[:, half:]))
+    return _or_inf(np.where(last < FADING * before, 0.0, last))
+
+
 def error_rms(rows: Rows, path: str) -> Any:
     """Root mean square of what is left to the target over the second half of a run; inf for a run that ran away."""
     return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _start_index(rows, 1 / 2) :] ** 2, axis=1)))
@@ -146,8 +160,11 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "mean": lambda rows, path: rows[path].astype(np.float64).mean(axis=1),
     "rms": lambda rows, path: _or_inf(np.sqrt(np.mean(rows[path].astype(np.float64) ** 2, axis=1))),
     "tail_mean": lambda rows, path: _tail_errors(rows, path).mean(axis=1),
+    "sustained": swing_amplitude,
     "tail_rms": lambda rows, path: _or_inf(_tail_errors(rows, path).std(axis=1)),
 }
+FADING = 0.9
+"""A swing that is not smaller than so many parts of itself a sixth of the run before goes on."""
 TIMES = ("settling", "first_reach")
 KINDS = (*OF_TARGETS, *OF_SIGNALS)
 

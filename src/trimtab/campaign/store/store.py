@@ -219,11 +219,11 @@ def open_store(
             if runs > group[DONE].shape[0]:
                 for name in [*group.attrs["columns"], DONE]:
                     group[array_key(name)].resize((runs,))
-                group.attrs.update(dict(about))
+                group = group.update_attributes(dict(about))
                 sync_descriptions(folder)
         else:
             group = create_group(zarr, folder, columns, runs, block)
-            group.attrs.update({**about, "columns": list(columns), "block": block})
+            group = group.update_attributes({**about, "columns": list(columns), "block": block})
             sync_descriptions(folder)
         for half in folder.rglob("*" + PARTIAL):  # what killed processes left
             half.unlink()

@@ -17,7 +17,7 @@ from trimtab.campaign.sampling.points import DESIGNS, Points, check_factors, poi
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.campaign.statistics.metrics import Metric, default_metrics, find_metric, short_name
 from trimtab.core.errors import InputError
-from trimtab.core.record import Option, Quantity, leaves, with_leaf
+from trimtab.core.record import Option, Quantity, leaves, with_leaf, with_part_of
 from trimtab.core.time import ms
 from trimtab.logs.log import provenance
 from trimtab.loop.scenario import Scenario
@@ -147,6 +147,8 @@ def prepare_campaign(
     """
     if scenario is None:
         scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
+    factors = parse_factors(plan.spread)
+    scenario = with_spread_parts(scenario, factors)
     scenario.check()
     shapes, units = signal_shapes(scenario)
     targets, own = tuple(scenario.targets), tuple(own)
@@ -156,7 +158,7 @@ def prepare_campaign(
     conditions = conditions or tuple(Condition(f"settling:{short_name(t.path)}", "<", np.inf) for t in targets)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
     metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
-    spread = resolve_spread(scenario, parse_factors(plan.spread), plan.correlate)
+    spread = resolve_spread(scenario, factors, plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
     signals = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
@@ -166,6 +168,13 @@ def prepare_campaign(
     rows = max(scenario.duration // plan.log_period, 1)
     block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
     return ready._replace(block=block)
+
+
+def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario:
+    """The scenario with the optional parts that what differs leads into, e.g. the hovercraft's friction."""
+    for factor in factors:
+        scenario = with_part_of(scenario, factor.path)
+    return scenario
 
 
 def signal_shapes(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:

@@ -73,7 +73,10 @@ def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
 
 def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
     def single(row: Any) -> Any:
-        order = sorting_order((row,), reverse=True)[:k]
+        keys = (row,)
+        if jnp.issubdtype(row.dtype, jnp.floating):  # here, not in a sort, JAX puts 0.0 before -0.0
+            keys += (jnp.where(row == 0, 1 - jnp.signbit(row).astype(jnp.int32), 0),)
+        order = sorting_order(keys, reverse=True)[:k]
         return row[order], order
 
     found = each_matrix(single, 1, jnp.moveaxis(operand, axis, -1))

@@ -1,4 +1,7 @@
-"""Rules for convolutions, and sums and extremes over windows: padded first, so that no element lies outside."""
+"""Rules for convolutions, and sums and extremes over windows: padded first, so that no element lies outside.
+
+What is padded adds nothing to a convolution, as in one written out: not even NaN, where the kernel is infinite.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,15 +36,12 @@ def _conv(site: Site) -> list[Array]:
     batches = p["batch_group_count"]
     left, right = (v.aval for v in site.equation.invars)
     rank = len(left.shape) - 2
+    spread = [(lo, hi, d - 1) for (lo, hi), d in zip(p["padding"], p["lhs_dilation"], strict=True)]
 
     def arrange(x: Any) -> Any:
         """Batch, features, places; padded and spread out."""
         x = jnp.transpose(x, numbers.lhs_spec)
-        x = lax.pad(
-            x,
-            x.dtype.type(0),
-            [(0, 0, 0)] * 2 + [(lo, hi, d - 1) for (lo, hi), d in zip(p["padding"], p["lhs_dilation"], strict=True)],
-        )
+        x = lax.pad(x, x.dtype.type(0), [(0, 0, 0)] * 2 + spread)
         if batches > 1:  # groups of the batch are groups of features
             x = jnp.moveaxis(x.reshape(batches, -1, *x.shape[1:]), 0, 1)
             x = x.reshape(x.shape[0], -1, *x.shape[3:])
@@ -51,6 +51,11 @@ def _conv(site: Site) -> list[Array]:
     kernel = store_in_memory(
         b, _inline_on(site, lambda w: jnp.transpose(w, numbers.rhs_spec), [site.operands[1]], [right])
     )
+    places_given = tuple(left.shape[a] for a in numbers.lhs_spec[2:])
+    given = None
+    if any(s != (0, 0, 0) for s in spread) and jnp.issubdtype(right.dtype, jnp.inexact):
+        mask = np.asarray(lax.pad(np.ones(places_given, bool), np.zeros((), bool), spread))
+        given = store_in_memory(b, _inline_on(site, lambda: jnp.asarray(mask), [], []))
     groups *= batches
     outputs, inputs = kernel.shape[0], kernel.shape[1]
     back = [int(a) for a in np.argsort(numbers.out_spec)]
@@ -70,7 +75,10 @@ def _conv(site: Site) -> list[Array]:
             ]
             x, w = read_element(b, image, [n, feature, *where]), read_element(b, kernel, [o, i, *offsets])
             x, w = (b.op("convert", v, dtype=site.dtype) for v in (x, w))
-            return [b.op("add", carried[0], b.op("mul", x, w, dtype=site.dtype), dtype=site.dtype)]
+            term = b.op("mul", x, w, dtype=site.dtype)
+            if given is not None:
+                term = b.op("select", read_element(b, given, where), term, b.const(0, site.dtype), dtype=site.dtype)
+            return [b.op("add", carried[0], term, dtype=site.dtype)]
 
         return accumulate(b, kernel.shape[1:], [b.const(0, site.dtype)], add)[0]
 

@@ -198,7 +198,7 @@ INLINE F64 FN(acos)(F64 x)
     F64 s = FN(arc)(a, big, &rest), k = big ? 2.0 : FN(splat)(1.0);
     F64 base = big ? (back ? 0x1.921fb54442d18p+1 : FN(splat)(0.0)) : 0x1.921fb54442d18p+0;
     F64 low = big ? (back ? 0x1.1a62633145c07p-53 : FN(splat)(0.0)) : 0x1.1a62633145c07p-54;
-    M64 less = big ? back : x >= 0.0;
+    M64 positive = x >= 0.0, less = big ? back : positive;
     F64 u = less ? -k * s : k * s, v = less ? -k * rest : k * rest, w = base + u;
     return w + (((base - w) + u) + (low + v));
 }

@@ -13,6 +13,8 @@ from trimtab.core.signals import Frame, is_new
 from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.estimators import kalman
 from trimtab.estimators.flexible.model import (
+    AccelerometerOffset,
+    FlexibleFlight,
     ModelPrediction,
     RigidFlight,
     check_variances,
@@ -31,7 +33,9 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)
 PRINTED_Q = (1e-5, 1e-5, 1e-5, 1e-5)
-TUNED_Q = (1e-5, 100.0, 1e-5, 100.0)
+EQUAL_Q = (1e-5, 100.0, 1e-5, 100.0)
+TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
+"""Less elevator, less error and wider margins than EQUAL_Q: docs page, What noise costs the elevator."""
 
 
 @record
@@ -50,7 +54,8 @@ class FlexibleModeState:
 
     model: ModalModel = part("Discrete model.")
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
-    P: Any = quantity("1", "Their covariance.", shape=(4, 4))
+    offset: Scalar = quantity("rad/s^2", "What the accelerometer reads too much.")
+    P: Any = quantity("1", "Covariance of modal state and offset.", shape=(5, 5))
     bare: ModelPrediction = part("The modes by the model alone.")
     chi: RigidFlight = part("Rigid flight at the last instant.")
     u: HypersonicInput = part("Input that acted last.")
@@ -68,18 +73,20 @@ class FlexibleModeState:
 class FlexibleModeFilter:
     """Discrete Kalman filter of the modal state (eta1, eta1', eta2, eta2') with exactly known forcing.
 
-        r = (Q'_m - M/Iyy) - C eta - d(chi, u)       S = C P C' + R       L = P C'/S
+        r = (Q'_m - M/Iyy) - C eta - d(chi, u) - o   S = C P C' + R       L = P C'/S
         eta += L r                                   P = (I - L C) P (I - L C)' + R L L'
         eta = Ad eta + Bd b(chi, u)                  P = Ad P Ad' + Qd
 
-    with Ad = expm(A dt), Bd its integral, Qd by Van Loan. An instant t_k comes in the order: predict from t_k-1 with
-    chi(k-1) and the u that has acted since; update with chi(k) and that same u, for the acceleration was sampled before
-    the new command acts. The affine part d must be in the innovation: at the trim it is +0.212 rad/s^2, and without it
-    the modal rates are biased. Sample "actuators" is what engine and elevator did, **clipped and held**, not what was
-    asked for.
+    with Ad = expm(A dt), Bd its integral, Qd by Van Loan, and the accelerometer's offset o as a fifth state: constant
+    but for a walk, told from bending by the modes' own stiffness, which brings them back. An instant t_k comes in the
+    order: predict from t_k-1 with chi(k-1) and the u that has acted since; update with chi(k) and that same u, for the
+    acceleration was sampled before the new command acts. The affine part d must be in the innovation: at the trim it is
+    +0.212 rad/s^2, and without it the modal rates are biased. Sample "actuators" is what engine and elevator did,
+    **clipped and held**, not what was asked for.
 
-    The default is tuned to survive modal frequencies 10 % off, which costs a floor of the error. Without `corrects` it
-    is the observer that any claim has to be shown beside: **its error vanishes too**, by structural damping alone.
+    The default is tuned to survive modal frequencies 10 % off, which costs a floor of the error: much noise of the slow
+    mode 1, little of mode 2, whose frequency decides. Without `corrects` it is the observer that any claim has to be
+    shown beside: **its error vanishes too**, by structural damping alone.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eq. 9 and below, corrected. Its P(0), sampling and noise are
@@ -91,6 +98,10 @@ class FlexibleModeFilter:
     R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
     P0: Any = quantity("1", "First variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
     eta0: Any = quantity("1", "First estimate.", default=PRINTED_ETA0, shape=(4,), source="[1]")
+    offset_sigma: Scalar = quantity(
+        "rad/s^2", "First deviation of the accelerometer's offset; 0: it is taken to have none.", default=0.02, low=0
+    )
+    offset_walk: Scalar = quantity("rad^2/s^5", "Density of its walk.", default=0.0, low=0)
     corrects: bool = option("Whether measurements are used at all.", default=True, choices=(True, False))
     flight: str = option("Name of the sensor of the rigid flight.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
@@ -99,17 +110,21 @@ class FlexibleModeFilter:
 
     @classmethod
     def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I and R = 10 as published, P(0) = I: so little gain that it is the observer without measurement."""
-        return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4} | changes)
+        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: so little gain that no measurement counts."""
+        return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
+
+    @classmethod
+    def with_equal_noise(cls, **changes: Any) -> "FlexibleModeFilter":
+        """The same noise on both modal accelerations, no offset: as the study of the corrected source flies it."""
+        return cls(**{"Q": EQUAL_Q, "offset_sigma": 0.0} | changes)
 
     @classmethod
     def for_exact_model(cls, **changes: Any) -> "FlexibleModeFilter":
         """Q = 1e-5 I, R = 1e-4: the best of an exact model; it loses a vehicle whose modes are 10 % off."""
-        return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4} | changes)
+        return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     listens = property(listened_sensors)
     step = step_mode_filter
-    estimated_flight = estimated_flight
 
     def check(self) -> None:
         """Variances that are variances, and a period for which the discrete model is exact."""
@@ -138,37 +153,50 @@ class FlexibleModeFilter:
         return FlexibleModeState(
             model=model,
             eta=jnp.asarray(self.eta0),
-            P=jnp.diag(jnp.asarray(self.P0)),
+            offset=jnp.zeros(()),
+            P=jnp.diag(jnp.append(jnp.asarray(self.P0), self.offset_sigma**2)),
             bare=ModelPrediction(jnp.asarray(self.eta0), model.Ad, model.Bd),
             **first_instant(),
             seen=np.int64(NEVER),
         )
 
-    def predict(self, model: ModalModel, eta: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
-        """eta (4,) and P (4, 4) one period on, flight and input held."""
+    def predict(self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
+        """Modal state and offset x (5,) and their P (5, 5) one period on, flight and input held."""
         b, _, _ = forcing(self.craft, chi, u)
-        return model.Ad @ eta + model.Bd @ b, kalman.predict_covariance(P, model.Ad, model.Qd)
+        walk = self.offset_walk * to_seconds(self.period)
+        modes, mixed = kalman.predict_covariance(P[:4, :4], model.Ad, model.Qd), model.Ad @ P[:4, 4]
+        P = jnp.block([[modes, mixed[:, None]], [mixed[None], P[4:, 4:] + walk]])
+        return jnp.append(model.Ad @ x[:4] + model.Bd @ b, x[4]), P
 
     def update(
-        self, model: ModalModel, eta: Any, P: Any, chi: RigidFlight, u: HypersonicInput, pitch_acceleration: Any
+        self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput, pitch_acceleration: Any
     ) -> kalman.Update:
-        """eta and P after a pitch acceleration (rad/s^2) measured while u acted, in Joseph's form."""
+        """x (5,) and P after a pitch acceleration (rad/s^2) measured while u acted, in Joseph's form."""
         _, d, rigid = forcing(self.craft, chi, u)
-        r = pitch_acceleration - rigid - model.C @ eta - d
-        return kalman.update(eta, P, r[None], model.C[None], jnp.asarray(self.R)[None, None])
+        H = jnp.append(model.C, 1.0)
+        r = pitch_acceleration - rigid - H @ x - d
+        return kalman.update(x, P, r[None], H[None], jnp.asarray(self.R)[None, None])
+
+    def estimated_flight(self, state: FlexibleModeState) -> FlexibleFlight:
+        """The flight as a state of the filter has it, with the accelerometer's offset."""
+        offset = AccelerometerOffset(state.offset, jnp.sqrt(jnp.maximum(state.P[4, 4], 0.0)))
+        return replace(estimated_flight(self, state), offset=offset)
 
     def advance(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
         """What the filter remembers after an instant of its own."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
-        eta, P = self.predict(s.model, s.eta, s.P, s.chi, u)
-        eta, P = jnp.where(s.started, eta, s.eta), jnp.where(s.started, P, s.P)
-        correction = self.update(s.model, eta, P, chi, u, felt.value.pitch_acceleration)
+        before = jnp.append(s.eta, s.offset)
+        x, P = self.predict(s.model, before, s.P, s.chi, u)
+        x, P = jnp.where(s.started, x, before), jnp.where(s.started, P, s.P)
+        correction = self.update(s.model, x, P, chi, u, felt.value.pitch_acceleration)
         used = started & samples.flight_usable & correction.accepted & felt.valid & is_new(felt, s.seen)
         used = used & self.corrects
+        x = jnp.where(used, correction.x, x)
         return replace(
             s,
-            eta=jnp.where(used, correction.x, eta),
+            eta=x[:4],
+            offset=x[4],
             P=jnp.where(used, correction.P, P),
             **next_instant(t, s, samples),
             seen=jnp.where(used, felt.t, s.seen),

@@ -58,6 +58,14 @@ class ModalFrequencies:
 
 
 @record
+class AccelerometerOffset:
+    """Zero of the angular accelerometer, where a filter estimates it. Source: docs page, Flexible modes."""
+
+    value: Scalar = quantity("rad/s^2", "What it reads too much, estimated.")
+    sigma: Scalar = quantity("rad/s^2", "Deviation that the filter believes of it.")
+
+
+@record
 class ModelPrediction:
     """The modes by the model alone, no measurement used: what every estimate has to be held against.
 
@@ -92,6 +100,7 @@ class FlexibleFlight:
     updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
     without_measurement: ModalState = part("What the same model gives without any measurement.")
     frequencies: Any = part("ModalFrequencies of a filter that estimates them, else nothing.", default=())
+    offset: Any = part("AccelerometerOffset of a filter that estimates it, else nothing.", default=())
 
 
 class FlightSamples(NamedTuple):

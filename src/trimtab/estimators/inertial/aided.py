@@ -27,6 +27,7 @@ from trimtab.estimators.inertial.measurement_history import (
     AIDING_KINDS,
     HEADING,
     IMU,
+    POSITION_NUMBERS,
     Event,
     History,
     empty_history,
@@ -74,6 +75,13 @@ class Intake:
     frozen_heading: Scalar = quantity("1", "The same for headings.", default=20, kind="count")
     frozen_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
     gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
+    lag: Scalar = quantity(
+        "100 ns",
+        "How old what the IMU reads is: the delay of its low pass, sqrt(2)/omega for a Butterworth of second order.",
+        default=0,
+        kind="time",
+        off={"imu-bandwidth": 0},
+    )
     imu: str = option("Name of the inertial sensor.", default="imu")
     heading: str = option("Name of the heading sensor, or nothing.", default="heading")
     position: str = option("Name of the position sensor, or nothing.", default="position")
@@ -126,7 +134,7 @@ def check_intake(form: InertialForm) -> None:
     form.intake.check()
 
 
-def initial_inertial_state(form: InertialForm, key: Key, width: int = WIDTH) -> InertialState:
+def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_NUMBERS) -> InertialState:
     """Nothing measured yet: `init` of a form; width: numbers of its longest event."""
     intake, first = form.intake, form.first()
     kinematics = jax.tree.map(
@@ -215,7 +223,7 @@ def read_samples(
     lost = inertial.watch.frozen | ((inertial.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
     doubt = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
     watch = replace(inertial.watch, saturated=jnp.where(inertial.usable, gyro | force, state.imu.saturated))
-    readings = {"imu": (Event(inertial.t, IMU, inertial.value, doubt), inertial._replace(watch=watch))}
+    readings = {"imu": (Event(inertial.t - intake.lag, IMU, inertial.value, doubt), inertial._replace(watch=watch))}
     if intake.heading:
         sample = frame.samples[intake.heading]
         numbers = sample.value.heading, optional_member(sample.value, "variance")
@@ -229,8 +237,11 @@ def read_samples(
 
 
 def position_numbers(value: Any) -> tuple[Any, ...]:
-    """North and east (m) of a position and its variance (m^2), 0 where it states none."""
-    return value.north, value.east, optional_member(value, "variance")
+    """North and east (m) of a position and its covariance: north, mixed, east (m^2), 0 where it states none."""
+    variance = optional_member(value, "variance")
+    if np.ndim(variance) == 2:
+        return value.north, value.east, variance[0, 0], variance[0, 1], variance[1, 1]
+    return value.north, value.east, variance, jnp.zeros(()), variance
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:

@@ -4,7 +4,7 @@ Errors are estimate minus truth; bias is what a sensor reads too much. x1 = (hea
 east, position north, east, accelerometer bias forward, starboard).
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
-and section 6.2.1. The unit error of its process noise is described in docs Errata.
+and section 5.4.5. The unit error of its process noise is described in docs Errata.
 """
 
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from trimtab.core.rotation import planar
 from trimtab.core.time import ms, to_seconds
 from trimtab.estimators.inertial.mechanisation import rotate_lever, stack_numbers
 
-TABLE = "[1] section 6.2.1"
+TABLE = "[1] section 5.4.5"
 HEADING_ROW = np.array([[1.0, 0.0]])
 """H of a heading measurement for x1."""
 POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], axis=1)
@@ -34,7 +34,7 @@ class InertialNoise:
     literal:     the printed numbers are added as they stand at every tick, although they are variances of a rate (a
                  force) and not of a heading (velocity): gains near 0.8, output close to the aiding sensor.
 
-    Source: [1] section 6.2.1; the reading of the walks as per second is reconstructed.
+    Source: [1] section 5.4.5; the reading of the walks as per second is reconstructed.
     """
 
     gyro: Scalar = quantity("rad^2/s^2", "White noise of a sample.", default=4.9e-4, above=0, source=TABLE)
@@ -91,8 +91,9 @@ class InertialNoise:
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
-        """R of a position fix (2, 2): its own variance, of each coordinate, where that is above 0."""
-        return jnp.where(variance > 0, variance, self.position) * jnp.eye(2)
+        """R of a position fix (2, 2): its own variance, or covariance (2, 2), where that is above 0."""
+        own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
+        return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
     def constant_variances(self) -> Any:
         """Variances (8,), in the order of Belief.x, of what no measurement tells: constant errors of the aiding."""

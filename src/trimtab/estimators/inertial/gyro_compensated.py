@@ -78,7 +78,7 @@ class CompensatedInertial:
     for all time. Samples that are older, repeated or not finite pass as they are: the navigation refuses them itself.
 
     Valid:   samples at the compensator's own rate; with a slower unit, each beyond `gap`, nothing is compensated.
-    Source:  [1] section 6.2.1, table 6.6.
+    Source:  [1] sections 6.2.1.3 and 6.2.1.5, table 6.6.
     """
 
     navigation: Any = part("What gets the compensated samples.", default=AidedInertialFeedforward())

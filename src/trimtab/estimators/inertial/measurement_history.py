@@ -21,7 +21,7 @@ from jax import lax
 from trimtab.core.interfaces import InertialForm
 from trimtab.core.record import Scalar, part, quantity, record, replace
 from trimtab.core.time import to_seconds
-from trimtab.estimators.inertial.sensor_watch import NEVER, WIDTH
+from trimtab.estimators.inertial.sensor_watch import NEVER
 
 EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
 """Kinds of event."""
@@ -30,6 +30,10 @@ AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
 """Kind of the events of the sensor that aids with a place, by what a form says of itself (AIDED_BY)."""
 IMU_NUMBERS = 3
 """Numbers of an IMU's event."""
+LONGEST = 0.1
+"""How long (s) a velocity counts between two events, or after the last."""
+POSITION_NUMBERS = 5
+"""Numbers of a position's event: north, east (m), and its covariance, north, mixed, east (m^2)."""
 
 
 @record
@@ -53,7 +57,7 @@ class Event(NamedTuple):
     doubt: Any
 
 
-def empty_history(node: Any, slots: int, width: int = WIDTH) -> History:
+def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> History:
     """A ring without events; node: state of the filter before any, with t = NEVER; width: of the longest value."""
     return History(
         head=np.int32(0),
@@ -146,6 +150,35 @@ def node_before(h: History, t: Any) -> Any:
     return _read_slot(h.nodes, _slot_index(h, jnp.maximum(jnp.minimum(_last_index(h, t), newest_imu_index(h)), 0)))
 
 
+def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> tuple[Any, Any]:
+    """What the IMU says has been moved (2,) (m, W) and turned (rad) between two integer times that are remembered.
+
+    Velocities and rates of the nodes are integrated, so that a fix in between, which moves the estimated place at once,
+    is no motion. Before the first node and after the last nothing is added.
+    """
+    first, last = jnp.maximum(_last_index(h, start), 0), jnp.minimum(_last_index(h, end), newest_imu_index(h))
+
+    def motion(i: Any) -> tuple[Any, Any]:
+        node = _read_slot(h.nodes, _slot_index(h, i))
+        x = form.belief(node).x
+        return node.t, jnp.stack([x[1], x[2], node.felt[0] - x[5]])
+
+    def add(carry: Any) -> Any:
+        i, (t, rate), total = carry
+        after, following = motion(jnp.minimum(i + 1, last))
+        begin, finish = jnp.maximum(t, start), jnp.where(i < last, jnp.minimum(after, end), end)
+        span = (after - t).astype(np.float64)
+        share = ((begin - t) + (finish - t)).astype(np.float64) / (2 * jnp.where(span > 0, span, 1.0))
+        mean = rate + jnp.where(span > 0, share, 0.0) * (following - rate)
+        seconds = jnp.clip(to_seconds(finish - begin), 0.0, LONGEST)
+        known = (t > NEVER) & (finish > begin)
+        return i + 1, (after, following), total + jnp.where(known, seconds * mean, 0.0)
+
+    begun = (first, motion(first), jnp.zeros(3))
+    total = lax.while_loop(lambda carry: carry[0] <= last, add, begun)[2]
+    return total[:2], total[2]
+
+
 def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     """The state after event i, from that after the event before it; last: the newest of the IMU."""
     t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
@@ -167,7 +200,8 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     if form.intake.position and form.AIDED_BY == "ranges":
         return lax.cond(kind == RANGES, lambda: form.correct_ranges(new, value), lambda: new)
     if form.intake.position:
-        return lax.cond(kind == POSITION, lambda: form.correct_position(new, value[:2], value[2]), lambda: new)
+        R = jnp.stack([value[2:4], value[3:5]])
+        return lax.cond(kind == POSITION, lambda: form.correct_position(new, value[:2], R), lambda: new)
     return new
 
 

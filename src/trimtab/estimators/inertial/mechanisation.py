@@ -37,7 +37,7 @@ class Belief(NamedTuple):
 class InertialStart:
     """What is believed before the first measurement; the first fix and the first heading then take over.
 
-    Source: [1] section 6.2.1 for biases and velocity; heading and position are unknown here, where [1] starts them at
+    Source: [1] section 5.4.5 for biases and velocity; heading and position are unknown here, where [1] starts them at
     the first measurement with its variance: the first update does the same.
     """
 
@@ -48,10 +48,10 @@ class InertialStart:
     velocity_east: Scalar = quantity("m/s", "Velocity of the IMU, east.", default=0.0, frame="W")
     sigma_heading: Scalar = quantity("rad", "Of the heading; the default knows nothing.", default=1.8, above=0)
     sigma_position: Scalar = quantity("m", "Of each position.", default=10.0, above=0)
-    sigma_velocity: Scalar = quantity("m/s", "Of each velocity.", default=1.0, above=0, source="[1] section 6.2.1")
-    sigma_gyro_bias: Scalar = quantity("rad/s", "Of the gyro's bias.", default=1.0, above=0, source="[1] section 6.2.1")
+    sigma_velocity: Scalar = quantity("m/s", "Of each velocity.", default=1.0, above=0, source="[1] section 5.4.5")
+    sigma_gyro_bias: Scalar = quantity("rad/s", "Of the gyro's bias.", default=1.0, above=0, source="[1] section 5.4.5")
     sigma_force_bias: Scalar = quantity(
-        "m/s^2", "Of each accelerometer's bias.", default=1.0, above=0, source="[1] section 6.2.1"
+        "m/s^2", "Of each accelerometer's bias.", default=1.0, above=0, source="[1] section 5.4.5"
     )
 
     def velocity(self) -> Any:

@@ -87,7 +87,7 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
         ranges: without cone error (m), shape (n,).
         used: which count, shape (n,).
 
-    Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.5.
+    Source: S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES-21, 1985; [1] section 5.5.3.
     """
     centre = jnp.stack([_mean_of_used(plan[:, 0], used), _mean_of_used(plan[:, 1], used)])
     xy = jnp.where(used[:, None], plan - centre, 0.0)
@@ -128,7 +128,7 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
 def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
     """The position with the least sum of squared residuals, no common range error, by Gauss and Newton from `start`.
 
-    Args: as `solve_bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.5.
+    Args: as `solve_bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.3.
     """
 
     def closer(_: Any, place: Any) -> Any:
@@ -176,7 +176,7 @@ def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any)
 
     Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
 
-    Args: as `solve_bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.5.
+    Args: as `solve_bancroft`; near: north, east of the fix before (m), shape (2,). Source: [1] section 5.5.3.
     """
     plan, order = jnp.asarray(plan), jnp.arange(used.shape[0])
     i = jnp.argmax(used)

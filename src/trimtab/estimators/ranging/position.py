@@ -43,7 +43,7 @@ def check_positions(name: str, form: Any) -> None:
 
 @record
 class RangingFix:
-    """A fix, and what speaks for it. Source: [1] section 5.5.5."""
+    """A fix, and what speaks for it. Source: [1] section 5.5.3."""
 
     north: Scalar = quantity("m", "Of the vehicle's reference point; of the unit while the heading isn't known.")
     east: Scalar = quantity("m", "Likewise.")
@@ -71,6 +71,7 @@ class RangingPositionState:
 
     fix: RangingFix = part("The newest.")
     places: Any = quantity("m", "Last fix of each unit (m, 2).", frame="W")
+    gains: Any = quantity("1", "How much of an error of each range got into it (m, n, 2).", frame="W")
     times: Any = quantity("100 ns", "When each unit was located (m,); long ago where it never was.", kind="time")
     measured: Scalar = quantity("100 ns", "When the newest accepted ping was sent.", kind="time")
     seen: Scalar = quantity("100 ns", "When the newest ping of all was sent.", kind="time")
@@ -100,7 +101,7 @@ class RangingPosition:
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
-    Source:  [1] sections 5.4 and 5.5.4 to 5.5.6; leaving out ranges is added, see docs page.
+    Source:  [1] sections 5.4, 5.5.3 and 5.5.4; leaving out ranges is added, see docs page.
     """
 
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
@@ -150,6 +151,7 @@ class RangingPosition:
         return RangingPositionState(
             fix=fix,
             places=jnp.zeros((m, 2)),
+            gains=jnp.zeros((m, np.shape(self.beacons)[0], 2)),
             times=jnp.full(m, never),
             measured=np.int64(0),
             seen=never,
@@ -183,11 +185,18 @@ class RangingPosition:
         rejected = jnp.where(mode == ONE_REJECTED, rejected, -1)
         return _UnitLocation(best.place, best.bias, best.residual, used, rejected, mode)
 
-    def _solve(self, plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+    def _solve(self, plan: Any, height: Any, ranges: Any, used: Any, near: Any, known: Any) -> Solution:
+        """All these ranges together. Beacons on one line leave two places; the one nearer the fix before counts."""
         first = solve_bancroft(plan, height, ranges, used)
         if self.solver == "closed form":
             return first
-        return solve_least_squares(plan, height, ranges, used, first.place)
+        alone = solve_least_squares(plan, height, ranges, used, first.place)
+        beside = solve_least_squares(plan, height, ranges, used, near)
+        off, aside = jnp.sum((alone.place - near) ** 2), jnp.sum((beside.place - near) ** 2)
+        other = jnp.sum((alone.place - beside.place) ** 2) > self.residual_limit**2
+        unfit = ~(alone.residual <= self.residual_limit)
+        fits = known & (beside.residual <= self.residual_limit) & (jnp.sum(used) >= 3)
+        return tree_where(fits & (unfit | (other & (aside < off))), beside, alone)
 
     def _reject_outlier(
         self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
@@ -195,13 +204,16 @@ class RangingPosition:
         """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
-            return self._solve(plan, height, ranges, usable), jnp.asarray(-1)
+            return self._solve(plan, height, ranges, usable, near, known), jnp.asarray(-1)
         enough = jnp.sum(usable) >= fewest
 
         def suffices(one: Solution) -> Any:
             return (one.residual <= self.residual_limit) | ~enough
 
-        solved = solve_leaving_one_out(self._solve, plan, height, ranges, usable, suffices)
+        def solve(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
+            return self._solve(plan, height, ranges, used, near, known)
+
+        solved = solve_leaving_one_out(solve, plan, height, ranges, usable, suffices)
         every, without = jax.tree.map(lambda a: a[0], solved), jax.tree.map(lambda a: a[1:], solved)
         rest = usable[None, :] & ~jnp.eye(usable.shape[0], dtype=np.bool_)
         away = without.place[:, None, :] - plan
@@ -215,8 +227,12 @@ class RangingPosition:
         chosen = jax.tree.map(lambda a, b: jnp.where(drop, a[wrong], b), without, every)
         return chosen, jnp.where(drop, wrong, -1)
 
-    def _dilution(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> Any:
-        """Error of the fix over error of a range, from the directions to the beacons; 1000 at most."""
+    def _gain(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> tuple[Any, Any]:
+        """How much of an error of each range gets into the fix, north and east: H (H'H)^-1 (n, 2), and the dilution.
+
+        H (n, 2): horizontal directions from the beacons to the unit. Dilution: error of the fix over error of a range,
+        the root of the sum of squares of the gain; 1000 at most, and where beacons lie on one line with the unit.
+        """
         beacons = jnp.asarray(self.beacons)
         height = self.down + jnp.asarray(self.units)[unit, 2] - beacons[:, 2]
         away = beacons[:, :2] - place
@@ -225,7 +241,11 @@ class RangingPosition:
         w = jnp.where(used & (square > 0), 1.0 / jnp.where(square > 0, square, 1.0), 0.0)
         xx, xy, yy = (jnp.sum(w * away[:, i] * away[:, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
         determinant = jnp.maximum(xx * yy - xy * xy, 1e-12)
-        return jnp.minimum(jnp.sqrt((xx + yy) / determinant), 1000.0)
+        weights = jnp.sqrt(w) / determinant
+        dilution = jnp.minimum(jnp.sqrt((xx + yy) / determinant), 1000.0)
+        north, east = -away[:, 0], -away[:, 1]
+        gain = jnp.stack([weights * (yy * north - xy * east), weights * (xx * east - xy * north)], axis=1)
+        return gain, dilution
 
     def _update(self, s: RangingPositionState, t: Any, value: Any) -> RangingPositionState:
         """The state after a ping of integer time t."""
@@ -237,20 +257,21 @@ class RangingPosition:
         known = s.times[unit] > -FOREVER
         r = self.locate(value.range, value.arrived, unit, near, known)
         place = jnp.where(jnp.isfinite(r.place), r.place, near)
-        dilution = self._dilution(place, unit, value.arrived, r.rejected)
+        gain, dilution = self._gain(place, unit, value.arrived, r.rejected)
         good = (r.mode != NONE) & (r.mode != INCONSISTENT) & jnp.all(jnp.isfinite(r.place))
         good = good & (dilution <= self.dilution_limit)
         mode = jnp.where(good | (r.mode == NONE), r.mode, INCONSISTENT)
         good = good & ~frozen
         place = jnp.where(good, place, near)
         places, times = jnp.where(own[:, None], place, s.places), jnp.where(own & good, t, s.times)
+        gains = jnp.where((own & good)[:, None, None], gain, s.gains)
         residual, bias = (jnp.where(jnp.isfinite(x), x, 0.0) for x in (r.residual, r.bias))
         fix = replace(s.fix, residual=residual, bias=bias, dilution=dilution, mode=mode.astype(np.int32), frozen=frozen)
         fix = replace(fix, used=r.used.astype(np.int32), rejected=r.rejected.astype(np.int32))
         vehicle = self._vehicle_fix(fix, place, unit, places, times)
         fix = tree_where(good, vehicle, fix)
         measured = jnp.where(good, t, s.measured)
-        return RangingPositionState(fix, places, times, measured, t, ranges, repeats, s.any | good)
+        return RangingPositionState(fix, places, gains, times, measured, t, ranges, repeats, s.any | good)
 
     def _count_repeats(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
         """Last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""

@@ -18,7 +18,7 @@ from trimtab.core.time import to_seconds
 from trimtab.environment.magnetic import COLLEGE_PARK, magnetic_heading
 from trimtab.estimators.inertial.aided import InertialState
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
-from trimtab.estimators.inertial.measurement_history import node_before
+from trimtab.estimators.inertial.measurement_history import LONGEST, inertial_increment, node_before
 from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPositionState
@@ -41,7 +41,7 @@ class PositionMeasurement:
 
     north: Scalar = quantity("m", "Position, north.", frame="W")
     east: Scalar = quantity("m", "Position, east.", frame="W")
-    variance: Scalar = quantity("m^2", "Variance of each coordinate.")
+    variance: Any = quantity("m^2", "Covariance (2, 2) of north and east.", frame="W")
 
 
 @record
@@ -70,7 +70,14 @@ class UltrasonicInertial:
         heading    from the places of two units, the older one moved by what the INS says it has moved since, or from a
                    magnetometer
 
-    A fix's variance is that of a range times its dilution. Until the INS knows its heading, what a unit may have moved
+    With g (n, 2), how much of an error of each of n ranges gets into a place, and e across the line of the units,
+
+        position   R = s^2 g'g,                                          s   range_noise
+        heading    R = (s^2 sum (g_1 e)^2 + (g_2 e)^2                    s_b survey_error
+                        + s_b^2 sum ((g_1 - g_2) e)^2) / base^2
+
+    for noise is drawn for each range, and a beacon that is not where the map says moves both units' places alike, as
+    far as both heard it. Until the INS knows its heading, what a unit may have moved
     between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
     alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
 
@@ -84,8 +91,11 @@ class UltrasonicInertial:
     positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
     inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
     range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
-    survey_change: Scalar = quantity(
-        "m", "How far survey errors move a place when other beacons reply; counts in headings.", default=0.0035, low=0
+    survey_error: Scalar = quantity(
+        "m",
+        "Standard deviation of a beacon's place; counts in headings whose units heard others.",
+        default=0.005,
+        low=0,
     )
     unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)
     field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
@@ -152,7 +162,7 @@ class UltrasonicInertial:
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.felt[0] - belief.x[5]
-        dt = jnp.clip(to_seconds(t - node.t), 0.0, 0.1)
+        dt = jnp.clip(to_seconds(t - node.t), 0.0, LONGEST)
         heading = x[0] + dt * rate
         place = x[3:5] + dt * x[1:3] - planar(heading) @ self.inertial.arms.imu
         variance = jnp.where(node.t > NEVER, belief.P[0, 0], np.inf)
@@ -165,25 +175,33 @@ class UltrasonicInertial:
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]
-        variance = (self.range_noise * fix.state.dilution) ** 2 / 2
+        gain = s.gains[new]
+        variance = self.range_noise**2 * _products(gain, gain)
         unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
         if levers.shape[0] < 2:  # the form itself takes the lever arm off, and may learn from it
             return PositionMeasurement(unit[0], unit[1], variance), HeadingMeasurement(jnp.zeros(()), jnp.zeros(()))
         place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
-        spread = jnp.sum(lever * lever) * jnp.minimum(now.variance, 0.5)
+        slope = planar(now.heading) @ jnp.stack([-lever[1], lever[0]])
+        unknown = jnp.sum(lever * lever) * jnp.eye(2) / 2
+        spread = jnp.where(now.known, now.variance * slope[:, None] * slope[None, :], unknown)
         position = PositionMeasurement(place[0], place[1], variance + spread)
         old = 1 - new
         then, lever = self._pose(inertial, s.times[old]), levers[old]
         known = now.known & then.known
-        displacement = now.place - then.place + (planar(now.heading) - planar(then.heading)) @ lever
+        increment, turn = inertial_increment(self.inertial, inertial.history, s.times[old], s.times[new])
+        swept = planar(now.heading) - planar(now.heading - turn)
+        displacement = increment + swept @ (lever - self.inertial.arms.imu)
         places = s.places + jnp.where((jnp.arange(2) == old)[:, None] & known, displacement, 0.0)
         heading = two_unit_heading(places[0], places[1], levers[0], levers[1])
         base = levers[0] - levers[1]
         swing = jnp.sqrt(jnp.sum(lever * lever)) * jnp.abs(now.rate)
         gap = to_seconds(s.times[new] - s.times[old])
         wandered = jnp.where(known, 0.0, (gap * (self.unknown_speed + swing)) ** 2)
-        places_variance = 2 * (variance + self.survey_change**2)
-        return position, HeadingMeasurement(heading, (places_variance + wandered) / jnp.sum(base * base))
+        line = places[0] - places[1]
+        across = jnp.stack([-line[1], line[0]]) / jnp.sqrt(jnp.maximum(jnp.sum(line * line), 1e-12))
+        noise = self.range_noise**2 * jnp.sum((s.gains @ across) ** 2)
+        survey = self.survey_error**2 * jnp.sum(((s.gains[0] - s.gains[1]) @ across) ** 2)
+        return position, HeadingMeasurement(heading, (noise + survey + wandered) / jnp.sum(base * base))
 
     def _compass_sample(self, sample: Sample) -> Sample:
         """The magnetometer's sample as a heading."""
@@ -191,6 +209,11 @@ class UltrasonicInertial:
         return replace(sample, value=HeadingMeasurement(heading, jnp.zeros(())))
 
 
+def _products(a: Any, b: Any) -> Any:
+    """a'b (2, 2) of a, b (n, 2)."""
+    return jnp.stack([jnp.stack([jnp.sum(a[:, i] * b[:, j]) for j in range(2)]) for i in range(2)])
+
+
 def _empty_measurements() -> tuple[PositionMeasurement, HeadingMeasurement]:
     o = jnp.zeros(())
-    return PositionMeasurement(o, o, o), HeadingMeasurement(o, o)
+    return PositionMeasurement(o, o, jnp.zeros((2, 2))), HeadingMeasurement(o, o)

@@ -8,7 +8,8 @@ enum { SYS_WRITE0 = 0x04, SYS_EXIT = 0x18, EXIT_GOOD = 0x20026, EXIT_BAD = 0x200
 typedef void function(void);
 
 int semihosting(int operation, const void *argument);
-uint32_t measured(const void *a, void *b, const void *c, void *d, function *called, void *stack_top);
+uint32_t measured(const void *a, void *b, const void *c, void *d, function *called, void *stack_top,
+                  void *e);
 void nothing(void);
 void known_loop(void);
 

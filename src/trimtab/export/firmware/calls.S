@@ -10,8 +10,9 @@
 \name:
     .endm
 
-@ uint32_t measured(a, b, c, d, called, stack_top): called(a, b, c, d) on a stack of its own; ticks of the timer between the
-@ two readings (it counts down). Between them lie the blx, the instructions of `called`, its return included, and one ldr.
+@ uint32_t measured(a, b, c, d, called, stack_top, e): called(a, b, c, d, e) on a stack of its own, on which e lies unless
+@ it is 0; ticks of the timer between the two readings (it counts down). Between them lie the blx, the instructions of
+@ `called`, its return included, and one ldr.
     function measured
     push {r4-r8, lr}
     ldr r4, [sp, #24]
@@ -19,6 +20,11 @@
     ldr r6, [sp, #28]
     ldr r7, =TIMER_VALUE
     mov sp, r6
+    ldr r6, [r5, #32]
+    cbz r6, 1f
+    sub sp, sp, #8
+    str r6, [sp]
+1:
     ldr r8, [r7]
     blx r4
     ldr r0, [r7]

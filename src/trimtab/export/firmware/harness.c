@@ -1,5 +1,5 @@
 /* Flies the autopilot through STEPS rows of inputs and says, line by line and every number in hexadecimal:
-     sizes PARAMS STATE IN OUT      bytes of the four structures
+     sizes PARAMS STATE IN OUT WORK bytes of the four structures and of the workspace
      empty TICKS                    the measurement of a function of 1 instruction
      loop N TICKS                   of a function of 2 N + 1 instructions
      step TICKS BITS...             each step: how long, and the bits of its outputs as doubles
@@ -23,6 +23,11 @@ static autopilot_params params;
 static autopilot_state state;
 static autopilot_in in;
 static autopilot_out out;
+#if WORKSPACE
+static _Alignas(64) char workspace[WORKSPACE];
+#else
+static void *const workspace = 0;
+#endif
 
 /* The 32-bit timer of the board (CMSDK APB timer 0), at the processor's clock. */
 static volatile uint32_t *const timer_control = (volatile uint32_t *)(TIMER_VALUE - 4);
@@ -38,9 +43,9 @@ static void say_hex(uint64_t number, int digits) {
     say(text);
 }
 
-static uint32_t timed(const void *a, void *b, const void *c, void *d, function *called) {
+static uint32_t timed(const void *a, void *b, const void *c, void *d, function *called, void *e) {
     *timer_value = UINT32_MAX;
-    uint32_t ticks = measured(a, b, c, d, called, autopilot_stack_top);
+    uint32_t ticks = measured(a, b, c, d, called, autopilot_stack_top, e);
     if (*timer_ran_out) {
         say("\na step took more than 2^32 ticks of the timer\n");
         leave(1);
@@ -64,28 +69,29 @@ static void say_sizes(void) {
     say_hex(sizeof state, 8);
     say_hex(sizeof in, 8);
     say_hex(sizeof out, 8);
+    say_hex(WORKSPACE, 8);
     say("\n");
 }
 
 static void calibrate(void) {
     say("empty");
-    say_hex(timed(0, 0, 0, 0, nothing), 8);
+    say_hex(timed(0, 0, 0, 0, nothing, 0), 8);
     for (uintptr_t n = 1; n <= 100000; n *= 10) {
         say("\nloop");
         say_hex(n, 8);
-        say_hex(timed((const void *)n, 0, 0, 0, known_loop), 8);
+        say_hex(timed((const void *)n, 0, 0, 0, known_loop, 0), 8);
     }
     say("\n");
 }
 
 static void fly(void) {
     double row[VECTORS_OUT];
-    (void)timed(&params, 0, 0, 0, (function *)autopilot_defaults);
-    (void)timed(&params, &state, 0, 0, (function *)autopilot_init);
+    (void)timed(&params, 0, 0, 0, (function *)autopilot_defaults, 0);
+    (void)timed(&params, &state, workspace, 0, (function *)autopilot_init, 0);
     for (unsigned i = 0; i < STEPS; ++i) {
         vectors_set_in(inputs[i], &in);
         say("step");
-        say_hex(timed(&params, &state, &in, &out, (function *)autopilot_step), 8);
+        say_hex(timed(&params, &state, &in, &out, (function *)autopilot_step, workspace), 8);
         vectors_get_out(&out, row);
         for (int j = 0; j < VECTORS_OUT; ++j) {
             uint64_t bits;

@@ -1,6 +1,6 @@
 /* Vector table, reset and faults. Without WITH_INTERRUPTS the table has none, and none is enabled; with it,
-   interrupts.h defines TICK, the handler of the processor's timer, INTERRUPTS, a list of the board's own from number 0
-   on, and PERIPHERALS_SIZE, how much may be touched from the timer's page on. */
+   interrupts.h defines TICK, the handler of the processor's timer, NMI, that of what can't be masked, INTERRUPTS, a list
+   of the board's own from number 0 on, and PERIPHERALS_SIZE, how much may be touched from the timer's page on. */
 #include <stdint.h>
 
 #include "board.h"
@@ -8,6 +8,7 @@
 #include "interrupts.h"
 #else
 #define TICK fault
+#define NMI fault
 #define INTERRUPTS
 #define PERIPHERALS_SIZE 0x1000
 #endif
@@ -21,7 +22,7 @@ void fault(void);
 void faulted(void);
 
 __attribute__((section(".vectors"), used)) static void *const vectors[] = {
-    main_stack_top, (void *)reset, (void *)fault, (void *)fault, (void *)fault, (void *)fault, (void *)fault, 0,
+    main_stack_top, (void *)reset, (void *)NMI, (void *)fault, (void *)fault, (void *)fault, (void *)fault, 0,
     0,              0,             0,             (void *)fault, (void *)fault, 0,             (void *)fault, (void *)TICK,
     INTERRUPTS
 };

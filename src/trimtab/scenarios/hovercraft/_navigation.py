@@ -5,21 +5,26 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 """
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from functools import partial
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.core.time import ms
+from trimtab.core.time import ms, seconds
 from trimtab.environment.acoustics import Air
 from trimtab.estimators.inertial.aided import Intake
 from trimtab.estimators.inertial.coupled import AidedInertialCoupled
+from trimtab.estimators.inertial.direct import AidedInertialDirect
 from trimtab.estimators.inertial.dual_filter import InertialNoise
 from trimtab.estimators.inertial.feedback import AidedInertialFeedback
+from trimtab.estimators.inertial.feedforward import AidedInertialFeedforward
 from trimtab.estimators.inertial.mechanisation import InertialStart
 from trimtab.estimators.passthrough import Passthrough
+from trimtab.estimators.ranging.particle import Particle
 from trimtab.estimators.ranging.position import PAIR, RangingPosition
+from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled
 from trimtab.estimators.ranging.ultrasonic_inertial import UltrasonicInertial
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.loop.relayed_sensor import RelayedSensor
@@ -29,9 +34,28 @@ from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.sensors.time_of_flight import Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
-Navigation = Literal["errors", "ins", "ins-magnetometer", "ins-coupled"]
-"""errors: the source's error model. ins: IMU, ultrasonic network and dual filters, heading from two units.
-ins-magnetometer: heading from the magnetometer. ins-coupled: one filter for all, so that positions teach headings."""
+Kind = Literal["errors", "ins", "ins-magnetometer", "ins-coupled", "ins-feedforward", "ins-direct", "tight", "particle"]
+Navigation = Annotated[
+    Kind,
+    {
+        "errors": "the source's model of its navigation's errors",
+        "ins": "IMU, fixes of the ultrasonic network, dual filters; what they learn is fed back",
+        "ins-magnetometer": "the same with the heading from the magnetometer, not from two units",
+        "ins-coupled": "one filter for heading and motion, so that positions teach the heading",
+        "ins-feedforward": "the dual filters as the source has them: errors are taken off outside of the navigation",
+        "ins-direct": "dual filters of the state itself, not of its errors",
+        "tight": "tightly coupled: each raw range goes into one filter with the IMU",
+        "particle": "a particle filter on raw ranges and IMU",
+    },
+]
+FORMS: dict[str, Any] = {
+    "ins": AidedInertialFeedback,
+    "ins-magnetometer": AidedInertialFeedback,
+    "ins-coupled": AidedInertialCoupled,
+    "ins-feedforward": AidedInertialFeedforward,
+    "ins-direct": AidedInertialDirect,
+}
+"""The INS that fixes go to."""
 
 Bus = Literal["none", "slave"]
 """slave: the ultrasonic units hang on a second microcontroller, and their samples pass a slow bus to the one with the
@@ -50,8 +74,9 @@ NOISE = InertialNoise(
 )
 """IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
-INTAKE = Intake(gap=ms(150))
-"""A radio that jitters is silent for longer than the usual 40 ms."""
+IMU = Imu.microstrain_3dm_gx1()
+INTAKE = Intake(gap=ms(150), lag=seconds(round(np.sqrt(2) / (2 * np.pi * float(IMU.gyro.bandwidth)), 4)))
+"""A radio that jitters is silent for longer than the usual 40 ms; what the IMU reads is 7.5 ms old: its low pass."""
 MESSAGE = 5 + 1 + 6 * 3
 """Bytes of a ping on the bus: header, unit, and number and range of each beacon that replied, six at most below these
 beacons."""
@@ -94,14 +119,27 @@ def choose_navigation(
     ranging: Any = UltrasonicRanging(beacons=beacons, units=PAIR, clients=2, medium=medium)
     if bus == "slave":
         ranging = RelayedSensor(inner=ranging, bus=SLAVE)
-    sensors = {"imu": Imu.microstrain_3dm_gx1(), "ranging": ranging}
+    sensors = {"imu": IMU, "ranging": ranging}
     if navigation == "ins-magnetometer":
         sensors["magnetometer"] = Magnetometer.microstrain_3dm_gx1()
-    form: Any = AidedInertialCoupled if navigation == "ins-coupled" else AidedInertialFeedback
-    noise = replace(NOISE, heading_constant=0.0) if navigation == "ins-magnetometer" else NOISE
-    estimator = UltrasonicInertial(
-        positioning=RangingPosition(beacons=beacons.map, units=PAIR),
-        inertial=form(noise=noise, start=START, intake=INTAKE),
-        magnetometer="magnetometer" if navigation == "ins-magnetometer" else "",
+    return sensors, _make_estimator(navigation, beacons.map)
+
+
+def _make_estimator(navigation: Kind, beacons: Any) -> Any:
+    """The estimator of a navigation on IMU and ranges; the raw-range filters consider constant errors themselves.
+
+    The tightly coupled one begins as the INS does, not from its own closed form: that waits for a gyro which
+    `hovercraft/zero-velocity` saturates until a law brakes it, and the law for an estimate.
+    """
+    if navigation in ("tight", "particle"):
+        noise = replace(NOISE, position_constant=0.0, heading_constant=0.0)
+        form: Any = partial(TightlyCoupled, begins="given") if navigation == "tight" else Particle
+        intake = replace(form().intake, gap=INTAKE.gap, lag=INTAKE.lag)
+        return form(intake=intake, noise=noise, start=START, beacons=beacons, units=PAIR)
+    magnetometer = "magnetometer" if navigation == "ins-magnetometer" else ""
+    noise = replace(NOISE, heading_constant=0.0) if magnetometer else NOISE
+    return UltrasonicInertial(
+        positioning=RangingPosition(beacons=beacons, units=PAIR),
+        inertial=FORMS[navigation](noise=noise, start=START, intake=INTAKE),
+        magnetometer=magnetometer,
     )
-    return sensors, estimator

@@ -23,8 +23,8 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 Links = Literal["chain", "measured"]
 Supervision = Literal["none", "automatic"]
-Initial = Literal["moving", "rest"]
-"""Of the heading scenarios: [1] figs. 6.11 and 6.12."""
+Initial = Literal["rest", "moving"]
+"""Of the heading scenarios: [1] fig. 6.12, by the shortest way; fig. 6.11, with its plain difference of headings."""
 MARGIN = 5.0
 """How far beyond its floor (m) a supervised hovercraft may get."""
 PAIRING = "free2move/linksys 2.9/22.0"
@@ -107,11 +107,11 @@ def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float 
 def heading_scenario(
     name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervision, bus: Bus
 ) -> Scenario:
-    """Turn to 5 rad out of a spinning slide, or to 1 rad from rest.
+    """Turn to 1 rad from rest by the shortest way, or, as in the source's fig. 6.11, to 5 rad out of a spinning slide.
 
     The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
     source, the error of that flight is the plain difference to a heading that the navigation gives in [0, 2 pi), so
-    that the vehicle goes up to 5 rad and not the short way down.
+    that the vehicle goes up to 5 rad and not the short way down. With all faults it turns whole circles that way.
     """
     if initial == "rest":
         x, target, errors = HovercraftState(), 1.0, None

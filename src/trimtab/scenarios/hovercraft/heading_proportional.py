@@ -7,7 +7,7 @@ from trimtab.scenarios.hovercraft._thesis import Initial, Links, Supervision, he
 
 
 def scenario(
-    initial: Initial = "moving",
+    initial: Initial = "rest",
     links: Links = "chain",
     navigation: Navigation = "errors",
     supervisor: Supervision = "none",

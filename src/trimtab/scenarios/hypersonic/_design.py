@@ -8,7 +8,8 @@ vehicle", Aerospace 2022, 9(4), 206, assumption 1 for the envelope. Its weights 
 """
 
 import itertools
-from functools import lru_cache
+import math
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -16,40 +17,45 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import FAST_COMPILE_OPTIONS
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.core.rotation import DEG
-from trimtab.design.certificate import METHODS, Certificate, RecordedNumber, build_certificate
+from trimtab.design.certificate import METHODS, Certificate, design_certificate
+from trimtab.design.certified_system import CertifiedSystem, LimitedNumber, system_settings
 from trimtab.design.linearise import LinearModel
 from trimtab.design.lmi import LmiGain, lmi_gain
-from trimtab.design.lqr import KalmanBucy, Lqr, augment_integrals, kalman_bucy, lqr
+from trimtab.design.lqr import Lqr, augment_integrals, lqr
 from trimtab.design.normal_form import linear_normal_form
 from trimtab.design.trim import Trim
-from trimtab.laws.adaptive_robust import SIZES
+from trimtab.estimators.flexible.discrete import EQUAL_Q, TUNED_Q
+from trimtab.laws.adaptive_robust import SIZES, AdaptiveRobust
 from trimtab.laws.path_inversion import InputLimits, invert_path
-from trimtab.scenarios.hypersonic._internal import design_model, find_trim
+from trimtab.scenarios.hypersonic._certified_loop import UNCERTAINTY, prove_loop, uncertain_plant
+from trimtab.scenarios.hypersonic._internal import LevelTrim, design_model, find_trim
+from trimtab.scenarios.hypersonic._loop import INTEGRAL_SIZES, INTEGRALS
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
+from trimtab.vehicles.hypersonic_aerodynamics import KMODES
 
 H, V = 85000.0, 7702.0808
 """Altitude (ft) and speed (ft/s) of the linearisation, [1] table 1."""
 INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 MODES = INTERNAL[2:]
-INTEGRALS = ("integral of h", "integral of V")
 SCALE = np.array(SIZES)
 """Sizes of the errors in which equations are solved."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
 """Errors that weigh 1: Q_e = diag(1/ALLOWED^2)."""
 ALLOWED_INPUT = np.array([10.0, 5.0])
 """Accelerations (ft/s^2) that weigh 1: R_e = diag(1/ALLOWED_INPUT^2)."""
-ALLOWED_INTEGRALS = np.array([1000.0, 100.0])
+ALLOWED_INTEGRALS = np.array(INTEGRAL_SIZES)
 """Integrals of the errors of h (ft s) and V (ft) that weigh 1."""
 STRICT_FACTOR = 1.01
 """The regulator's weight Q in parts of the Q_e that is certified for it, which makes (14) strict."""
 FILTERS = {
-    "tuned": ((1e-5, 100.0, 1e-5, 100.0), 5e-7),
+    "tuned": (TUNED_Q, 5e-7),
+    "equal": (EQUAL_Q, 5e-7),
     "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
     "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
 }
-"""Name -> diagonal of Q_eta, and R_eta (rad^2/s^3): as flown; for an exact model; as printed in [1]."""
+"""Name -> diagonal of Q_eta, R_eta (rad^2/s^3): as flown; equal on both modes; for an exact model; printed in [1]."""
 NOMINAL = Hypersonic()
 GRID = tuple(
     itertools.product(
@@ -64,65 +70,90 @@ GRID = tuple(
 GRID_DESCRIPTION = (
     f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
 )
+H_RANGE, V_RANGE = (80e3, 95e3), (7e3, 9e3)
+"""Altitudes (ft) and speeds (ft/s) of GRID."""
 WANTED_ACCELERATIONS = (2.0, -2.0)
 """Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
 
 
-def certificate(
-    craft: Hypersonic = NOMINAL,
-    *,
+@lru_cache(maxsize=32)
+def certified_system(
     method: str = "lqr",
-    integral: bool = False,
+    integral: str = "false",
     filter: str = "tuned",
-    plant: Hypersonic | None = None,
-    h: float = H,
-    V: float = V,
-) -> Certificate:
-    """Gain, filter and all that proves them; prove it with `certificate_check.prove_certificate`.
+    kmode: str = "parker",
+    h_ft: float = H,
+    V_ft_per_s: float = V,
+    uncertainty: float = 1.0,
+    mode_error: float = 0.03,
+) -> CertifiedSystem:
+    """What is certified: the errors of the vehicle as it is shipped, in level flight, with weights, filter and numbers.
 
     Args:
-        craft: the vehicle the law believes in.
         method: "lqr" or "lmi".
-        integral: with integral action.
-        filter: "tuned", "accurate" or "printed".
-        plant: the vehicle that flies, for kappa_G; the same where not given.
-        h: altitude (ft).
-        V: speed (ft/s).
+        integral: "true": with integral action.
+        filter: of FILTERS, or "none": the modes are measured.
+        kmode: reading of k_i, as `FlexibleModes.kmode`.
+        h_ft: altitude (ft), inside the envelope.
+        V_ft_per_s: speed (ft/s), inside the envelope.
+        uncertainty: of the plant that flies, in parts of UNCERTAINTY.
+        mode_error: of both modes' frequencies in the plant that flies, either way, as a part of them.
     """
-    linear, level = error_model(craft, h, V)
-    gain = feedback_gain(linear, method=method, integral=integral)
-    Qe, Re, scale = weights(integral=integral)
+    _check_settings(integral, filter, kmode)
+    for name, value, (low, high) in (("h_ft", h_ft, H_RANGE), ("V_ft_per_s", V_ft_per_s, V_RANGE)):
+        if not low <= value <= high:
+            raise InputError(
+                name, f"{value:g}", fix=f"give {low:g} to {high:g}, where the vehicle's curves were fitted"
+            )
+    if not 0 <= uncertainty < 10:  # at 10 there is no drag
+        raise InputError("uncertainty", f"{uncertainty:g}", fix="give 0 (the plant is the model) to less than 10")
+    if not 0 <= mode_error <= 0.2:
+        raise InputError("mode_error", f"{mode_error:g}", fix="give 0 (the modes are the model's) to 0.2")
+    craft = _believed_craft(kmode)
+    linear, level = error_model(craft, h_ft, V_ft_per_s)
+    trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), map(float, (level.x[2], *level.u)), strict=True))
+    A, B = error_matrices(linear, integral=integral == "true")
+    Qe, Re, scale = weights(integral=integral == "true")
     Qe = Qe / STRICT_FACTOR if method == "lqr" else Qe
-    about = {"method": method, "integral": str(integral).lower(), "filter": filter, "kmode": craft.modes.kmode}
-    trimmed = dict(zip(("alpha_rad", "Phi", "delta_e_rad"), (level.x[2], *level.u), strict=True))
-    return build_certificate(
-        "hypersonic",
-        error_matrices(linear, integral=integral),
-        (gain.K, gain.P),
-        (Qe, Re),
-        states=(*linear.states, *INTEGRALS) if integral else linear.states,
-        inputs=linear.inputs,
+    about = {"method": method, "integral": integral, "filter": filter, "kmode": kmode, "h_ft": h_ft}
+    system = CertifiedSystem(
+        name="hypersonic",
+        about=about | {"V_ft_per_s": V_ft_per_s, "uncertainty": uncertainty, "mode_error": mode_error} | trimmed,
         method=method,
+        states=(*linear.states, *INTEGRALS) if integral == "true" else linear.states,
+        inputs=linear.inputs,
+        A=A,
+        B=B,
+        Qe=Qe,
+        Re=Re,
         Q=STRICT_FACTOR * Qe if method == "lqr" else None,
         scale=scale,
-        observer=(MODES, *mode_filter(linear, filter)),
-        recorded=recorded_numbers(craft, craft if plant is None else plant),
-        about=about | {"h_ft": h, "V_ft_per_s": V} | {n: float(v) for n, v in trimmed.items()},
     )
+    system = system._replace(numbers=lambda K: envelope_numbers(craft, K, uncertainty))
+    if filter == "none":
+        return system
+    diagonal, density = FILTERS[filter]
+    C, Q_eta, R = linear.A[4:5, 5:], np.diag(diagonal), np.array([[density]])
+    system = system._replace(estimated=MODES, C=C, Q_eta=Q_eta, R=R)
+    at = LevelTrim(h_ft, V_ft_per_s, level.x[[2, 4, 5, 6, 7, 8]], HypersonicInput(*map(float, level.u)))
+    return system._replace(loop_lines=prove_loop(craft, at, filter, uncertainty, mode_error))
 
 
-def recompute_matrices(written: Certificate) -> tuple[Any, Any]:
-    """A and B of the system that a certificate speaks of, computed anew for the vehicle as it is shipped."""
-    place: list[float] = []
-    for name in ("h_ft", "V_ft_per_s"):
-        try:
-            place.append(float(written.about[name]))
-        except (KeyError, TypeError, ValueError):
-            problem = f"about.{name} is {written.about.get(name)!r}, no number"
-            fix = "trimtab design hypersonic --out FILE  makes it anew"
-            raise InputError("certificate", problem, fix=fix) from None
-    linear, _ = error_model(h=place[0], V=place[1])
-    return error_matrices(linear, integral=written.about.get("integral") == "true")
+@lru_cache(maxsize=len(KMODES))
+def _believed_craft(kmode: str) -> Hypersonic:
+    return NOMINAL if kmode == NOMINAL.modes.kmode else replace(NOMINAL, modes=replace(NOMINAL.modes, kmode=kmode))
+
+
+def _check_settings(integral: str, filter: str, kmode: str) -> None:
+    offered = {"integral": ("false", "true"), "filter": (*FILTERS, "none"), "kmode": KMODES}
+    for name, value in {"integral": integral, "filter": filter, "kmode": kmode}.items():
+        if value not in offered[name]:
+            raise InputError(name, f"{value!r}", choices=offered[name], fix=f"--set {name}={offered[name][0]}")
+
+
+def certificate(**settings: str | float) -> Certificate:
+    """Gain, filter and all that proves them, of a `certified_system` with these settings."""
+    return design_certificate(certified_system(**system_settings(certified_system, settings, "hypersonic")))
 
 
 @lru_cache(maxsize=8)
@@ -163,50 +194,73 @@ def error_matrices(linear: LinearModel, *, integral: bool = False) -> tuple[Any,
     return augment_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
 
 
-def mode_filter(linear: LinearModel, filter: str = "tuned") -> tuple[Any, Any, Any, Any, KalmanBucy]:
-    """A_eta (4, 4), C (1, 4), Q_eta, R and the steady filter of the modes; what v does to them is known to it.
+def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str, LimitedNumber]:
+    """What assumptions 1 and 2 of [1] ask of the plant that flies, and of the inversion, over the envelope.
 
-    A_eta and C are blocks of A: neither v nor its inversion depends on the modes.
+    kappa_G bounds |(G_plant - G) G^-1|; rho0 and rho1 bound what the inversion leaves, |M_F| <= rho0 + rho1 |e/scale|,
+    with M_F = v_plant - v at v = y_d + K e; [1] prints none of the three. All are largest at a corner of the plant's
+    uncertainty, for they are convex in v_plant, and that is affine in each of the uncertain coefficients (1/m too).
+
+    Args:
+        craft: the vehicle the law believes in.
+        K: gain (2, 9), or more columns: of the integrals.
+        uncertainty: in parts of UNCERTAINTY.
     """
-    if filter not in FILTERS:
-        raise InputError("filter", f"{filter!r}", choices=FILTERS, fix="--filter tuned")
-    diagonal, density = FILTERS[filter]
-    A, C = linear.A[5:, 5:], linear.A[4:5, 5:]
-    Q, R = np.diag(diagonal), np.array([[density]])
-    return A, C, Q, R, kalman_bucy(A, C, Q, R)
-
-
-def recorded_numbers(craft: Hypersonic, plant: Hypersonic) -> dict[str, RecordedNumber]:
-    """kappa_G of the plant that flies, the least |det dv/du|, and the worst residual of the inversion the law flies."""
-    kappa, determinant, residual = _worst_values(craft, plant)
-    kappa_how = f"largest |(G_plant - G) G^-1|, {GRID_DESCRIPTION}" + ("; no parameter error" if plant == craft else "")
-    residual_how = f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}"
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY)))) * uncertainty
+    values = jax.tree.map(np.asarray, _sweep_envelope(craft, K[:, :9] * SCALE, corners, np.array(GRID)))
+    kappa, rho0, rho1 = (float(value.max()) for value in values[:3])
+    determinant, residual = float(np.abs(values[3]).min()), float(values[4].max())
+    errors = ", ".join(
+        f"{path.rpartition('.')[2]} {100 * part * uncertainty:g} %" for path, part in UNCERTAINTY.items()
+    )
+    where = f"{len(corners)} plants, {errors}; {GRID_DESCRIPTION}"
+    cap = float(AdaptiveRobust(BP=np.zeros((2, 9))).cap)
     return {
-        "kappa_G": RecordedNumber(kappa, 0.0, 1.0, kappa_how),
-        "least |det dv/du|": RecordedNumber(determinant, 1.0, 1e9, GRID_DESCRIPTION),
-        "residual of the inversion": RecordedNumber(residual, 0.0, 1e-9, residual_how),
+        "kappa_G": LimitedNumber(kappa, 0.0, 1.0, f"largest |(G_plant - G) G^-1|, {where}", 1e-9),
+        "rho0 (ft/s^2)": LimitedNumber(rho0, 0.0, cap, f"|M_F| at y_d = corners of +-2 ft/s^2; {where}", 1e-8),
+        "rho1 (ft/s^2)": LimitedNumber(rho1, 0.0, cap, f"largest |dM_F/dv K scale|; {where}", 1e-8),
+        "least |det dv/du|": LimitedNumber(determinant, 1.0, math.inf, GRID_DESCRIPTION, 1e-6),
+        "residual of the inversion": LimitedNumber(
+            residual, 0.0, 1e-9, f"v = {WANTED_ACCELERATIONS} ft/s^2, {GRID_DESCRIPTION}", 1e-11
+        ),
     }
 
 
-@lru_cache(maxsize=8)
-def _worst_values(craft: Hypersonic, plant: Hypersonic) -> tuple[float, float, float]:
-    v = jnp.array(WANTED_ACCELERATIONS)
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _sweep_envelope(craft: Hypersonic, sized: Any, corners: Any, grid: Any) -> Any:
+    """At each point of a grid (p, 5): for the corners of the uncertainty (c, 5), |(G_plant - G) G^-1|, |M_F| and
+    |dM_F/dv K scale| (p, c); and det dv/du and the inversion's residual (p,).  sized: K scale (2, 9)."""
+    wanted = jnp.array(list(itertools.product((-2.0, 2.0), repeat=2)))
 
-    def at(point: Any) -> tuple[Any, Any, Any]:
+    def at(point: Any) -> Any:
         h, V, alpha, gamma, delta_e = point
         x = HypersonicState(h, V, alpha, alpha + gamma, 0.0, 0.0, 0.0, 0.0, 0.0)
         start = jnp.stack([0.3 * jnp.ones_like(h), delta_e])
-        slope = jax.jacfwd(lambda w: accelerations(craft, x, w))
-        G = slope(start)
-        apart = jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G
-        input = invert_path(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
-        u = jnp.stack([input.Phi, input.delta_e])
+        G = jax.jacfwd(lambda w: accelerations(craft, x, w))(start)
         inverse = jnp.array([[G[1, 1], -G[0, 1]], [-G[1, 0], G[0, 0]]]) / _determinant(G)
-        return apart @ inverse, _determinant(G), accelerations(craft, x, u) - v
 
-    errors, dets, left = jax.jit(jax.vmap(at), compiler_options=FAST_COMPILE_OPTIONS)(jnp.array(GRID))
-    kappa = np.linalg.norm(np.asarray(errors), 2, axis=(1, 2)).max()
-    return float(kappa), float(np.abs(dets).min()), float(np.abs(left).max())
+        def solve_input(v: Any) -> Any:
+            input = invert_path(craft, h, V * jnp.sin(gamma), V, alpha, v[0], v[1]).u
+            return jnp.stack([input.Phi, input.delta_e])
+
+        def at_corner(parts: Any) -> Any:
+            plant = uncertain_plant(craft, parts)
+            E = (jax.jacfwd(lambda w: accelerations(plant, x, w))(start) - G) @ inverse
+            left = jax.vmap(lambda v: accelerations(plant, x, solve_input(v)) - v)(wanted)
+            return _norm(E), jnp.sqrt((left**2).sum(axis=1)).max(), _norm(E @ sized)
+
+        asked = jnp.array(WANTED_ACCELERATIONS)
+        residual = jnp.abs(accelerations(craft, x, solve_input(asked)) - asked).max()
+        return *jax.vmap(at_corner)(corners), _determinant(G), residual
+
+    return jax.vmap(at)(grid)
+
+
+def _norm(M: Any) -> Any:
+    """Largest singular value of a matrix of two rows (2, n)."""
+    S = M @ M.T
+    half, apart = (S[0, 0] + S[1, 1]) / 2, (S[0, 0] - S[1, 1]) / 2
+    return jnp.sqrt(half + jnp.sqrt(apart**2 + S[0, 1] ** 2))
 
 
 def _determinant(G: Any) -> Any:

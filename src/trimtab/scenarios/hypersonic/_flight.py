@@ -20,7 +20,7 @@ from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
-from trimtab.scenarios.hypersonic._design import error_model, feedback_gain
+from trimtab.scenarios.hypersonic._design import NOMINAL, error_model, feedback_gain
 from trimtab.scenarios.hypersonic._internal import (
     level_trim,
     linear_table,
@@ -32,13 +32,15 @@ from trimtab.sensors.angular_accelerometer import AngularAccelerometer
 from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, FlightStateSensor
 from trimtab.vehicles.hypersonic import Hypersonic
 
-Filter = Literal["tuned", "accurate", "printed", "none", "adaptive"]
-"""Settings of the filter of the modes; none: the observer that uses no measurement; adaptive: it learns frequencies."""
+Filter = Literal["tuned", "equal", "accurate", "printed", "none", "adaptive"]
+"""Settings of the filter of the modes; equal: the same noise on both; none: the observer that uses no measurement;
+adaptive: it learns frequencies."""
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
 """How the law finds the internal motion that its command needs: a table of the exact bounded solution, looking ahead in
 flight, as though the command stood still, causal and linear, or a table of the linear bounded solution as in [1]."""
 Noise = Literal["off", "on"]
-Integral = Literal["off", "on"]
+Integral = Literal["on", "off"]
+"""Whether the integrals of the errors of h and V are fed back; [1] has none."""
 Robust = Literal["off", "published", "minus", "smooth", "sign"]
 """Adaptive robust terms: none; u_h with the published or the other sign; u_s smoothed or with sgn."""
 TICK = ms(5)
@@ -51,10 +53,11 @@ def hypersonic_scenario(
     duration_s: float,
     *,
     plant: Hypersonic | None = None,
+    believed: Hypersonic = NOMINAL,
     filter: Filter = "tuned",
     internal: Internal = "noncausal",
     noise: Noise = "off",
-    integral: Integral = "off",
+    integral: Integral = "on",
     robust: Robust = "off",
     K: Any = None,
 ) -> Scenario:
@@ -64,15 +67,16 @@ def hypersonic_scenario(
         name: in the catalogue.
         climb: what altitude and speed should do.
         duration_s: length (s).
-        plant: the vehicle that flies; the law and the filter believe in the nominal one.
+        plant: the vehicle that flies; the one believed in where not given.
+        believed: the vehicle that law, gain, filter and the table of internal states are made for.
         filter: settings of the filter of the modes.
         internal: how the law finds the internal motion that the command needs.
         noise: of the angular accelerometer, 0.01 rad/s^2 a sample.
         integral: whether the integrals of the errors of h and V are fed back.
         robust: adaptive robust terms.
-        K: gain (2, 9) in the place of the regulator's.
+        K: gain (2, 9) in the place of the regulator's; then no integrals.
     """
-    believed, flown = Hypersonic(), plant or Hypersonic()
+    flown = plant or believed
     start = level_trim(believed, climb.h0, climb.V0)
     sensors = {
         "flight": FlightStateSensor(period=TICK),
@@ -91,7 +95,7 @@ def hypersonic_scenario(
         internal=_make_internal(internal, believed, climb, duration_s),
         craft=believed,
         command=climb,
-        **_gain_settings(integral, K),
+        **_gain_settings(integral, K, believed),
     )
     tracking = replace(tracking, robust=_choose_robust_terms(robust, tracking.robust))
     autopilot = Autopilot(
@@ -111,6 +115,7 @@ def hypersonic_scenario(
 def _make_filter(name: Filter, believed: Hypersonic) -> Any:
     filters: dict[str, Any] = {
         "tuned": FlexibleModeFilter(),
+        "equal": FlexibleModeFilter.with_equal_noise(),
         "accurate": FlexibleModeFilter.for_exact_model(),
         "printed": FlexibleModeFilter.from_publication(),
         "none": FlexibleModeFilter(corrects=False),
@@ -130,11 +135,14 @@ def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, d
     return make(believed, climb, duration_s)[0]
 
 
-def _gain_settings(integral: Integral, K: Any) -> dict[str, Any]:
-    if integral == "on":
-        gain = feedback_gain(error_model()[0], integral=True).K
-        return {"K": gain[:, :9], "Ki": gain[:, 9:]}
-    return {} if K is None else {"K": K}
+def _gain_settings(integral: Integral, K: Any, believed: Hypersonic) -> dict[str, Any]:
+    """The gain given, else the regulator's for the vehicle believed in; the law has that of the nominal one itself."""
+    if K is not None:
+        return {"K": K}
+    if integral == "off" and believed is NOMINAL:
+        return {}
+    gain = feedback_gain(error_model(believed)[0], integral=integral == "on").K
+    return {"K": gain[:, :9], "Ki": gain[:, 9:]} if integral == "on" else {"K": gain}
 
 
 def _choose_robust_terms(name: Robust, terms: AdaptiveRobust) -> AdaptiveRobust:

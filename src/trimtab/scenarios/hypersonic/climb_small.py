@@ -5,7 +5,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
 
 
-def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
+def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
     """Nominal: the plant is the model."""
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     name = "hypersonic/climb-small"

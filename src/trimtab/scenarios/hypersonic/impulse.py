@@ -13,7 +13,7 @@ LENGTH, START = 0.05, 20.0
 
 
 def scenario(
-    kind: Kind = "moment", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
+    kind: Kind = "moment", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
     """0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; further work of the source, sizes chosen."""
     craft = Hypersonic()

@@ -5,7 +5,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
 
 
-def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "off") -> Scenario:
+def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
     """The plant is the model; the noise is chosen, the source prints none."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     name = "hypersonic/noise"

@@ -12,9 +12,7 @@ Kind = Literal["lift", "drag", "moment", "large-moment"]
 START = 20.0
 
 
-def scenario(
-    kind: Kind = "lift", integral: Integral = "off", filter: Filter = "tuned", noise: Noise = "on"
-) -> Scenario:
+def scenario(kind: Kind = "lift", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
     """2 % of the weight, 88 lbf/ft of drag, 500 or 5000 lbf of moment; further work of the source, sizes chosen."""
     craft = Hypersonic()
     felt = {

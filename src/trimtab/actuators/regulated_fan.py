@@ -1,0 +1,96 @@
+"""The thrust fan as the vehicle's firmware drives it: speed regulator, speed controller, motor, encoder and battery.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.battery import Battery, BatteryOutput, BatteryState
+from trimtab.actuators.motor import Motor, MotorInput, MotorState
+from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput, SpeedRegulatorState
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record, tree_where
+from trimtab.core.time import format_time
+
+
+@record
+class RegulatedFanState:
+    """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
+
+    regulator: SpeedRegulatorState = part("Of the speed regulator.")
+    motor: MotorState = part("Of motor and encoder.")
+    battery: BatteryState = part("Of the battery.")
+    count: Scalar = quantity("1", "The encoder's counter.", kind="count", default=np.int32(0))
+    duty: Scalar = quantity("1", "That the regulator asks for.", default=np.float64(0.0))
+    fault: Scalar = quantity("1", "The regulator doesn't believe the encoder.", kind="flag", default=np.bool_(False))
+
+
+@record
+class RegulatedFanOutput:
+    """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
+
+    duty: Scalar = quantity("1", "Of the motor, -1 to 1, negative in reverse.")
+    encoder_fault: Scalar = quantity("1", "The regulator doesn't believe the encoder.", kind="flag")
+    battery: BatteryOutput = part("Voltage, current and what is left.")
+
+
+@record
+class RegulatedFan:
+    """The blocks of the firmware and what they work against, one after the other.
+
+        every tick of the regulator: encoder's counter, wanted speed -> duty
+        duty -> speed controller (brake) -> motor and propeller on the battery's voltage -> speed, counter
+        current of the motor -> battery -> voltage of the next step
+
+    Frames:  positive speed pushes forward.    Not modelled: the servo frame of the duty's pulses, 20 ms.
+    Source:  [1] chapter 4 (PI regulator in the firmware; encoder); see the parts for what is reconstructed.
+    """
+
+    regulator: SpeedRegulator = part("Of the firmware.", default=SpeedRegulator())
+    motor: Motor = part("With propeller and encoder.", default=Motor())
+    battery: Battery = part("That feeds it.", default=Battery())
+
+    def check(self) -> None:
+        """Refuse parts that don't go in step."""
+        step, tick, other = self.motor.period, self.regulator.period, self.battery.period
+        if tick % step or other != step:
+            problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
+            fix = "give motor and battery one period, of which the regulator's is a multiple"
+            raise InputError("RegulatedFan.period", problem, fix=fix)
+        self.battery.check()
+
+    def init(self) -> RegulatedFanState:
+        """At rest."""
+        return RegulatedFanState(regulator=self.regulator.init(), motor=self.motor.init(), battery=self.battery.init())
+
+    def neutral(self) -> RegulatedFanOutput:
+        """Not driven."""
+        other = self.battery.other
+        power = BatteryOutput(voltage=self.battery.init().voltage, current=other, remaining=self.battery.initial)
+        return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
+
+    def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
+        """The state with the duty for a wanted speed, at integer time t; unchanged between the regulator's ticks."""
+        given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
+        regulator, out = self.regulator.step(t, state.regulator, given)
+        due = t % self.regulator.period == 0
+        return RegulatedFanState(
+            regulator=tree_where(due, regulator, state.regulator),
+            motor=state.motor,
+            battery=state.battery,
+            count=state.count,
+            duty=jnp.where(due, out.duty, state.duty),
+            fault=jnp.where(due, out.fault, state.fault),
+        )
+
+    def turn(self, t: Any, state: RegulatedFanState, duty: Any) -> tuple[RegulatedFanState, Any, RegulatedFanOutput]:
+        """State, speed (rpm) and what is logged, one period after integer time t with a duty (-1 to 1)."""
+        given = MotorInput(duty=duty, voltage=state.battery.voltage)
+        motor, moved = self.motor.step(t, state.motor, given)
+        drawn = duty * self.motor.current(motor.speed, given)
+        battery, power = self.battery.step(t, state.battery, drawn)
+        new = RegulatedFanState(state.regulator, motor, battery, moved.count, state.duty, state.fault)
+        return new, moved.speed_rpm, RegulatedFanOutput(duty=duty, encoder_fault=state.fault, battery=power)

@@ -1,0 +1,208 @@
+"""A certificate as a file of text: JSON, data only, each float with the digits that give it back.
+
+All in a file is data. What is missing, is there twice, is not known, is no number or is of a size that no system has is
+refused; what can be compared with the system is no business of this module.
+
+Source: this module.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.design.certificate import METHODS, Certificate, ObserverPart
+
+FORMAT = "trimtab certificate 2"
+SCOPE = (
+    "local: the linear model of the named system, at its point",
+    "continuous time, but for lines that say sampled",
+    "void while an input saturates",
+)
+LARGEST = 1e50
+"""Entries beyond this are no state, weight or gain of anything."""
+FIX = "trimtab design hypersonic --out certificate.json  writes one"
+
+
+def certificate_json(certificate: Certificate) -> str:
+    """The certificate as text; floats by their shortest digits that give the same float again."""
+    content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": certificate_digest(certificate)}
+    return _join_matrix_rows(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
+
+
+def certificate_digest(certificate: Certificate) -> str:
+    """SHA-256 of all that the certificate says, against changes by accident; the proof does not rest on it."""
+    text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _as_plain(value: Any) -> Any:
+    if hasattr(value, "_asdict"):
+        return {n: _as_plain(v) for n, v in value._asdict().items()}
+    if isinstance(value, dict):
+        return {n: _as_plain(v) for n, v in value.items()}
+    if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return [[float(v.real), float(v.imag)] for v in value]
+        return value.tolist()
+    return value
+
+
+def _join_matrix_rows(text: str) -> str:
+    """Rows of numbers on one line each, for reading."""
+    lines, row = [], ""
+    for line in text.split("\n"):
+        inner = line.strip()
+        if inner == "[" or inner.endswith(": ["):
+            if row:
+                lines.append(row)
+            row = line
+        elif row and inner in ("]", "],"):
+            lines.append(row + inner)
+            row = ""
+        elif row:
+            row += inner + (" " if inner.endswith(",") else "")
+        else:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def read_certificate(path: str | Path) -> tuple[Certificate, str]:
+    """A certificate, and the digest that is written beside it."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error
+    return parse_certificate(text, str(path))
+
+
+def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
+    """The certificate, and the digest that is written beside it.
+
+    Args:
+        text: of the file.
+        name: of the file, for errors.
+    """
+    try:
+        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_doubles)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"file '{name}'", f"is no JSON: {error}", fix=FIX) from error
+    form = content.get("format") if isinstance(content, dict) else type(content).__name__
+    if form != FORMAT:
+        older = form == "trimtab certificate 1"  # whose conditions and limits were the file's own
+        fix = f"trimtab design hypersonic --out {name}  makes it anew" if older else FIX
+        raise InputError(f"file '{name}'", f"is no certificate: format {form!r}", choices=(FORMAT,), fix=fix)
+    try:
+        _check_keys(content, ("format", "scope", "digest", *Certificate._fields), "", name)
+        if content["scope"] != list(SCOPE):
+            raise InputError(f"file '{name}', scope", f"{content['scope']}", fix=FIX)
+        return _parse_fields(content, name), _parse_text(content["digest"], "digest", name)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"file '{name}'", f"holds what is no certificate: {error}", fix=FIX) from error
+
+
+def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
+    states, inputs = _parse_names(c["states"], "states", name), _parse_names(c["inputs"], "inputs", name)
+    n, m = len(states), len(inputs)
+    if c["method"] not in METHODS or (c["method"] == "lqr") != (c["Q"] is not None):
+        raise InputError(f"file '{name}', method", f"{c['method']!r}", choices=METHODS, fix=FIX)
+    shapes = {"A": (n, n), "B": (n, m), "K": (m, n), "P": (n, n), "Qe": (n, n), "Re": (m, m), "scale": (n,)}
+    if c["Q"] is not None:
+        shapes["Q"] = (n, n)
+    arrays = {key: _parse_array(c[key], shape, key, name) for key, shape in shapes.items()}
+    if not (arrays["scale"] > 0).all():
+        raise InputError(f"file '{name}', scale", f"{arrays['scale']}", fix="sizes are above 0; " + FIX)
+    about = {k: v if isinstance(v, str) else _parse_number(v, f"about.{k}", name) for k, v in c["about"].items()}
+    version = _parse_text(c["version"], "version", name)
+    if not re.fullmatch(r"\d+\.\d+[\w.+]*", version):
+        raise InputError(f"file '{name}', version", f"{version!r} is no version", fix=FIX)
+    return Certificate(
+        system=_parse_text(c["system"], "system", name),
+        about=about,
+        method=c["method"],
+        states=states,
+        inputs=inputs,
+        poles=_parse_poles(c["poles"], n, "poles", name),
+        observer=None if c["observer"] is None else _parse_observer(c["observer"], states, name),
+        recorded={k: _parse_number(v, f"recorded.{k}", name) for k, v in c["recorded"].items()},
+        version=version,
+        **({"Q": None} | arrays),
+    )
+
+
+def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> ObserverPart:
+    _check_keys(o, ObserverPart._fields, "observer.", name)
+    estimated = _parse_names(o["estimated"], "observer.estimated", name)
+    unknown = [s for s in estimated if s not in states]
+    if unknown:
+        raise InputError(f"file '{name}', observer.estimated", f"{unknown}", choices=states, fix=FIX)
+    k, p = len(estimated), len(o["C"])
+    shapes = {"A": (k, k), "C": (p, k), "Q": (k, k), "R": (p, p), "P": (k, k), "L": (k, p)}
+    arrays = {key: _parse_array(o[key], shape, f"observer.{key}", name) for key, shape in shapes.items()}
+    weight, least = (_parse_number(o[key], f"observer.{key}", name) for key in ("weight", "least_weight"))
+    poles = _parse_poles(o["poles"], k, "observer.poles", name)
+    return ObserverPart(estimated=estimated, weight=weight, least_weight=least, poles=poles, **arrays)
+
+
+def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
+    """Exactly these keys: a claim that nobody checks has no place in a certificate."""
+    wanted = tuple(wanted)
+    lacking = [key for key in wanted if key not in value]
+    if lacking:
+        raise InputError(f"file '{name}'", "lacks " + ", ".join(f"'{where}{k}'" for k in lacking), fix=FIX)
+    unknown = [key for key in value if key not in wanted]
+    if unknown:
+        raise InputError(f"file '{name}'", f"has {where}{unknown[0]!r}, which is not known", choices=wanted, fix=FIX)
+
+
+def _parse_text(value: Any, key: str, name: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"file '{name}', {key}", f"{value!r} is no text", fix=FIX)
+    return value
+
+
+def _parse_names(value: Any, key: str, name: str) -> tuple[str, ...]:
+    names = tuple(value) if isinstance(value, list) else ()
+    if not names or len(set(names)) != len(names) or not all(isinstance(v, str) for v in names):
+        raise InputError(f"file '{name}', {key}", f"{value}", fix="names, each once; " + FIX)
+    return names
+
+
+def _parse_number(value: Any, key: str, name: str) -> float:
+    return float(_parse_array(value, (), key, name))
+
+
+def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
+    """Numbers, written as numbers: no text, no true and false."""
+    array = np.array(value, object)
+    if array.shape != shape or not all(type(v) in (int, float) for v in array.ravel()):
+        raise InputError(f"file '{name}', {key}", f"shape {array.shape}, wanted {shape}, of numbers", fix=FIX)
+    array = array.astype(float)
+    if not (np.abs(array) <= LARGEST).all():
+        raise InputError(f"file '{name}', {key}", f"an entry is beyond {LARGEST:g}", fix=FIX)
+    return array
+
+
+def _parse_poles(value: Any, n: int, key: str, name: str) -> Any:
+    parts = _parse_array(value, (n, 2), key, name)
+    return parts[:, 0] + 1j * parts[:, 1]
+
+
+def _refuse_constant(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number")
+
+
+def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"{next(k for k in keys if keys.count(k) > 1)!r} is there twice")
+    return content

@@ -1,0 +1,196 @@
+"""Stability of a whole loop, proved without rounding: sampled, of all plants of a box, and inside the inputs' limits.
+
+The Lyapunov matrices are found in floats, by no solver but LAPACK's, and count for nothing: what is proved is that they
+do their work, with every entry the fraction that its float is.
+
+    sampled:  rho^2 P - F'P F > 0                       rho < 1: z decays by rho a period
+    box:      P (A + r I) + (A + r I)'P < 0 at every vertex, one P for all: it then holds in their convex hull, also
+              while the plant changes in it. P from the S-procedure: each parameter is a bounded feedback, whose
+              multipliers are those that make the loop around it least; then a Riccati equation.
+
+    level:    |g z| < room wherever V(z) <= c, for each input that g is the slope of: the set is never left where V
+              falls, and no input saturates in it.
+
+Source: [1] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities in system and control theory",
+SIAM 1994, sections 5.1, 5.2, 6.1; proofs as in `exact`.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_continuous_are, solve_discrete_lyapunov
+from scipy.optimize import minimize
+
+from trimtab.design import exact
+from trimtab.design.certificate import Certificate, ObserverPart
+from trimtab.design.proof import ProofCondition
+
+SHARE = 0.9
+"""Part of the slowest motion's decay that is proved of a sampled loop."""
+ENOUGH = 0.97
+"""The loop around the parameters that is small enough for the Riccati equation."""
+FREQUENCIES = np.concatenate([np.linspace(0.0, 40.0, 320), np.geomspace(40.0, 4000.0, 40)])
+"""Where that loop is looked at (rad/s); only to find multipliers."""
+MEANING = "decay, 1/s"
+
+
+def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> ProofCondition:
+    """The line of z = F z over each period: what of its decay is proved (1/s).
+
+    Args:
+        F: (n, n).
+        size: of the states (n,), in which the Lyapunov matrix is found.
+        period: (s).
+        names: of the states.
+    """
+    scaled = F * size / size[:, None]
+    slowest = -np.log(np.abs(np.linalg.eigvals(F)).max()) / period
+    how = f"exact, {len(F)} states at {1 / period:g} Hz"
+    if not slowest > 0:
+        return ProofCondition("", False, float(slowest), MEANING, how, "it does not decay")
+    rho = float(np.exp(-SHARE * slowest * period))
+    P: Any = solve_discrete_lyapunov(scaled.T / rho, np.eye(len(F)))
+    P = (P + P.T) / np.outer(size, size)
+    exact_P, exact_F = exact.as_fractions(P), exact.as_fractions(F)
+    inside = _multiply(exact_F.T, _multiply(exact_P, exact_F))
+    for M in (exact_P, Fraction(rho) ** 2 * exact_P - inside):
+        proof = exact.prove_definite(M)
+        if proof.pivot is not None:
+            why = f"pivot at {names[proof.pivot]} is {proof.value:.6g}"
+            return ProofCondition("", False, float(slowest), MEANING, how, why)
+    return ProofCondition("", True, float(-np.log(rho) / period), MEANING, how)
+
+
+def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[str]) -> ProofCondition:
+    """The line of all plants of some boxes: each box with a Lyapunov matrix of its own.
+
+    Args:
+        boxes: of each, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest; between
+            them they are affine in each parameter.
+        size: of the states (n,), in which the Lyapunov matrices are found.
+        rate: decay to be proved (1/s).
+        names: of the states.
+    """
+    how = f"exact, {sum(len(vertices) for vertices in boxes)} vertices of {len(boxes)} boxes"
+    multipliers = None
+    for number, vertices in enumerate(boxes):
+        scaled = vertices * size / size[:, None]
+        P, multipliers = _common_lyapunov(scaled, rate, multipliers)
+        broken = None if P is None else _first_broken(vertices, P / np.outer(size, size), rate, names)
+        if P is None or broken is not None:
+            slowest = -float(np.linalg.eigvals(vertices).real.max())
+            why = f"box {number + 1}: {broken or 'no Lyapunov matrix was found for all of it'}"
+            return ProofCondition("", False, slowest, MEANING, how, why)
+    return ProofCondition("", True, rate, MEANING, how)
+
+
+def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> ProofCondition:
+    """The line of the largest level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta in which no input saturates.
+
+    Args:
+        c: whose V it is, without the observer's part.
+        o: that part.
+        slope: of the inputs by (e, e_eta), linear (m, n + k).
+        room: between the inputs at rest and their nearer limits (m,).
+    """
+    n, meaning, how = len(c.A), "level of V", f"exact, {len(room)} inputs"
+    if not (np.asarray(room) > 0).all():
+        return ProofCondition("", False, 0.0, meaning, how, "an input is at its limit at rest")
+    P, P_eta, weight = exact.as_fractions(c.P), exact.as_fractions(o.P), Fraction(o.weight)
+    S = np.full((n + len(o.P),) * 2, Fraction(0))
+    S[:n, :n], S[n:, n:] = P / Fraction(2), weight * P_eta  # in coordinates w with e_eta = P_eta w
+    positive = exact.prove_definite(S)
+    if positive.pivot is not None:
+        return ProofCondition("", False, 0.0, meaning, how, f"V is not positive: pivot {positive.value:.6g}")
+    g = exact.as_fractions(slope)
+    g = np.hstack([g[:, :n], g[:, n:] @ P_eta])
+    size = 1 / np.sqrt(np.diag(np.array(S, float)))
+    scaled, rows = np.array(S, float) * np.outer(size, size), np.array(g, float) * size
+    reach = np.einsum("ij,ji->i", rows, np.linalg.solve(scaled, rows.T))
+    level = float(0.99 * np.min(np.asarray(room) ** 2 / reach))
+    for row, limit in zip(g, room, strict=True):
+        edge = np.array([[Fraction(float(limit)) ** 2 / Fraction(level)]], object)
+        proof = exact.prove_definite(np.block([[edge, row[None]], [row[:, None], S]]))
+        if proof.pivot is not None:
+            return ProofCondition("", False, level, meaning, how, f"pivot {proof.value:.6g} in row {proof.pivot}")
+    widest = np.sqrt(2 * level / np.diag(c.P))
+    why = "single errors inside: " + ", ".join(f"{s} {w:.3g}" for s, w in zip(c.states, widest, strict=True))
+    return ProofCondition("", True, level, meaning, how, why)
+
+
+def _first_broken(vertices: Any, P: Any, rate: float, names: Sequence[str]) -> str | None:
+    exact_P = exact.as_fractions(P)
+    proof = exact.prove_definite(exact_P)
+    if proof.pivot is not None:
+        return f"P has a pivot {proof.value:.6g} at {names[proof.pivot]}"
+    for i, A in enumerate(vertices):
+        work = _multiply(exact_P, exact.as_fractions(A) + Fraction(rate) * exact.as_fractions(np.eye(len(A))))
+        proof = exact.prove_definite(-(work + work.T))
+        if proof.pivot is not None:
+            return f"vertex {i + 1}: pivot {proof.value:.6g} at {names[proof.pivot]}"
+    return None
+
+
+def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any, Any]:
+    """P for all of a box, in floats, or None; and the multipliers, to begin the next search with. Source: [1] 5.1."""
+    n, count = vertices.shape[-1], len(vertices).bit_length() - 1
+    centre = vertices.mean(axis=0) + rate * np.eye(n)
+    cube = vertices.reshape(*(2,) * count, n, n)
+    H, E = [], []
+    for k in range(count):
+        low, high = (np.take(cube, side, axis=k).reshape(-1, n, n).mean(axis=0) for side in (0, 1))
+        u, s, v = np.linalg.svd((high - low) / 2)
+        rank = int((s > 1e-9 * s[0]).sum()) if s[0] > 0 else 0
+        H += [u[:, j] * np.sqrt(s[j]) for j in range(rank)]
+        E += [v[j] * np.sqrt(s[j]) for j in range(rank)]
+    H, E = np.array(H).reshape(-1, n).T, np.array(E).reshape(-1, n)
+    multipliers = _search_multipliers(centre, H, E, multipliers)
+    if len(E):
+        H, E = H / multipliers, E * multipliers[:, None]
+    else:
+        H = np.zeros((n, 1))
+    try:
+        P: Any = solve_continuous_are(centre, H, E.T @ E + 1e-3 * np.eye(n), -np.eye(H.shape[1]))
+    except np.linalg.LinAlgError:
+        return None, multipliers
+    return (P + P.T) / 2, multipliers
+
+
+def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
+    """What each parameter's feedback is multiplied by, so that the loop around all of them is below ENOUGH, if it may.
+
+    The greatest singular value over FREQUENCIES is convex in their logarithms.
+    """
+    k = len(E)
+    if k < 2:
+        return np.ones(k)
+    G = np.array([E @ np.linalg.solve(1j * w * np.eye(len(A)) - A, H) for w in FREQUENCIES])
+
+    def largest(logs: Any) -> float:
+        t = np.exp(np.append(logs, 0.0))
+        return float(np.linalg.norm(G * t[:, None] / t, 2, axis=(1, 2)).max())
+
+    first = np.zeros(k - 1) if start is None or len(start) != k else np.log(start[:-1] / start[-1])
+    if largest(first) >= ENOUGH:
+        options = {"maxiter": 300, "fatol": 1e-3}
+        first = minimize(largest, first, method="Nelder-Mead", options=options, callback=_stop_early).x
+    return np.exp(np.append(first, 0.0))
+
+
+def _stop_early(intermediate_result: Any) -> None:
+    """Small enough is enough: ends the search."""
+    if intermediate_result.fun < 0.9 * ENOUGH:
+        raise StopIteration
+
+
+def _multiply(M: Any, N: Any) -> Any:
+    """M N of matrices of fractions whose denominators are powers of two, as floats have: by integers."""
+    powers = [max(v.denominator for v in X.ravel()) for X in (M, N)]
+    a, b = (exact.as_integers(X, power) for X, power in zip((M, N), powers, strict=True))
+    product, whole = a @ b, powers[0] * powers[1]
+    fractions = np.empty(product.shape, object)
+    for i in np.ndindex(product.shape):
+        fractions[i] = Fraction(product[i], whole)
+    return fractions

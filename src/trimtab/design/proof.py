@@ -1,0 +1,114 @@
+"""Lines of a proof: each condition evaluated by itself, with a number, and matrices proved definite without rounding.
+
+Source: this module; proofs of definiteness as in `exact`.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh
+
+from trimtab.core.errors import InputError
+from trimtab.design import exact
+
+CLOSE = 1e-9
+"""How far identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1) may be off, in parts of their largest term,
+scaled."""
+
+
+class ProofCondition(NamedTuple):
+    """One line of the proof.
+
+    name: the condition.  holds: whether it is proved.  number: margin, deviation or value.  meaning: of the number.
+    how: by what.  why: what broke it, or what else is worth knowing.
+    """
+
+    name: str
+    holds: bool
+    number: float
+    meaning: str
+    how: str
+    why: str = ""
+
+
+class CertificateProof(NamedTuple):
+    """All conditions; holds: whether every one does."""
+
+    conditions: tuple[ProofCondition, ...]
+    holds: bool
+
+
+Line = tuple[str, Callable[[], ProofCondition]]
+"""The name of a condition, and what evaluates it."""
+
+
+def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
+    """Every line, whatever became of those before; one that can't be computed fails, and says why."""
+    conditions = []
+    for name, compute in lines:
+        try:
+            with np.errstate(all="ignore"):
+                condition = compute()
+        except InputError as error:
+            condition = ProofCondition(name, False, float("nan"), "not computable", "", error.problem)
+        except (ArithmeticError, ValueError) as error:
+            condition = ProofCondition(name, False, float("nan"), "not computable", "", str(error))
+        conditions.append(condition._replace(name=name))
+    return CertificateProof(tuple(conditions), all(c.holds for c in conditions))
+
+
+def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: str = "its diagonal") -> ProofCondition:
+    """The line of one matrix that must be positive definite, with a margin that is proved too.
+
+    Args:
+        M: matrix of floats or of Fractions; fails where it is not symmetric.
+        names: of its rows.
+        unit: what the margin is measured in, positive definite; its own diagonal where not given.
+        label: name of that.
+    """
+    meaning = f"margin in {label}"
+    apart = np.argwhere(M != M.T)
+    if len(apart):
+        i, j = apart[0].tolist()
+        why = f"not symmetric: {names[i]}, {names[j]} is {float(M[i, j])!r}, {names[j]}, {names[i]} {float(M[j, i])!r}"
+        return ProofCondition("", False, float(M[i, j] - M[j, i]), "difference", exact.EXACT, why)
+    M = exact.as_fractions(M)
+    proof = exact.prove_definite(M)
+    if proof.pivot is not None:
+        why = f"pivot at {names[proof.pivot]} is {proof.value:.6g}"
+        return ProofCondition("", False, _smallest_eigenvalue(M, unit), meaning, proof.how, why)
+    unit = np.diag(np.diag(M)) if unit is None else unit
+    lowest = _smallest_eigenvalue(M, unit)
+    margin = float(f"{0.99 * lowest:.2e}") if np.isfinite(lowest) else 0.0  # so that what is shown is what is proved
+    if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
+        return ProofCondition("", True, 0.0, meaning, proof.how, "positive, by less than floats can tell")
+    return ProofCondition("", True, margin, meaning, proof.how)
+
+
+def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequence[str]]) -> ProofCondition:
+    """The line of an identity.
+
+    Args:
+        apart: what should be zero, scaled.
+        term: one of its terms, scaled.
+        names: of rows and columns.
+    """
+    off = float(np.abs(apart).max() / np.abs(term).max())
+    i, j = (int(k) for k in np.unravel_index(int(np.abs(apart).argmax()), apart.shape))
+    why = "" if off <= CLOSE else f"worst at {names[0][i]}, {names[1][j]}"
+    return ProofCondition("", off <= CLOSE, off, "relative deviation, scaled", "exact, compared in floats", why)
+
+
+def _smallest_eigenvalue(M: Any, unit: Any) -> float:
+    """Smallest eigenvalue of M in units of `unit`, in floats; nan where floats cannot tell."""
+    a = np.array(M, float)
+    b = np.diag(np.abs(np.diag(a))) if unit is None else np.array(unit, float)
+    size = np.sqrt(np.where(np.diag(b) > 0, np.diag(b), 1.0))
+    b = b / np.outer(size, size) if np.diag(b).all() else np.eye(len(a))
+    try:
+        values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
+    except (np.linalg.LinAlgError, ValueError):  # positive, but not for floats
+        return float("nan")
+    return float(values[0])

@@ -1,0 +1,117 @@
+"""Odometry and ranges a few seconds later: what came since corrects the place where the vehicle was then.
+
+Source: Roumeliotis, Burdick, "Stochastic cloning: a generalized framework for processing relative state measurements",
+ICRA 2002, for poses kept in the state; Moore, "Discrete-time fixed-lag smoothing algorithms", Automatica 9 (1973).
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import to_seconds
+from trimtab.estimators.inertial.sensor_watch import NEVER
+from trimtab.estimators.ranging.odometry import (
+    OdometryRanging,
+    OdometryState,
+    drive_on,
+    fuse_ranges,
+    planar_estimate,
+)
+
+POSE = 3
+"""Heading, north, east: what is kept of an instant, the first states."""
+
+
+@record
+class LaggedState:
+    """All that changes. Source: docs page."""
+
+    drive: OdometryState = part("Of the filter; its states are followed by the kept poses, the newest first.")
+    times: Any = quantity("100 ns", "Of the kept poses (k,).", kind="time")
+    speeds: Any = quantity("m/s", "Of the odometry then (k,).")
+    rates: Any = quantity("rad/s", "Of the odometry then (k,).")
+
+
+@record
+class LaggedOdometry:
+    """`OdometryRanging` whose estimate is of some seconds ago, with all that has come since: a fixed-lag smoother.
+
+    The state keeps `kept` poses, spaced so that the oldest is between `lag` and `lag` and one spacing old; their
+    covariances with the present let each range correct them, too. `Estimate.age` says how old.
+
+    Frames:  beacons in W; level vehicle on a flat floor.
+    Valid:   once the oldest pose is so old; at first it is where it began.
+    Source:  Moore 1973; docs page.
+    """
+
+    filter: OdometryRanging = part("What it is made of.", default=OdometryRanging())
+    lag: Scalar = quantity("s", "Least age of the estimate.", default=4.0, above=0)
+    kept: int = option("Poses kept in the state.", default=5)
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Odometry and ranging."""
+        return self.filter.listens
+
+    def check(self) -> None:
+        """Refuse what the filter refuses, and fewer than two poses."""
+        self.filter.check()
+        if self.kept < 2:
+            raise InputError("LaggedOdometry.kept", f"{self.kept} poses span no time", fix="keep 2 or more")
+
+    def init(self, key: Key) -> LaggedState:
+        """Nothing measured yet; every kept pose is the first."""
+        drive = self.filter.init(key)
+        copies = np.tile(np.eye(POSE, drive.x.shape[0]), (self.kept, 1))
+        T = jnp.asarray(np.concatenate([np.eye(drive.x.shape[0]), copies]))
+        k = self.kept
+        return LaggedState(
+            drive=replace(drive, x=T @ drive.x, P=T @ drive.P @ T.T),
+            times=np.full(k, NEVER, np.int64),
+            speeds=np.zeros(k),
+            rates=np.zeros(k),
+        )
+
+    def step(self, t: Any, state: LaggedState, frame: Frame) -> tuple[LaggedState, Estimate]:
+        """The estimate of then at integer time t; its state is a RobotNavigation, counters as they are now."""
+        drive, came = drive_on(self.filter, state.drive, t, frame)
+        s = _keep_pose(self, replace(state, drive=drive))
+        drive, ranged = fuse_ranges(self.filter, s.drive, t, frame)
+        s = replace(s, drive=drive)
+        n = drive.x.shape[0] - POSE * self.kept
+        old = np.concatenate([np.arange(drive.x.shape[0] - POSE, drive.x.shape[0]), np.arange(POSE, n)])
+        pick = jnp.asarray(np.eye(drive.x.shape[0])[old])
+        then = replace(drive, t=s.times[-1], speed=s.speeds[-1], rate=s.rates[-1])
+        valid = (s.times[-1] > NEVER) & (to_seconds(drive.t - s.times[-1]) >= self.lag)
+        return s, planar_estimate(t, then, pick @ drive.x, pick @ drive.P @ pick.T, came | ranged, valid)
+
+
+def _keep_pose(form: LaggedOdometry, s: LaggedState) -> LaggedState:
+    """The present pose kept, the oldest dropped, if the newest kept one is a spacing old."""
+    drive, size = s.drive, s.drive.x.shape[0]
+    n = size - POSE * form.kept
+    T = np.eye(size)
+    T[n:] = 0.0
+    T[n : n + POSE, :POSE] = np.eye(POSE)
+    T[n + POSE :, n : size - POSE] = np.eye(size - n - POSE)
+    spacing = form.lag / (form.kept - 1)
+    begins = (drive.t > NEVER) & (s.times[0] == NEVER)
+    due = (s.times[0] > NEVER) & (to_seconds(drive.t - s.times[0]) >= spacing)
+    move = jnp.asarray(T)
+    x, P = jnp.where(due, move @ drive.x, drive.x), jnp.where(due, move @ drive.P @ move.T, drive.P)
+
+    def shift(new: Any, values: Any) -> Any:
+        return jnp.where(due, jnp.concatenate([jnp.reshape(new, 1), values[:-1]]), values)
+
+    return replace(
+        s,
+        drive=replace(drive, x=x, P=P),
+        times=jnp.where(begins, drive.t, shift(drive.t, s.times)),
+        speeds=shift(drive.speed, s.speeds),
+        rates=shift(drive.rate, s.rates),
+    )

@@ -1,0 +1,82 @@
+"""The supervisor inside a compiled autopilot: what it has decided, and what it is asked in flight.
+
+Source: docs pages, Fly and Supervisor.
+"""
+
+from collections.abc import Sequence
+
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.time import SECONDS_PER_UNIT
+from trimtab.live.remote import RemoteVehicle
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS
+
+REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
+"""Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
+
+
+class CompiledSupervisor:
+    """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
+
+    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
+        """step: the compiled autopilot of this scenario."""
+        self._step = step
+        declared = {m.path: m.declaration for m in step.text.outputs}
+        paths = ("supervisor.mode", "supervisor.cause")
+        self._codes = [(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
+        self._last_codes: tuple[int, ...] = ()
+        supervisor = scenario.autopilot.supervisor
+        sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
+        fields = ("value.request", "t", "age", "fresh", "valid")
+        slots = {f: step.reads[path] for f in fields if (path := f"{sample}.{f}") in step.reads}
+        self._slots = slots if len(slots) == len(fields) and self._codes else None
+        self._request: str | None = None
+
+    @property
+    def mode(self) -> int | None:
+        """The supervisor's, by its number; None where there is none, or it can't be asked."""
+        return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
+
+    @property
+    def cause(self) -> int | None:
+        """Why it is in its mode, by its number; None where there is none."""
+        return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
+
+    def request(self, request: str) -> None:
+        """Make a request in the next step, unless it would change nothing."""
+        self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
+
+    def set_inputs(self, t: int) -> None:
+        """What the step at integer time t reads of requests."""
+        if self._slots is None:
+            return
+        inputs, at = self._step.inputs, self._slots
+        inputs[at["fresh"]] = self._request is not None
+        if self._request is not None:
+            inputs[at["value.request"]], inputs[at["t"]], inputs[at["valid"]] = REQUESTS.index(self._request), t, True
+            self._request = None
+        inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
+
+    def describe_changes(self) -> str:
+        """What it has decided since this was last asked, for people; empty for nothing."""
+        codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
+        if codes == self._last_codes:
+            return ""
+        self._last_codes = codes
+        return "supervisor: " + ": ".join(names[k] for (_, names), k in zip(self._codes, codes, strict=True))
+
+
+def explain_change(
+    supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
+) -> str:
+    """What a supervisor, which sees samples only, can't know of the line and of the vehicle; empty for nothing.
+
+    backward_sensors: those whose time runs backwards; None where the vehicle isn't heard, so that it is right.
+    """
+    if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
+        names = ", ".join(backward_sensors)
+        why = f"the time of {names} runs backwards" if names else "none of its sensors gives a sample"
+        return f", but the vehicle is heard: {why}"
+    if supervised.mode == FLYING and was_armed and not remote.armed:
+        return f", but the vehicle is {'in failsafe' if remote.is_in_failsafe else 'not armed'}: nothing acts"
+    return ""

@@ -1,0 +1,207 @@
+"""Where a vehicle is, as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
+
+    /tf        foxglove.FrameTransform   the vehicle's frame in W (north, east, down), and W in "map" (east, north, up)
+    /scene     foxglove.SceneUpdate      a box and an arrow that stand in the vehicle's frame, once
+    /location  foxglove.LocationFix      the place on the globe, where W's is known
+
+Poses come with the rows of a log and are thinned out: 20 transforms and 5 places a second are enough to look at.
+Source: Foxglove's message schemas (docs.foxglove.dev), and JSON Schema 2020-12.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.time import ms
+from trimtab.logs.messages import NS_PER_SECOND, NS_PER_TICK, Topic
+
+POSE_COLUMNS = 9
+"""Position in W (m), roll, pitch, yaw (rad), latitude, longitude (rad), height (m); NaN: not known."""
+TRANSFORM_PERIOD, PLACE_PERIOD = ms(50), ms(200)
+MAP, WORLD = "map", "world"
+HALF = math.sqrt(0.5)
+NED_IN_ENU = (0.0, HALF, HALF, 0.0)
+"""w, x, y, z of the turn that brings north, east, down to east, north, up."""
+NO_TURN = (1.0, 0.0, 0.0, 0.0)
+BODY_COLOR, NOSE_COLOR = (0.2, 0.5, 0.9, 1.0), (0.9, 0.3, 0.1, 1.0)
+BODY_SIZE, NOSE_LENGTH = (0.6, 0.35, 0.15), 0.5
+"""Metres: a mark that can be seen and clicked at, not the vehicle's own size."""
+
+
+def _numbers(*names: str) -> dict[str, Any]:
+    properties = {name: {"type": "number"} for name in names}
+    return {"type": "object", "properties": properties, "required": list(names)}
+
+
+def _object(properties: Mapping[str, Any], title: str = "") -> dict[str, Any]:
+    whole = {"type": "object", "properties": dict(properties), "required": list(properties)}
+    return {"title": title, **whole} if title else whole
+
+
+def _list_of(items: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": dict(items)}
+
+
+TEXT, REAL, TRUTH = {"type": "string"}, {"type": "number"}, {"type": "boolean"}
+TIME = _object({"sec": {"type": "integer"}, "nsec": {"type": "integer"}})
+VECTOR, QUATERNION, COLOR = _numbers(*"xyz"), _numbers(*"xyzw"), _numbers(*"rgba")
+POSE = _object({"position": VECTOR, "orientation": QUATERNION})
+CUBE = _object({"pose": POSE, "size": VECTOR, "color": COLOR})
+ARROW_LENGTHS = ("shaft_length", "shaft_diameter", "head_length", "head_diameter")
+ARROW = _object({"pose": POSE, **dict.fromkeys(ARROW_LENGTHS, REAL), "color": COLOR})
+EMPTY = _list_of({"type": "object"})
+PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+ENTITY = _object(
+    {
+        "timestamp": TIME,
+        "frame_id": TEXT,
+        "id": TEXT,
+        "lifetime": TIME,
+        "frame_locked": TRUTH,
+        "metadata": EMPTY,
+        **dict.fromkeys(PRIMITIVES, EMPTY),
+        "arrows": _list_of(ARROW),
+        "cubes": _list_of(CUBE),
+    }
+)
+TRANSFORM_SCHEMA = _object(
+    {
+        "timestamp": TIME,
+        "parent_frame_id": TEXT,
+        "child_frame_id": TEXT,
+        "translation": VECTOR,
+        "rotation": QUATERNION,
+    },
+    "foxglove.FrameTransform",
+)
+SCENE_SCHEMA = _object({"deletions": EMPTY, "entities": _list_of(ENTITY)}, "foxglove.SceneUpdate")
+PLACE_SCHEMA = _object(
+    {
+        "timestamp": TIME,
+        "frame_id": TEXT,
+        **dict.fromkeys(("latitude", "longitude", "altitude"), REAL),
+        "position_covariance": {"type": "array", "items": REAL, "minItems": 9, "maxItems": 9},
+        "position_covariance_type": {"type": "integer"},
+    },
+    "foxglove.LocationFix",
+)
+TRANSFORMS, SCENE, PLACES = range(3)
+"""Places of the topics in the list of them."""
+
+
+def frame_topics() -> list[Topic]:
+    """The topics, in order."""
+    named = {"/tf": TRANSFORM_SCHEMA, "/scene": SCENE_SCHEMA, "/location": PLACE_SCHEMA}
+    return [Topic(name, {}, schema["title"], json.dumps(schema).encode()) for name, schema in named.items()]
+
+
+class FrameMessage(NamedTuple):
+    """A message. topic: its place among the topics.  time: ns."""
+
+    topic: int
+    time: int
+    text: bytes
+
+
+class FrameWriter:
+    """Messages out of the poses that come with a log's rows."""
+
+    def __init__(self, child: str) -> None:
+        """child: what the vehicle's frame is called."""
+        self._child = child
+        self._transform_time = self._place_time = -(2**62)
+        self._has_scene = False
+
+    def begin_file(self) -> None:
+        """Another file begins: it gets what stands still, too."""
+        self._has_scene = False
+
+    def messages(self, ticks: Any, poses: Any, epoch: int) -> list[FrameMessage]:
+        """Of rows at integer times (n,), with poses (n, POSE_COLUMNS); epoch: time of day at time zero (ns)."""
+        messages = list[FrameMessage]()
+        for t, pose in zip(ticks.tolist(), poses.tolist(), strict=True):
+            if t - self._transform_time < TRANSFORM_PERIOD or not all(map(math.isfinite, pose[:6])):
+                continue
+            self._transform_time, time = t, epoch + t * NS_PER_TICK
+            if not self._has_scene:
+                self._has_scene = True
+                messages.append(_message(TRANSFORMS, time, _transform(time, MAP, WORLD, (0.0, 0.0, 0.0), NED_IN_ENU)))
+                messages.append(_message(SCENE, time, _scene(time, self._child)))
+            turn = _round(quaternion(pose[3:6]), 7)
+            place = _transform(time, WORLD, self._child, _round(pose[:3], 4), turn)
+            messages.append(_message(TRANSFORMS, time, place))
+            if t - self._place_time >= PLACE_PERIOD and all(map(math.isfinite, pose[6:])):
+                self._place_time = t
+                messages.append(_message(PLACES, time, _location(time, self._child, pose[6:])))
+        return messages
+
+
+def quaternion(attitude: Any) -> tuple[float, float, float, float]:
+    """w, x, y, z of the rotation from B to W by roll, pitch and yaw (3-2-1)."""
+    (cr, cp, cy), (sr, sp, sy) = (tuple(f(a / 2) for a in attitude) for f in (math.cos, math.sin))
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def no_pose() -> Any:
+    """A pose of which nothing is known."""
+    return np.full(POSE_COLUMNS, np.nan)
+
+
+def _message(topic: int, time: int, content: Mapping[str, Any]) -> FrameMessage:
+    return FrameMessage(topic, time, json.dumps(content, separators=(",", ":")).encode())
+
+
+def _round(numbers: Any, digits: int) -> tuple[float, ...]:
+    return tuple(round(x, digits) for x in numbers)
+
+
+def _time(time: int) -> dict[str, int]:
+    sec, nsec = divmod(time, NS_PER_SECOND)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _pose(position: Any, turn: Any) -> dict[str, Any]:
+    return {"position": dict(zip("xyz", position, strict=True)), "orientation": dict(zip("wxyz", turn, strict=True))}
+
+
+def _transform(time: int, parent: str, child: str, position: Any, turn: Any) -> dict[str, Any]:
+    pose = _pose(position, turn)
+    frames = {"parent_frame_id": parent, "child_frame_id": child}
+    return {"timestamp": _time(time), **frames, "translation": pose["position"], "rotation": pose["orientation"]}
+
+
+def _location(time: int, child: str, place: Any) -> dict[str, Any]:
+    latitude, longitude = (round(math.degrees(angle), 9) for angle in place[:2])
+    where = {"latitude": latitude, "longitude": longitude, "altitude": round(place[2], 4)}
+    unknown = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
+    return {"timestamp": _time(time), "frame_id": child, **where, **unknown}
+
+
+def _scene(time: int, child: str) -> dict[str, Any]:
+    body = {"pose": _pose((0.0, 0.0, 0.0), NO_TURN), "size": dict(zip("xyz", BODY_SIZE, strict=True))}
+    lengths = dict(zip(ARROW_LENGTHS, (0.6 * NOSE_LENGTH, 0.05, 0.4 * NOSE_LENGTH, 0.12), strict=True))
+    nose = {"pose": _pose((0.0, 0.0, 0.0), NO_TURN), **lengths, "color": dict(zip("rgba", NOSE_COLOR, strict=True))}
+    return {
+        "deletions": [],
+        "entities": [
+            {
+                "timestamp": _time(time),
+                "frame_id": child,
+                "id": child,
+                "lifetime": _time(0),
+                "frame_locked": True,
+                "metadata": [],
+                **{name: [] for name in PRIMITIVES},
+                "cubes": [body | {"color": dict(zip("rgba", BODY_COLOR, strict=True))}],
+                "arrows": [nose],
+            }
+        ],
+    }

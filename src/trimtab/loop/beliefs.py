@@ -1,0 +1,103 @@
+"""What the parts of an autopilot believe of the vehicle: the same as one another, and shown beside what flies.
+
+Every record of the vehicle's own class below the autopilot is a copy of it that some part computes with: a filter's
+`craft`, a law's `model`. Copies that differ from one another fly wrong without a word, so they are refused unless the
+difference is named. A vehicle that differs from what all of them believe is what a campaign is for, so it is allowed,
+and told in the log.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.quantity import leaves, records
+
+SHOWN = 6
+"""So many differences are told one by one."""
+
+
+class Mismatch(NamedTuple):
+    """One number that a part believes otherwise than it is. path: below the vehicle, or of the copy where they differ.
+
+    believed, actual: as text; "none" for a part that one of them lacks.
+    """
+
+    path: str
+    believed: str
+    actual: str
+
+
+def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
+    """Path -> record of the vehicle's class, of all below the autopilot."""
+    return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
+
+
+def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
+    """Refuse parts of an autopilot that believe in different vehicles.
+
+    named: paths, of copies or of numbers in them, that are meant to differ.
+    """
+    named = tuple(named)
+    copies = vehicle_copies(autopilot, vehicle)
+    for path in named:
+        if not any(_is_below(path, copy) for copy in copies):
+            problem = f"{path!r} leads into no copy of the vehicle that the autopilot has"
+            raise InputError("--set mismatch", problem, choices=copies, fix="--set mismatch=PATH[,PATH…]")
+    if not copies:
+        return
+    first, *others = copies
+    for other in others:
+        for below, a, b in _differences(copies[first], copies[other]):
+            one, two = f"{first}.{below}", f"{other}.{below}"
+            if not any(_is_below(path, name) for path in (one, two) for name in named):
+                problem = f"it is {b}, but {one} is {a}: two parts believe in different vehicles"
+                alike = " ".join(f"--set {c}.{below}={b}" for c in copies if c != other)
+                raise InputError(two, problem, fix=f"{alike}; or, if they are meant to differ, --set mismatch={two}")
+
+
+def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
+    """Where what is believed is not what flies; paths of a single copy where not all copies believe it."""
+    copies = vehicle_copies(autopilot, vehicle)
+    by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
+    told: dict[str, Mismatch] = {}
+    for path, differences in by_copy.items():
+        for below, believed, actual in differences:
+            shared = all((below, believed, actual) in others for others in by_copy.values())
+            name = below if shared else f"{path}.{below}"
+            told[name] = Mismatch(name, believed, actual)
+    return list(told.values())
+
+
+def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
+    """One line, e.g. "believed ≠ world: mass 2.6 vs 3 (intended)"; empty where there is none."""
+    parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
+    more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
+    return f"believed ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
+
+
+def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
+    """Path, value in one and in the other, of numbers and choices that differ; a part that one lacks comes whole.
+
+    What is not finite is left to the check of values, which refuses it.
+    """
+    a, b = ({path: value for path, value, _ in leaves(craft)} for craft in (one, other))
+    parts = [{path for path, _ in records(craft)} for craft in (one, other)]
+    lacking = parts[0] ^ parts[1]
+    whole = [p for p in lacking if not any(_is_below(p, q) for q in lacking if q != p)]
+    there = {True: "there", False: "none"}
+    differences = [(p, there[p in parts[0]], there[p in parts[1]]) for p in whole]
+    for path in a.keys() & b.keys():
+        x, y = (np.asarray(v) for v in (a[path], b[path]))
+        if not np.array_equal(x, y) and all(v.dtype.kind not in "fc" or np.isfinite(v).all() for v in (x, y)):
+            differences.append((path, _as_text(a[path]), _as_text(b[path])))
+    return sorted(differences)
+
+
+def _as_text(value: Any) -> str:
+    return f"{float(value):.6g}" if np.ndim(value) == 0 and not isinstance(value, str) else str(value)
+
+
+def _is_below(path: str, above: str) -> bool:
+    return path == above or path.startswith(f"{above}.")

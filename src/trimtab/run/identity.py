@@ -1,0 +1,58 @@
+"""What a scenario's two sides must agree on before one flies the other, as text by path.
+
+The autopilot's law and its supervisor are its own business, the vehicle's links are the real line, and faults are for
+the vehicle alone: none of these is compared.
+Source: docs page, Fly.
+"""
+
+from typing import Any
+
+from trimtab import __version__
+from trimtab.core.record import Option, Quantity, leaves, replace
+from trimtab.core.time import to_seconds
+from trimtab.links.wire import Wire
+from trimtab.loop.faults import FaultyPart
+from trimtab.loop.scenario import Scenario
+from trimtab.wire.dialect import Dialect
+from trimtab.wire.identity import format_value
+
+SCENARIO = "scenario"
+
+
+def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
+    """The identity of either side of a scenario."""
+    world = scenario.world
+    sensors = {name: _without_fault(sensor) for name, sensor in world.sensors.items()}
+    bare = replace(world, sensors=sensors, actuators=_without_fault(world.actuators), uplink=Wire(), downlink=Wire())
+    numbers = {f"world.{path}": format_setting(value, declared) for path, value, declared in leaves(bare)}
+    if scenario.failsafe is not None:
+        numbers |= {f"failsafe.{path}": format_setting(v, d) for path, v, d in leaves(scenario.failsafe)}
+    return numbers | {
+        SCENARIO: scenario.name,
+        "version": __version__,
+        "messages": dialect.fingerprint.hex(),
+        "autopilot.period": repr(to_seconds(scenario.autopilot.period)),
+    }
+
+
+def format_setting(value: Any, declared: Quantity | Option) -> str:
+    """A setting as text that `--set` takes: periods in seconds, whole numbers without a point."""
+    if isinstance(declared, Option) and declared.kind == "period":
+        return repr(float(to_seconds(value)))
+    return str(value) if isinstance(declared, Option) and isinstance(value, int) else format_value(value)
+
+
+def identity_path(path: str) -> str:
+    """The path in an identity of a number of a vehicle that flies with faults ready in its parts."""
+    return path.replace(".inner.", ".")
+
+
+def setting_path(path: str) -> str | None:
+    """The path of the setting of such a number; None for a fault's, which is of one flight."""
+    return None if ".fault." in path else identity_path(path)
+
+
+def _without_fault(part: Any) -> Any:
+    while isinstance(part, FaultyPart):
+        part = part.inner
+    return part

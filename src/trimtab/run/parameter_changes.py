@@ -1,0 +1,57 @@
+"""Parameters of an autopilot that were changed while it flew: an event of the log each, which a replay repeats.
+
+    parameter autopilot.law.k1[0] = 2.5 from 1.2340000 s
+
+The number stands with all its digits, and the time is that of the first step that has it.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import with_leaf
+from trimtab.core.time import UNITS_PER_SECOND
+from trimtab.logs.log import Log
+
+EVENT = re.compile(r"parameter autopilot\.(\S+)\[(\d+)\] = (\S+) from (\d+)\.(\d{7}) s")
+
+
+class AutopilotChange(NamedTuple):
+    """From integer time t on a number of the leaf at `path`, below the autopilot, is another."""
+
+    t: int
+    path: str
+    slot: int
+    value: float
+
+    def __str__(self) -> str:
+        whole, part = divmod(self.t, UNITS_PER_SECOND)
+        return f"parameter autopilot.{self.path}[{self.slot}] = {self.value!r} from {whole}.{part:07} s"
+
+    def put_into(self, parameters: Mapping[str, Any]) -> None:
+        """Change the number in the arrays of a compiled step."""
+        parameters[self.path].flat[self.slot] = self.value
+
+
+def read_changes(log: Log) -> list[AutopilotChange]:
+    """The changes of a flight, in order of time."""
+    found = (EVENT.fullmatch(event["text"]) for event in log.metadata.get("events") or ())
+    changes = [
+        AutopilotChange(int(m[4]) * UNITS_PER_SECOND + int(m[5]), m[1], int(m[2]), float(m[3])) for m in found if m
+    ]
+    return sorted(changes, key=lambda change: change.t)
+
+
+def with_changes(autopilot: Any, changes: Sequence[AutopilotChange]) -> Any:
+    """A copy of an autopilot's parameters with these numbers."""
+    for change in changes:
+
+        def set_number(old: Any, _declared: Any, change: AutopilotChange = change) -> Any:
+            new = np.array(old)
+            new.flat[change.slot] = change.value
+            return new
+
+        autopilot = with_leaf(autopilot, change.path, set_number)
+    return autopilot

@@ -1,0 +1,125 @@
+"""The whole loop of the hypersonic vehicle, proved: sampled, for every plant of two boxes, and inside its limits.
+
+The plant that flies differs from the vehicle that law and filter believe in by coefficients, UNCERTAINTY, or by its
+modes; each box is convex in what its loop is affine in, see `_loop.continuous_loop`.
+
+Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
+vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2; it proves none of this. Sizes of the boxes: chosen.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.record import replace, with_leaf
+from trimtab.core.time import to_seconds
+from trimtab.design.certificate import Certificate, ObserverPart
+from trimtab.design.certified_system import LoopLines
+from trimtab.design.loop_proof import prove_boxes, prove_level, prove_sampled
+from trimtab.design.proof import Line, ProofCondition
+from trimtab.estimators.flexible.discrete import FlexibleModeFilter
+from trimtab.laws.path_inversion import InputLimits
+from trimtab.scenarios.hypersonic._internal import LevelTrim
+from trimtab.scenarios.hypersonic._loop import (
+    INTEGRAL_SIZES,
+    INTEGRALS,
+    SAMPLED,
+    SAMPLED_SIZES,
+    continuous_loop,
+    input_slope,
+    sampled_loop,
+)
+from trimtab.vehicles.hypersonic import Hypersonic
+
+UNCERTAINTY = {
+    "m": 0.02,
+    "forces.aerodynamics.CL_a": 0.05,
+    "forces.aerodynamics.CM_a": 0.05,
+    "forces.aerodynamics.CD_0": 0.10,
+    "forces.propulsion.b7": 0.05,
+}
+"""Of the plant that flies, either way: coefficient -> part of its value; one corner is scenario mismatch."""
+DAMPING_ERROR, MODAL_STEP, LEAST_DECAY = 0.1, 0.01, 0.01
+"""Of the plant's 2 zeta w, either way, as a part; half the width of a box, as a part; decay of every plant (1/s)."""
+FLOWN_FILTERS = {
+    "tuned": FlexibleModeFilter(),
+    "equal": FlexibleModeFilter.with_equal_noise(),
+    "accurate": FlexibleModeFilter.for_exact_model(),
+    "printed": FlexibleModeFilter.from_publication(),
+}
+"""Name of a filter -> as it flies."""
+
+
+def prove_loop(craft: Hypersonic, at: LevelTrim, filter: str, uncertainty: float, mode_error: float) -> LoopLines:
+    """Certificate -> the lines of the whole loop: sampled, as it flies, and of the plants of two boxes."""
+
+    @lru_cache(maxsize=4)
+    def prove_one(K: bytes) -> ProofCondition:
+        kept = replace(FLOWN_FILTERS[filter], craft=craft)
+        F, _ = sampled_loop(craft, kept, np.frombuffer(K).reshape(2, -1), at)
+        more = len(F) - len(SAMPLED)
+        size = np.append(SAMPLED_SIZES, INTEGRAL_SIZES[:more])
+        return prove_sampled(F, size, to_seconds(kept.period), (*SAMPLED, *INTEGRALS[:more]))
+
+    @lru_cache(maxsize=4)
+    def box(modal: bool, K: bytes, L: bytes) -> ProofCondition:
+        gains = np.frombuffer(K).reshape(2, -1), np.frombuffer(L).reshape(4, 1)
+        boxes = _modal_boxes(craft, mode_error) if modal else [_coefficient_box(craft, uncertainty)]
+        loops = [np.array([continuous_loop(plant, craft, *gains, at) for plant in plants]) for plants in boxes]
+        more = gains[0].shape[1] - 9
+        size = np.append(SAMPLED_SIZES[:13], INTEGRAL_SIZES[:more])
+        condition = prove_boxes(loops, size, LEAST_DECAY, (*SAMPLED[:13], *INTEGRALS[:more]))
+        errors = f"w1, w2 {100 * mode_error:g} %, 2 zeta w {100 * DAMPING_ERROR:g} %"
+        errors = errors if modal else describe_uncertainty(uncertainty)
+        return condition._replace(why=f"{errors}{'; ' if condition.why else ''}{condition.why}")
+
+    def lines(c: Any) -> Iterator[Line]:
+        gains = np.ascontiguousarray(c.K).tobytes(), np.ascontiguousarray(c.observer.L).tobytes()
+        yield "inside a level of V no input saturates", lambda: _level_condition(craft, at, c, c.observer)
+        yield "the sampled loop decays", lambda: prove_one(gains[0])
+        yield "every plant of the modes' box decays", lambda: box(True, *gains)
+        yield "every plant of the coefficients' box decays", lambda: box(False, *gains)
+
+    return lines
+
+
+def _level_condition(craft: Hypersonic, at: LevelTrim, c: Certificate, o: ObserverPart) -> ProofCondition:
+    low, high = (np.array(bound, float) for bound in InputLimits().bounds())
+    rest = np.array([at.u.Phi, at.u.delta_e])
+    return prove_level(c, o, input_slope(craft, c.K, at), np.minimum(rest - low, high - rest))
+
+
+def _coefficient_box(craft: Hypersonic, uncertainty: float) -> list[Hypersonic]:
+    """The plants at the corners of UNCERTAINTY."""
+    corners = itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY))
+    return [uncertain_plant(craft, tuple(uncertainty * part for part in corner)) for corner in corners]
+
+
+def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
+    """Boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2), each the plants at its corners: frequencies in steps."""
+    modes, count = craft.modes, max(1, math.ceil(error / MODAL_STEP))
+    edges = np.linspace((1 - error) ** 2, (1 + error) ** 2, count + 1)
+    damping = ((1 - error) * (1 - DAMPING_ERROR), (1 + error) * (1 + DAMPING_ERROR))
+    for i, j in itertools.product(range(count), repeat=2):
+        plants = []
+        for a, b, c1, c2 in itertools.product(edges[i : i + 2], edges[j : j + 2], damping, damping):
+            w1, w2 = modes.w1 * math.sqrt(a), modes.w2 * math.sqrt(b)
+            zeta1, zeta2 = modes.zeta1 * c1 / math.sqrt(a), modes.zeta2 * c2 / math.sqrt(b)
+            plants.append(replace(craft, modes=replace(modes, w1=w1, w2=w2, zeta1=zeta1, zeta2=zeta2)))
+        yield plants
+
+
+def describe_uncertainty(uncertainty: float) -> str:
+    """The box of coefficients in words: each with how far it may be off."""
+    return ", ".join(f"{p.rpartition('.')[2]} {100 * part * uncertainty:g} %" for p, part in UNCERTAINTY.items())
+
+
+def uncertain_plant(craft: Hypersonic, parts: Any) -> Hypersonic:
+    """The vehicle with each coefficient of UNCERTAINTY off by `parts` (5,) of what is declared there."""
+    for (path, share), part in zip(UNCERTAINTY.items(), parts, strict=True):
+        craft = with_leaf(craft, path, lambda old, _, factor=1 + share * part: old * factor)
+    return craft

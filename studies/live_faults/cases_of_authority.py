@@ -1,0 +1,158 @@
+"""Cases of the campaign: others who have the key, and clocks that are not the vehicle's."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import sleep
+
+from studies.live_faults.acts import Act
+from studies.live_faults.case import AUTOPILOT, FLIES, VEHICLE, Case
+from studies.live_faults.flight import NAME, FaultFlight
+from studies.live_faults.process import Process
+from studies.live_faults.relay import DOWN
+from studies.live_faults.words import counter_rise, logged_event, printed_line
+from trimtab.links.open_link import open_link
+from trimtab.live.injector import Injector
+from trimtab.wire.keys import SigningKey
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import CommandCode
+
+SECOND = "autopilot-2"
+CONFIRM = "ended: arming refused: .*; type --rearm at fly"
+"""Of an autopilot that asks to arm after a failsafe as though nothing had been."""
+OTHER_SYSTEM, COMPUTER = 7, 191
+AHEAD, HOUR = 4_900_000, 36_000_000_000
+"""0.49 s and an hour, in 100 ns."""
+FULL_RUDDER = {"valid": 1, "rudder_pulse": 2.1e-3, "speed_rpm": 9000.0}
+
+
+@contextmanager
+def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
+    """Another system that has the key, past the relay."""
+    link = open_link(flight.ends.listen)
+    endpoint = Endpoint(flight.knowledge.dialect, OTHER_SYSTEM, COMPUTER, flight.key, datagrams=True)
+    try:
+        yield Injector(link, endpoint), endpoint
+    finally:
+        endpoint.close()
+        link.close()
+
+
+def send_commands(count: int, ahead: int = 0) -> Act:
+    """Another system that has the key commands full rudder, its times that much ahead of the vehicle's."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.let_fly(flight.undisturbed_s)
+        with other_system(flight) as (injector, endpoint):
+            for _ in range(count):
+                t = injector.read_vehicle_time() + ahead
+                injector.link.send(endpoint.pack("COMMAND", {"t": t, "session": endpoint.session} | FULL_RUDDER))
+                sleep(0.01)
+
+    return act
+
+
+def ask_to_disarm(flight: FaultFlight) -> None:
+    """Another autopilot that has the key ends a flight that is not its own."""
+    flight.let_fly(flight.undisturbed_s)
+    with other_system(flight) as (injector, endpoint):
+        asked = {"command": CommandCode.ARM, "param3": endpoint.session, "target_system": 1, "target_component": 1}
+        for _ in range(10):
+            injector.link.send(endpoint.pack("COMMAND_LONG", asked))
+            sleep(0.02)
+
+
+def start_second(*options: str) -> Act:
+    """A second `trimtab fly` with the same key, of another computer's folder."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.let_fly(flight.undisturbed_s)
+        words = (
+            "fly",
+            NAME,
+            "--link",
+            flight.ends.listen,
+            "--duration",
+            "1 s",
+            "--out",
+            str(flight.log_folder(SECOND)),
+        )
+        environment = {"TRIMTAB_CONFIG": str(flight.copy_key("second"))}
+        flight.autopilots.append(Process(*words, *options, folder=flight.folder, name=SECOND, environment=environment))
+
+    return act
+
+
+def send_sample_ahead(flight: FaultFlight) -> None:
+    """One sample of the vehicle's, rightly signed, says that it is of an hour later."""
+    flight.let_fly(flight.undisturbed_s)
+    secret = SigningKey(flight.key.secret)
+    with other_system(flight) as (injector, _):
+        now = injector.read_vehicle_time()
+    vehicle = Endpoint(flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True)
+    flight.relay.send_bytes(DOWN, vehicle.pack("SAMPLE_NAVIGATION", {"t": now + HOUR, "valid": 1}))
+
+
+AUTHORITY: list[Case] = [
+    Case(
+        "second-autopilot",
+        "a second autopilot with the key is started",
+        start_second(),
+        FLIES,
+        (
+            printed_line(SECOND, "wrong owner: the vehicle is flown by another autopilot"),
+            printed_line(SECOND, "--take-over"),
+            logged_event(VEHICLE, "commands without authority refused, from 1/191 session"),
+        ),
+        statuses={SECOND: (2,)},
+        fly=20.0,
+    ),
+    Case(
+        "taken-over",
+        "a second autopilot takes the vehicle over",
+        start_second("--take-over"),
+        FLIES,
+        (
+            logged_event(AUTOPILOT, "ended: the vehicle was taken over by session"),
+            logged_event(VEHICLE, "Control taken over from 1/191 session"),
+            logged_event(VEHICLE, "disarmed: disarm request"),
+        ),
+        statuses={AUTOPILOT: (1,)},
+        fly=20.0,
+    ),
+    Case(
+        "foreign-commands",
+        "another system with the key commands full rudder, 50 times",
+        send_commands(50),
+        FLIES,
+        (
+            counter_rise(VEHICLE, "firmware.foreign", 50),
+            logged_event(VEHICLE, "commands without authority refused, from 7/191"),
+            logged_event(AUTOPILOT, "vehicle: commands without authority refused"),
+        ),
+    ),
+    Case(
+        "foreign-command-ahead",
+        "another system with the key sends one command stamped 0.49 s ahead",
+        send_commands(1, AHEAD),
+        FLIES,
+        (counter_rise(VEHICLE, "firmware.foreign"), logged_event(VEHICLE, "commands without authority refused")),
+    ),
+    Case(
+        "foreign-disarm",
+        "another autopilot with the key asks ten times to disarm",
+        ask_to_disarm,
+        FLIES,
+        (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: it belongs to 1/191 session"),),
+    ),
+    Case(
+        "sample-ahead",
+        "one sample, rightly signed, is stamped an hour ahead",
+        send_sample_ahead,
+        FLIES,
+        (
+            counter_rise(AUTOPILOT, "link.implausible"),
+            logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+        ),
+    ),
+]
+"""Who has the key is not therefore obeyed."""

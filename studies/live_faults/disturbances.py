@@ -1,0 +1,409 @@
+"""What can be drawn to happen to a flight, and what must follow from it; known before it flies.
+
+A disturbance says how the flight must end, what both logs must say, and which of their lines it explains. Nothing in it
+is read from a flight.
+"""
+
+import random
+import signal
+from collections.abc import Callable
+from typing import NamedTuple
+
+from studies.live_faults import acts, machine
+from studies.live_faults.case import (
+    AUTOPILOT,
+    EITHER,
+    FAILSAFE,
+    FLIES,
+    KILLED,
+    STOPS,
+    VEHICLE,
+    RefusedStart,
+)
+from studies.live_faults.cases_of_authority import (
+    AHEAD,
+    CONFIRM,
+    SECOND,
+    ask_to_disarm,
+    send_commands,
+    send_sample_ahead,
+)
+from studies.live_faults.cases_of_authority import start_second as start_another
+from studies.live_faults.flight import FaultFlight
+from studies.live_faults.words import (
+    EvidenceCheck,
+    arming_count,
+    counter_rise,
+    exit_status,
+    flag_gap,
+    logged_event,
+    outputs_safe,
+    peak_level,
+)
+from trimtab.wire.keys import create_key
+
+SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
+HEARD = logged_event(AUTOPILOT, "heard again")
+TOLD = logged_event(AUTOPILOT, "vehicle: failsafe: no command")
+BEHIND = r"refused: the clock of 1/191 is \S+ s behind"
+"""A vehicle that died has kept a time ahead of its own, so that no stamp is ever used twice."""
+RESTARTED = "not armed any more", "a sample is refused", "clock is another", "of another clock", "too long", BEHIND
+NO_COMMAND = r"failsafe: no command", r"not armed any more"
+LOST = r"nothing from the vehicle", r"heard again", r"supervisor: lost: link lost", r"supervisor: flying: found again"
+STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
+"""Lines that follow from no command, from silence, from old samples."""
+LONG_S = 20.0
+"""Of a flight in which another process must first start."""
+
+
+class Disturbance(NamedTuple):
+    """One thing that is done.
+
+    act: does it, its waits with it.  ends: how the flight must end, as of Case.  lasts: s.  evidence: what the
+    logs must say.  explains: patterns of lines in either log that it is a reason for.  fly: seconds of flight it needs.
+    is_last: nobody flies on as before, so that nothing may be drawn after it.
+    """
+
+    kind: str
+    does: str
+    act: Callable[[FaultFlight], None]
+    ends: str
+    lasts: float = 0.0
+    evidence: tuple[EvidenceCheck, ...] = ()
+    explains: tuple[str, ...] = ()
+    statuses: dict[str, tuple[int, ...]] = {}
+    stopped_s: dict[str, float] = {}
+    prepare: Callable[[FaultFlight], dict[str, dict[str, str]]] = lambda _: {}
+    refused_start: RefusedStart | None = None
+    fly: float = 4.0
+    is_last: bool = False
+    actuator_fault_s: float = 0.0
+
+
+def kill_autopilot(_: random.Random) -> Disturbance:
+    """Without a word."""
+    return Disturbance(
+        "autopilot killed",
+        "autopilot killed",
+        acts.send_signal("autopilot", signal.SIGKILL),
+        STOPS,
+        evidence=(FAILSAFE, logged_event(AUTOPILOT, "the flying process is gone"), exit_status(VEHICLE, 1)),
+        explains=(*NO_COMMAND, "the flying process is gone"),
+        statuses={AUTOPILOT: (KILLED,)},
+        is_last=True,
+    )
+
+
+def freeze_autopilot(draw: random.Random) -> Disturbance:
+    """Stopped, and let go on."""
+    seconds = round(draw.uniform(0.5, 1.5), 2)
+    return Disturbance(
+        "autopilot frozen",
+        f"autopilot frozen for {seconds} s",
+        acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT, seconds),
+        STOPS,
+        seconds,
+        (FAILSAFE, peak_level(AUTOPILOT, "loop.late", 0.9 * seconds), TOLD, exit_status(AUTOPILOT, 1)),
+        (*NO_COMMAND, *LOST, *STALE, "^this end stood still for", "a sample is refused: .* has waited"),
+        stopped_s={AUTOPILOT: seconds},
+        is_last=True,
+    )
+
+
+def replace_autopilot(draw: random.Random) -> Disturbance:
+    """Another one: after the first was killed, it may not arm unconfirmed; or it takes over, and flies on."""
+    if draw.random() < 0.5:
+        return Disturbance(
+            "autopilot replaced",
+            "autopilot killed; another one started in failsafe, without a confirmation",
+            acts.restart_autopilot,
+            STOPS,
+            evidence=(
+                FAILSAFE,
+                logged_event(AUTOPILOT, "the flying process is gone"),
+                logged_event(SECOND, CONFIRM),
+                arming_count(1),
+            ),
+            explains=(*NO_COMMAND, "the flying process is gone", "arming refused", "REFUSED$"),
+            statuses={AUTOPILOT: (KILLED,), SECOND: (1,)},
+            fly=LONG_S,
+            is_last=True,
+        )
+    return Disturbance(
+        "autopilot replaced",
+        "another autopilot takes over",
+        start_another("--take-over"),
+        FLIES,
+        evidence=(
+            logged_event(AUTOPILOT, "ended: the vehicle was taken over by session"),
+            logged_event(VEHICLE, "Control taken over from 1/191 session"),
+            exit_status(AUTOPILOT, 1),
+        ),
+        explains=("taken over", "Control taken over", "belongs to another autopilot now", "without authority"),
+        statuses={AUTOPILOT: (1,)},
+        fly=LONG_S,
+        is_last=True,
+    )
+
+
+def impersonate(draw: random.Random) -> Disturbance:
+    """Somebody else, with the key, without it, or with what was recorded."""
+    count = draw.randrange(5, 60)
+    foreign = logged_event(VEHICLE, "commands without authority refused, from 7/191")
+    told = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
+    refused = logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key")
+    disarm = (
+        logged_event(VEHICLE, "Disarming by 7/191 session .* refused"),
+        logged_event(AUTOPILOT, "vehicle: Disarming by"),
+    )
+    ways: list[tuple[str, acts.Act, tuple[EvidenceCheck, ...], tuple[str, ...]]] = [
+        (f"{count} commands of another with the key", send_commands(count), (foreign, told), ("without authority",)),
+        ("one command of another, 0.49 s ahead", send_commands(1, AHEAD), (foreign, told), ("without authority",)),
+        ("another with the key asks to disarm", ask_to_disarm, disarm, (r"Disarming by 7/191 session .* refused",)),
+        (
+            "a stranger without a key asks to disarm",
+            acts.disarm_without_key(False),
+            (refused,),
+            ("unsigned or signed",),
+        ),
+        (
+            "a stranger with another key asks to disarm",
+            acts.disarm_without_key(True),
+            (refused,),
+            ("unsigned or signed",),
+        ),
+        ("all that was sent comes again", acts.replay_packets, (counter_rise(VEHICLE, "wire.refused", 5),), ()),
+    ]
+    does, act, evidence, explains = draw.choice(ways)
+    return Disturbance("autopilot impersonated", does, act, FLIES, 1.0, evidence, explains)
+
+
+def shift_clock(draw: random.Random) -> Disturbance:
+    """An autopilot's wall clock steps in flight, is wrong from the start, or a stamp is."""
+    seconds = draw.choice((-3600, -120, 120, 3600, 86400))
+    way = draw.randrange(3)
+    if way == 0:
+        return Disturbance(
+            "autopilot mis-clocked",
+            f"autopilot's wall clock steps by {seconds} s in flight",
+            machine.step_clock,
+            FLIES,
+            evidence=(logged_event(VEHICLE, "disarmed: disarm request"),),
+            prepare=machine.prepare_clock_step("autopilot", seconds),
+        )
+    if way == 1:
+        return Disturbance(
+            "autopilot mis-clocked",
+            "a sample stamped an hour ahead",
+            send_sample_ahead,
+            FLIES,
+            evidence=(
+                counter_rise(AUTOPILOT, "link.implausible"),
+                logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+            ),
+            explains=("a sample is refused",),
+        )
+    which = "ahead of" if seconds > 0 else "behind"
+    return Disturbance(
+        "autopilot mis-clocked",
+        f"autopilot's clock wrong by {seconds} s from the start; then as it was told",
+        acts.do_nothing,
+        FLIES,
+        evidence=(logged_event(VEHICLE, rf"refused: the clock of 1/191 is {abs(seconds)}\.?\d* s {which}"),),
+        explains=("refused: the clock of 1/191", "goes by the vehicle.s clock"),
+        refused_start=RefusedStart(
+            rf"wrong clock: clocks differ by {abs(seconds)}\.\d s",
+            environment=wrong_clock(seconds),
+        ),
+    )
+
+
+def misconfigure(draw: random.Random) -> Disturbance:
+    """An autopilot of another scenario, other numbers, or another key is turned away, and flies as it was told."""
+    mass = round(draw.uniform(1.5, 4.0), 2)
+    ways = [
+        ("another scenario", RefusedStart("wrong scenario: ", scenario="hovercraft/spin"), ()),
+        ("another mass", RefusedStart(r"world\.vehicle\.mass: ", ("--set", f"world.vehicle.mass={mass}")), ()),
+        (
+            "another period of the sensor",
+            RefusedStart(r"wrong scenario: ", ("--set", "world.sensors.navigation.period=20 ms")),
+            (),
+        ),
+        (
+            "another key",
+            RefusedStart("wrong key: ", environment=other_key),
+            (logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key"),),
+        ),
+    ]
+    does, start, evidence = draw.choice(ways)
+    return Disturbance(
+        "autopilot mis-configured",
+        f"{does}; then as it was told",
+        acts.do_nothing,
+        FLIES,
+        evidence=(*evidence, logged_event(VEHICLE, "disarmed: disarm request")),
+        explains=("unsigned or signed", "accepted"),
+        refused_start=start,
+    )
+
+
+def kill_vehicle(_: random.Random) -> Disturbance:
+    """Without a word."""
+    return Disturbance(
+        "vehicle killed",
+        "vehicle killed",
+        acts.send_signal("vehicle", signal.SIGKILL),
+        EITHER,
+        evidence=(
+            logged_event(VEHICLE, "the flying process is gone"),
+            SILENT,
+            outputs_safe("is gone"),
+            exit_status(AUTOPILOT, 1),
+        ),
+        explains=("the flying process is gone", *LOST, *STALE),
+        statuses={VEHICLE: (KILLED,)},
+        is_last=True,
+    )
+
+
+def freeze_vehicle(draw: random.Random) -> Disturbance:
+    """Stopped, and let go on: its outputs are safe meanwhile, and latched."""
+    seconds = round(draw.uniform(0.5, 2.0), 2)
+    return Disturbance(
+        "vehicle frozen",
+        f"vehicle frozen for {seconds} s",
+        acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT, seconds),
+        EITHER,
+        seconds,
+        (
+            SILENT,
+            outputs_safe("is stopped"),
+            logged_event(VEHICLE, "outputs were safe: no row for"),
+            exit_status(AUTOPILOT, 1),
+            exit_status(VEHICLE, 1),
+        ),
+        (*LOST, *STALE, *NO_COMMAND, "outputs were safe"),
+        stopped_s={VEHICLE: seconds},
+        fly=4.5,
+        is_last=True,
+    )
+
+
+def restart_vehicle(_: random.Random) -> Disturbance:
+    """Killed, and started again; nobody arms it."""
+    return Disturbance(
+        "vehicle restarted",
+        "vehicle killed and started again; nobody arms it",
+        acts.restart_vehicle,
+        EITHER,
+        evidence=(
+            logged_event(VEHICLE, "the flying process is gone"),
+            SILENT,
+            HEARD,
+            outputs_safe("is gone"),
+            exit_status(AUTOPILOT, 1),
+        ),
+        explains=("the flying process is gone", *LOST, *STALE, *RESTARTED),
+        statuses={VEHICLE: (KILLED,)},
+        fly=120.0,
+        is_last=True,
+    )
+
+
+def break_sensor(draw: random.Random) -> Disturbance:
+    """A word of the faults vocabulary on the navigation system, or on the line from it."""
+    part = draw.choice(("sensor:navigation", "downlink"))
+    word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
+    seconds = round(draw.uniform(1.0, 1.4), 2)
+    place = part.replace("sensor:", "sensors.")
+    not_a_number = (part, word) == ("sensor:navigation", "garbage")
+    gap = {"off": 0.8 * seconds, "slow": 0.02, "delayed": 0.15, "intermittent": 0.08}.get(word)
+    silent = word == "off" or (part == "downlink" and word in ("stuck", "garbage"))
+    evidence: list[EvidenceCheck] = [logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}")]
+    if gap is not None:
+        evidence.append(flag_gap(AUTOPILOT, "downlink.navigation.fresh", gap))
+    evidence += [FAILSAFE, logged_event(AUTOPILOT, "supervisor: ended: ")] if not_a_number else []
+    explains = (r"fault\.", *(STALE if silent or not_a_number or word in ("slow", "delayed", "intermittent") else ()))
+    explains += LOST if silent else ()  # a vehicle without samples is heard once a second
+    explains += ("supervisor: ended: ", *NO_COMMAND) if not_a_number else ()
+    ends = STOPS if not_a_number else FLIES
+    does = f"{part} {word} for {seconds} s"
+    return Disturbance("sensor or downlink", does, acts.inject_fault(does), ends, seconds, tuple(evidence), explains)
+
+
+def break_uplink(draw: random.Random) -> Disturbance:
+    """A word of the faults vocabulary between line and failsafe."""
+    word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
+    seconds = round(draw.uniform(0.5, 1.4), 2)
+    stops = word in ("off", "stuck", "garbage")
+    evidence = (logged_event(VEHICLE, rf"world\.uplink\.fault\.word = {word}"), *((FAILSAFE, TOLD) if stops else ()))
+    does = f"uplink {word} for {seconds} s"
+    ends, explains = STOPS if stops else EITHER, (r"fault\.", *NO_COMMAND)
+    return Disturbance("uplink", does, acts.inject_fault(does), ends, seconds, evidence, explains)
+
+
+def break_actuators(draw: random.Random) -> Disturbance:
+    """A word of the faults vocabulary on the actuators, which then obey nobody."""
+    word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
+    seconds = round(draw.uniform(0.3, 1.2), 2)
+    does = f"actuators {word} for {seconds} s"
+    evidence = (logged_event(VEHICLE, rf"world\.actuators\.fault\.word = {word}"),)
+    return Disturbance(
+        "actuators", does, acts.inject_fault(does), FLIES, seconds, evidence, (r"fault\.",), actuator_fault_s=seconds
+    )
+
+
+def break_line(draw: random.Random) -> Disturbance:
+    """The line cut, lossy, shuffled or with bits turned over."""
+    way = draw.choice(("cut", "blink", "lossy", "flipped", "doubled"))
+    if way == "cut":
+        seconds = round(draw.uniform(0.45, 1.3), 2)
+        evidence = FAILSAFE, SILENT, HEARD
+        explains = (*NO_COMMAND, *LOST, *STALE)
+        return Disturbance(
+            "line", f"line cut for {seconds} s", acts.cut_line(seconds), STOPS, seconds, evidence, explains
+        )
+    if way == "blink":
+        seconds = round(draw.uniform(0.05, 0.15), 2)
+        evidence = (counter_rise(AUTOPILOT, "link.lost"),)
+        return Disturbance("line", f"line cut for {seconds} s", acts.cut_line(seconds), FLIES, seconds, evidence)
+    direction = draw.choice((acts.UP, acts.DOWN))
+    where, who, what = (("commands", VEHICLE, "wire"), ("samples", AUTOPILOT, "link"))[direction]
+    make, counter, does = {
+        "lossy": (acts.drop_half, "lost", f"every other of the {where} lost"),
+        "flipped": (acts.flip_bits, "damaged", f"a bit of 3 of 4 {where} turned over"),
+        "doubled": (acts.repeat_packets, "refused", f"{where} come three times"),
+    }[way]
+    up = direction == acts.UP
+    ends = EITHER if up and way == "flipped" else FLIES
+    return Disturbance(
+        "line",
+        f"{does}, 1 s",
+        acts.bend_packets(direction, make, 1.0),
+        ends,
+        1.0,
+        (counter_rise(who, f"{what}.{counter}"),),
+        NO_COMMAND if ends == EITHER else (),
+    )
+
+
+LAST = (kill_autopilot, freeze_autopilot, replace_autopilot, kill_vehicle, freeze_vehicle, restart_vehicle)
+STARTS = (shift_clock, misconfigure)
+PASSING = (impersonate, break_sensor, break_uplink, break_actuators, break_line)
+
+
+def wrong_clock(seconds: int) -> Callable[[FaultFlight], dict[str, str]]:
+    """Surroundings of an autopilot in which it is another time of day."""
+
+    def environment(flight: FaultFlight) -> dict[str, str]:
+        given = machine.prepare_clock_step("autopilot", seconds)(flight)["autopilot"]
+        (flight.folder / "stepped").touch()
+        return given
+
+    return environment
+
+
+def other_key(flight: FaultFlight) -> dict[str, str]:
+    """Surroundings of an autopilot with a key of the same vehicle's name, of other bits."""
+    create_key(flight.folder / "other" / "keys" / "hovercraft.key")
+    return {"TRIMTAB_CONFIG": str(flight.folder / "other")}

@@ -1,0 +1,175 @@
+"""Flights drawn at random from what can go wrong: one disturbance or two, at random times.
+
+How such a flight must end, and what its logs may and must say, is put together from what was drawn.
+"""
+
+import random
+import re
+import threading
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from studies.live_faults import acts
+from studies.live_faults.case import AUTOPILOT, CAUSE, EITHER, FLIES, STOPS, UNEXPLAINED, VEHICLE, Case, CaseOutcome
+from studies.live_faults.disturbances import LAST, PASSING, STARTS, TOLD, Disturbance
+from studies.live_faults.flight import FaultFlight
+from studies.live_faults.machine import Prepare
+from studies.live_faults.words import EvidenceCheck, exit_status
+from trimtab.core.errors import InputError
+
+DRAWN = "drawn-"
+"""How the names of drawn flights begin."""
+FIRST_S, LAST_S = (0.3, 0.9), (1.4, 2.0)
+"""When what passes begins, and what is last, from arming on."""
+
+
+class DrawnFlight(NamedTuple):
+    """A flight as drawn. number, seed: which draw it was."""
+
+    name: str
+    disturbances: tuple[Disturbance, ...]
+    times: tuple[float, ...]
+
+    @property
+    def does(self) -> str:
+        """What is done, in words."""
+        return "; ".join(f"{d.does} (at {t} s)" for d, t in zip(self.disturbances, self.times, strict=True))
+
+    @property
+    def kind(self) -> str:
+        """Of what weighs most."""
+        return self.disturbances[-1].kind
+
+
+def draw_flight(seed: int, number: int) -> DrawnFlight:
+    """The flight of a number, the same whenever and wherever it is drawn."""
+    draw = random.Random(f"{seed}/{number}")
+    makers = (*LAST, *STARTS, *PASSING)
+    main = makers[number % len(makers)]  # each as often as any other
+    if main in PASSING:
+        makers = tuple(m for m in PASSING if m is not main)
+    chosen = [draw.choice(PASSING if main not in PASSING else makers), main] if draw.random() < 0.5 else [main]
+    disturbances = tuple(make(draw) for make in chosen)
+    times = tuple(round(draw.uniform(*(LAST_S if d.is_last else FIRST_S)), 2) for d in disturbances)
+    return DrawnFlight(f"{DRAWN}{seed}-{number}", disturbances, times)
+
+
+def read_name(name: str) -> DrawnFlight:
+    """A drawn flight by its name, ``drawn-SEED-NUMBER``."""
+    found = re.fullmatch(rf"{DRAWN}(\d+)-(\d+)", name)
+    if found is None:
+        raise InputError("--only", f"{name!r} is no drawn flight", fix="--only drawn-1-0")
+    return draw_flight(int(found[1]), int(found[2]))
+
+
+def flight_case(flight: DrawnFlight) -> Case:
+    """What is done in it, how it must end, and what its logs must say."""
+    several = flight.disturbances
+    last, first = several[-1], several[0]
+    is_cut_short = last.is_last and len(several) > 1
+    evidence = [*last.evidence, *(_early_evidence(first) if is_cut_short else first.evidence if first != last else ())]
+    if len(several) > 1:
+        evidence = [check for check in evidence if check is not TOLD]  # it may be lost on the way, by the other one
+    ending = _expected_ending(several)
+    if ending == FLIES and not last.is_last:
+        evidence += [exit_status(who, 0) for who in (VEHICLE, AUTOPILOT)]
+    explains = tuple(pattern for d in several for pattern in d.explains)
+    stopped = {who: s for d in several for who, s in d.stopped_s.items()}
+    statuses = {who: s for d in several for who, s in d.statuses.items()}
+    start = next((d.refused_start for d in several if d.refused_start is not None), None)
+    return Case(
+        flight.name,
+        flight.does,
+        _act_in_order(flight),
+        ending,
+        tuple(evidence),
+        actuator_fault_s=max(d.actuator_fault_s for d in several),
+        statuses=statuses,
+        fly=max(d.fly for d in several),
+        prepare=_prepare_all(several),
+        stopped_s=stopped,
+        refused_start=start,
+        explains=explains,
+    )
+
+
+def _early_evidence(passing: Disturbance) -> tuple[EvidenceCheck, ...]:
+    """Of what began and may have been cut short: that it was done."""
+    return passing.evidence[:1] if "fault." in "".join(passing.explains) else ()
+
+
+def _expected_ending(several: Sequence[Disturbance]) -> str:
+    """One that stops stops them all, unless another may have ended the flight before it did."""
+    endings = {d.ends for d in several}
+    if several[-1].is_last and several[-1].ends != STOPS and len(several) > 1:
+        return EITHER if endings != {FLIES} else FLIES
+    return STOPS if STOPS in endings else EITHER if EITHER in endings else FLIES
+
+
+def _prepare_all(several: Sequence[Disturbance]) -> Prepare:
+    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
+        given: dict[str, dict[str, str]] = {}
+        for disturbance in several:
+            given |= disturbance.prepare(flight)
+        return given
+
+    return prepare
+
+
+def _act_in_order(drawn: DrawnFlight) -> acts.Act:
+    """Each at its time, whether the other still lasts or not."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.undisturbed_s = 0.0
+        problems: list[BaseException] = []
+
+        def run(disturbance: Disturbance, time: float) -> None:
+            flight.let_fly(time)
+            try:
+                disturbance.act(flight)
+            except Exception as error:  # raised again below, in the campaign's own thread
+                problems.append(error)
+
+        pairs = zip(drawn.disturbances, drawn.times, strict=True)
+        threads = [threading.Thread(target=run, args=pair) for pair in pairs]
+        for one in threads:
+            one.start()
+        for one in threads:
+            one.join()
+        if problems:
+            raise problems[0]
+
+    return act
+
+
+class KindCount(NamedTuple):
+    """Of the drawn flights of a kind. waited: failed while something was kept waiting, twice; repeated: flown twice."""
+
+    flights: int
+    safe: int
+    cause_right: int
+    unexplained: int
+    replays: int
+    replays_equal: int
+    waited: int
+    repeated: int
+
+
+def count_kinds(outcomes: Mapping[str, CaseOutcome]) -> dict[str, KindCount]:
+    """Kind -> its count; outcomes by the flight's name."""
+    kinds: dict[str, list[CaseOutcome]] = {}
+    for name, outcome in outcomes.items():
+        kinds.setdefault(read_name(name).kind, []).append(outcome)
+    return {
+        kind: KindCount(
+            len(ones),
+            sum(not o.has_problem(None) for o in ones),
+            sum(not o.has_problem(CAUSE) for o in ones),
+            sum(o.has_problem(UNEXPLAINED) for o in ones),
+            sum(len(o.replays) for o in ones),
+            sum(sum(o.replays) for o in ones),
+            sum(o.verdict == "kept waiting" for o in ones),
+            sum(o.repeated for o in ones),
+        )
+        for kind, ones in kinds.items()
+    }

@@ -1,0 +1,110 @@
+"""What the logs' noise really looks like.
+
+Ranges over the distance to the true place at their time: a scale and a constant are fitted to each radio's, and what is
+left is looked at. And what odometry shares with the truth, which a test on these logs can't see.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from studies.ranges2009._data import NAMES, read_plaza
+from studies.ranges2009._pictures import draw_noise
+from trimtab.study import Row, at_most, band, direction
+
+SECTION = "data sets, part 1"
+PLACE = "[1] the data"
+SAME_WAY = 2e-4
+"""A step of odometry is that of the truth if it is no further off (m)."""
+
+
+class RangeNoise(NamedTuple):
+    """Ranges of one log, each over its true distance.
+
+    distance, error: m (m,).  residual: what is left of the error (m,).  beacon: which radio (m,).
+    fits: constant (m) and scale of each radio (4, 2).
+    """
+
+    distance: Any
+    error: Any
+    residual: Any
+    beacon: Any
+    fits: Any
+
+
+def range_noise(name: str) -> RangeNoise:
+    """Fit each radio's constant and scale by least squares over the truth."""
+    p = read_plaza(name)
+    north, east = (np.interp(p.range_t, p.t, x) for x in (p.north, p.east))
+    distance = np.hypot(north - p.beacons[p.beacon, 0], east - p.beacons[p.beacon, 1])
+    error, residual, fits = p.range - distance, np.empty(len(distance)), []
+    for i in range(len(p.ids)):
+        me = p.beacon == i
+        A = np.stack([np.ones(me.sum()), distance[me]], axis=1)
+        fit = np.linalg.lstsq(A, error[me], rcond=None)[0]
+        residual[me] = error[me] - A @ fit
+        fits.append(fit)
+    return RangeNoise(distance, error, residual, p.beacon, np.array(fits))
+
+
+def same_way(name: str) -> float:
+    """Share of odometry's steps whose way is the length of the truth's own step."""
+    p = read_plaza(name)
+    true = np.hypot(np.diff(p.north), np.diff(p.east))
+    return float(np.mean(np.abs(np.diff(p.distance) - true) < SAME_WAY))
+
+
+def same_turn(name: str) -> float:
+    """Largest difference between odometry's angle and the truth's heading since the begin (rad)."""
+    p = read_plaza(name)
+    return float(np.max(np.abs(p.turn - (p.heading - p.heading[0]))))
+
+
+def rows() -> Iterator[Row]:
+    """Scale, spread, tails and memory of the ranges; what odometry has of the truth."""
+    for name in NAMES:
+        n = range_noise(name)
+        z, count = n.residual / n.residual.std(), len(n.residual)
+        noise = 2 / np.sqrt(count)  # two sigmas of a correlation of white noise
+        lag = np.mean([np.corrcoef(r[:-1], r[1:])[0, 1] for r in (n.residual[n.beacon == i] for i in range(4))])
+        yield band(
+            f"{name}/scale", f"{name}: ranges are too long by a share of", 0.068, n.fits[:, 1].mean(), PLACE,
+            low=0.066, high=0.071, basis="own", note="The same radios in both logs, within 0.4 % of each other.",
+        )  # fmt: skip
+        yield band(
+            f"{name}/sigma", f"{name}: what is left, standard deviation", 0.55, n.residual.std(), PLACE,
+            low=0.52, high=0.58, unit="m", basis="own",
+        )  # fmt: skip
+        yield band(
+            f"{name}/kurtosis", f"{name}: kurtosis of it (normal: 3)", 3.0, float(np.mean(z**4)), PLACE,
+            low=3 - 2 * np.sqrt(24 / count), high=3 + 2 * np.sqrt(24 / count), basis="input",
+        )  # fmt: skip
+        yield at_most(
+            f"{name}/outliers", f"{name}: share beyond four sigmas", 0.001, float(np.mean(np.abs(z) > 4)), PLACE,
+            high=0.001, basis="own", note="No wild range in either log: gate and heavy tails have nothing to do.",
+        )  # fmt: skip
+        yield band(
+            f"{name}/memory", f"{name}: correlation with the same radio's next", 0.0, float(lag), PLACE,
+            low=-noise, high=noise, basis="input", note="White: a correlated error as a state would find nothing.",
+        )  # fmt: skip
+        yield direction(
+            f"{name}/way", f"{name}: steps of odometry that are the truth's own, to 0.2 mm", "nearly all",
+            same_way(name), PLACE, above=0.9, basis="own",
+            note="Odometry's way was made from the ground truth, or that from it: no wheel slips like this.",
+        )  # fmt: skip
+    yield at_most(
+        "Plaza1/turn", "Plaza1: odometry's angle over the truth's heading", 0.0, same_turn("Plaza1"), PLACE,
+        high=1e-9, unit="rad", basis="own", note="The same numbers: its heading can't be judged against this truth.",
+    )  # fmt: skip
+    yield direction(
+        "Plaza2/turn", "Plaza2: the same", "drifts", same_turn("Plaza2"), PLACE, above=1.0, unit="rad", basis="own",
+        note="5.4 mrad/s, a gyro's: the filter has to find it.",
+    )  # fmt: skip
+
+
+def figures(folder: Path) -> Iterator[Path]:
+    """Error over distance, what is left of it, its distribution and memory."""
+    for name in NAMES:
+        yield draw_noise(folder / f"noise-{name}.png", name, range_noise(name), read_plaza(name).ids)

@@ -1,0 +1,82 @@
+"""Tune the filter on each log by itself: the errors under which its innovations were most probable.
+
+    python -m studies.ranges2009.tune
+
+Nothing is compared with the truth, which only gives the start. What is found on one log is used on the other.
+"""
+
+import json
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
+
+from studies.ranges2009._data import NAMES, plaza_log, read_plaza
+from studies.ranges2009._filters import BEFORE, TUNED, odometry_filter
+from trimtab.run.inputs import leaf_paths
+from trimtab.run.replay import find_steps
+from trimtab.run.replay_estimator import estimator_block
+
+SCALE_BEFORE = 0.05
+"""By how much ranges are too long, before anything is known: about the thickness of what is not air."""
+EVALUATIONS = 40
+
+
+def tune_log(name: str) -> dict[str, float]:
+    """What is found on one log: BEFORE's names, and the scale that the filter ends with."""
+    p, log = read_plaza(name), plaza_log(name)
+    scale, found, cost = SCALE_BEFORE, dict(BEFORE), 0.0
+    for _ in range(2):  # the second time with the scale that the first ended with
+        likelihood = _likelihood(p, log, scale)
+        begin = np.log([found[k] for k in BEFORE])
+        simplex = np.vstack([begin, begin + 0.5 * np.eye(len(begin))])
+        options = {"maxfev": EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
+        result = minimize(lambda v, of=likelihood: float(of(v)[0]), begin, method="Nelder-Mead", options=options)
+        found, cost = dict(zip(BEFORE, np.exp(result.x).tolist(), strict=True)), float(result.fun)
+        scale = float(likelihood(result.x)[1])
+    return {k: float(f"{v:.4g}") for k, v in {**found, "scale": scale, "minus_log_likelihood": cost}.items()}
+
+
+def _likelihood(p: Any, log: Any, scale: float) -> Any:
+    """Minus the log likelihood of a log's ranges, less a constant, and the last scale; of BEFORE's logarithms."""
+    block = estimator_block(log, odometry_filter(p, BEFORE, scale))
+    leaves, tree = jax.tree.flatten(block.input)
+    inputs = find_steps(log, leaf_paths(block.input), 1).inputs
+    ends = np.cumsum([np.size(leaf) for leaf in leaves])
+    columns = [
+        inputs[:, end - np.size(leaf) : end].reshape(-1, *np.shape(leaf)).astype(np.asarray(leaf).dtype)
+        for leaf, end in zip(leaves, ends, strict=True)
+    ]
+    frames = jax.tree.unflatten(tree, columns)
+
+    @jax.jit
+    def evaluate(v: Any) -> Any:
+        estimator = odometry_filter(p, dict(zip(BEFORE, jnp.exp(v), strict=True)), scale)
+
+        def body(s: Any, frame: Any) -> Any:
+            after, estimate = block.step(estimator, s, frame)
+            fix = estimate.state.position_fix
+            came = fix.innovation != 0
+            S = (fix.innovation / jnp.where(came, fix.normalised, 1.0)) ** 2
+            nis = jnp.minimum(fix.nis, estimator.errors.gate)
+            return after, (jnp.sum(jnp.where(came, nis + jnp.log(S), 0.0)), after.x[5])
+
+        _, (costs, scales) = jax.lax.scan(body, block.init(estimator), frames)
+        return jnp.sum(costs) / 2, scales[-1]
+
+    return evaluate
+
+
+def main() -> None:
+    """Tune on each log, write what was found."""
+    found = {}
+    for name in NAMES:
+        found[name] = tune_log(name)
+        print(name, found[name])
+    TUNED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Certificates as files: no digit is lost, and what is no certificate is refused before anything is believed."""
+
+import json
+
+import numpy as np
+import pytest
+from design.systems import ball_system
+
+from trimtab.core.errors import InputError
+from trimtab.design.certificate import design_certificate
+from trimtab.design.certificate_check import prove_certificate
+from trimtab.design.certificate_file import (
+    certificate_digest,
+    certificate_json,
+    parse_certificate,
+    read_certificate,
+)
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return design_certificate(ball_system())
+
+
+def test_the_file_loses_no_digit(certificate, tmp_path):
+    file = tmp_path / "c.json"
+    file.write_text(certificate_json(certificate), encoding="utf-8")
+    back, written = read_certificate(file)
+    assert written == certificate_digest(certificate) == certificate_digest(back)
+    for name in ("A", "B", "K", "P", "Qe", "Re", "Q", "scale", "poles"):
+        assert np.array_equal(getattr(back, name), getattr(certificate, name)), name
+    assert prove_certificate(back, ball_system(), written).holds
+    assert max(len(line) for line in file.read_text().splitlines()) < 200
+
+
+def test_a_tiny_change_is_seen_by_the_digest(certificate):
+    content = json.loads(certificate_json(certificate))
+    content["K"][0][0] = float(np.nextafter(content["K"][0][0], 1))
+    back, written = parse_certificate(json.dumps(content), "c.json")
+    proof = prove_certificate(back, ball_system(), written)
+    assert [c.name for c in proof.conditions if not c.holds] == ["the file is as it was written"]
+
+
+REFUSED = {
+    "no format": (lambda c: c.pop("format"), "is no certificate: format None"),
+    "another format": (lambda c: c.update(format="other"), "is no certificate: format 'other'"),
+    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format 'trimtab certificate 1'"),
+    "no gain": (lambda c: c.pop("K"), "lacks 'K'"),
+    "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
+    "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
+    "no weight of the filter": (lambda c: c["observer"].pop("weight"), r"lacks 'observer\.weight'"),
+    "an unknown key": (lambda c: c.update(proof="trust me"), "'proof', which is not known"),
+    "an unknown key inside": (lambda c: c["observer"].update(holds=True), "'holds', which is not known"),
+    "a wider scope": (lambda c: c.update(scope=["everywhere"]), "scope: .*everywhere"),
+    "another shape": (lambda c: c.update(P=[[1.0]]), r"shape \(1, 1\), wanted \(4, 4\)"),
+    "rows of unlike length": (lambda c: c["A"][1].pop(), "A"),
+    "text for a matrix": (lambda c: c.update(A="x"), "A"),
+    "text for a number": (lambda c: c["K"][0].__setitem__(0, "1.0"), "K: .*of numbers"),
+    "truth for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*of numbers"),
+    "null for a number": (lambda c: c["observer"].update(weight=None), r"observer\.weight: .*of numbers"),
+    "a method of no name": (lambda c: c.update(method="magic"), "'magic'"),
+    "the other method": (lambda c: c.update(method="lmi"), "'lmi'"),
+    "states of no name": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
+    "a state twice": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
+    "numbers for names": (lambda c: c["inputs"].__setitem__(0, 1), "inputs"),
+    "a size below zero": (lambda c: c["scale"].__setitem__(0, -1.0), "scale"),
+    "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "no number"),
+    "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "no number"),
+    "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "beyond 1e[+]50"),
+    "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "no certificate"),
+    "a version of no form": (lambda c: c.update(version="best"), "'best' is no version"),
+    "settings of no kind": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
+    "a recorded number that is none": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
+    "a list for the settings": (lambda c: c.update(about=["h"]), "no certificate"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_certificate_is_refused(certificate, case):
+    change, words = REFUSED[case]
+    content = json.loads(certificate_json(certificate))
+    change(content)
+    with pytest.raises(InputError, match=words) as refused:
+        parse_certificate(json.dumps(content), "c.json")
+    assert "trimtab design" in str(refused.value) or refused.value.choices
+
+
+def test_the_format_before_says_what_to_type(certificate):
+    with pytest.raises(InputError, match=r"trimtab design hypersonic --out old\.json  makes it anew"):
+        parse_certificate('{"format": "trimtab certificate 1"}', "old.json")
+
+
+def test_keys_that_are_there_twice_are_refused(certificate):
+    text = certificate_json(certificate)
+    for key in ("K", "system", "estimated"):
+        double = text.replace(f'"{key}":', f'"{key}": [[0.0]],\n "{key}":', 1)
+        with pytest.raises(InputError, match=f"'{key}' is there twice"):
+            parse_certificate(double, "c.json")
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_certificate(tmp_path / "none.json")
+    (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="it is no text"):
+        read_certificate(tmp_path / "binary")
+    for text in ("{", "[" * 100_000):
+        with pytest.raises(InputError, match="is no JSON"):
+            parse_certificate(text, "x")
+    with pytest.raises(InputError, match="format 'list'"):
+        parse_certificate("[]", "x")

@@ -1,0 +1,115 @@
+"""Named systems: what counts as the same entry, and settings from a file or from the command line."""
+
+import numpy as np
+import pytest
+from design.systems import ball_system
+
+from trimtab.core.errors import InputError
+from trimtab.design.certificate import design_certificate
+from trimtab.design.certified_system import (
+    SMALL,
+    LimitedNumber,
+    compare_with_system,
+    number_lines,
+    system_settings,
+)
+from trimtab.design.proof import evaluate_lines
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return design_certificate(ball_system())
+
+
+def broken(lines):
+    return {c.name: c for c in evaluate_lines(lines).conditions if not c.holds}
+
+
+def test_the_block_of_the_estimated_states_is_the_plant_s():
+    system = ball_system()
+    assert np.array_equal(system.A_eta, [[0.0, 1.0], [0.0, 0.0]])
+    assert np.array_equal(system._replace(estimated=("theta", "r'")).A_eta, [[0.0, 0.0], [system.A[1, 2], 0.0]])
+
+
+@pytest.mark.parametrize("at", list(np.ndindex(4, 4)))
+def test_every_entry_counts_by_itself(certificate, at):
+    """One that is a hundred millionth off, however small it is beside others; a zero by what its row is in size."""
+    system = ball_system()
+    A = np.where(system.A == 0, 1e-3, system.A)  # each row's largest is 1 or 7; all matter
+    there = certificate._replace(A=A)
+    assert not broken(compare_with_system(there, system._replace(A=A))).keys() - {"A_eta is that of ball and beam"}
+    A = A.copy()
+    A[at] *= 1 + 1e-8
+    assert "A is that of ball and beam" in broken(compare_with_system(there, system._replace(A=A)))
+
+
+def test_what_is_zero_up_to_rounding_may_be_another_rounding(certificate):
+    system = ball_system()
+    for size, same in ((0.5e-9 * SMALL, True), (1e-7 * SMALL, False)):
+        A = system.A.copy()
+        A[0, 2] = size * system.A[0, 1] * system.scale[1] / system.scale[2]
+        assert (
+            "A is that of ball and beam" not in broken(compare_with_system(certificate._replace(A=A), system))
+        ) == same
+    A = system.A.copy()
+    A[3, 0] = 1e-300  # its row is all zero: nothing there is small
+    assert "A is that of ball and beam" in broken(compare_with_system(certificate._replace(A=A), system))
+
+
+def test_sizes_are_the_system_s_never_the_file_s(certificate):
+    """A plant that is another where a size of the file would hide it."""
+    system, scale = ball_system(), certificate.scale.copy()
+    scale[1] = 1e-20
+    A = system.A.copy()
+    A[1, 2] *= 0.7
+    seen = broken(compare_with_system(certificate._replace(A=A, scale=scale), system))
+    assert {"A is that of ball and beam", "scale is that of ball and beam"} == set(seen)
+    assert seen["A is that of ball and beam"].why.startswith("at r', theta: ")
+
+
+def test_other_shapes_and_nan_fail(certificate):
+    system = ball_system()
+    fewer = certificate._replace(A=certificate.A[:3, :3])
+    assert (
+        broken(compare_with_system(fewer, system))["A is that of ball and beam"].why
+        == "shape (3, 3), wanted shape (4, 4)"
+    )
+    holes = certificate._replace(A=np.full((4, 4), np.nan))
+    assert "A is that of ball and beam" in broken(compare_with_system(holes, system))
+    narrow = certificate._replace(K=certificate.K[:, :2])
+    assert "shape (1, 2), wanted (1, 4)" in broken(number_lines(narrow, system))["numbers of the system"].why
+
+
+@pytest.mark.parametrize("value", [1.0, -1e-9, float("nan")])
+def test_limits_are_the_system_s(certificate, value):
+    number = LimitedNumber(value, 0.0, 1.0, "by hand", 1e-9)
+    assert not number.is_inside
+    system = ball_system()._replace(numbers=lambda K: {"kappa": number})
+    assert {"kappa", "kappa, as recorded"} <= set(broken(number_lines(certificate, system)))
+
+
+def a_system(*, kind: str = "short", length: float = 1.0):
+    return ball_system()._replace(about={"kind": kind, "length": length})
+
+
+def test_settings_are_those_of_the_function():
+    assert system_settings(a_system, {}, "x") == {"kind": "short", "length": 1.0}
+    assert system_settings(a_system, {"length": "2.5", "kind": "long"}, "x") == {"kind": "long", "length": 2.5}
+    assert system_settings(a_system, {"length": 3}, "x")["length"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"lenght": 1.0}, "no setting 'lenght'.*--set length"),
+        ({"length": "long"}, "'long' is no number"),
+        ({"length": "nan"}, "'nan' is no number"),
+        ({"length": float("inf")}, "inf is no number"),
+        ({"length": True}, "True is no number"),
+        ({"length": 10**400}, "is no number"),
+        ({"kind": 1.0}, "1.0 is no text"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(given, words):
+    with pytest.raises(InputError, match=f"(?s){words}"):
+        system_settings(a_system, given, "x")

@@ -1,0 +1,205 @@
+"""The filter on odometry and ranges, against a dense one written here and against drives whose errors it knows."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+from estimators.odometry_drives import BEACONS, DRIVE, drive, frames_of
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.rng import key
+from trimtab.core.time import seconds
+from trimtab.estimators.ranging.odometry import (
+    COURSE,
+    ERRORS,
+    SCALE,
+    TURN_BIAS,
+    OdometryNoise,
+    OdometryRanging,
+    PlanarStart,
+    RadioErrors,
+)
+from trimtab.logs.consistency import chi_square_bounds
+
+FILTER = OdometryRanging(
+    noise=OdometryNoise(slip=0.05, turn=3e-3, bias_walk=1e-4),
+    errors=RadioErrors(noise=0.2, scale=0.05, sigma_scale=0.02, sigma_error=0.1),
+    start=PlanarStart(heading=0.3, north=1.0, east=-2.0),
+    beacons=BEACONS,
+)
+
+
+@functools.cache
+def program():
+    def fly(estimator, frames):
+        return jax.lax.scan(lambda s, f: estimator.step(f.t, s, f), estimator.init(key(0)), frames)
+
+    return jax.jit(fly)
+
+
+def run(frames, estimator=FILTER):
+    """Last state, and the estimates of every step."""
+    return program()(estimator, frames)
+
+
+def dense(frames, f):
+    """The same filter, one reading after the other, in numpy; last state and covariance."""
+    n = len(BEACONS)
+    x = np.zeros(6 + n)
+    x[:3], x[SCALE] = (f.start.heading, f.start.north, f.start.east), f.errors.scale
+    sigmas = [f.start.sigma_heading, f.start.sigma_position, f.start.sigma_position, f.start.sigma_turn_bias]
+    P = np.diag([*sigmas, f.start.sigma_course, f.errors.sigma_scale, *[f.errors.sigma_error] * n]) ** 2
+    odometry, ranging = (frames.samples[name] for name in ("odometry", "ranging"))
+    last, speed, rate = None, 0.0, 0.0
+    for k in range(len(frames.t)):
+        if odometry.fresh[k]:
+            now = odometry.t[k] * 1e-7, odometry.value.distance[k], odometry.value.turn[k]
+            if last is not None:
+                dt, way, turn = np.subtract(now, last)
+                speed, rate = way / dt, turn / dt
+
+                def move(v, dt=dt, way=way, turn=turn):
+                    angle = turn - v[TURN_BIAS] * dt
+                    c = v[0] + v[COURSE] + angle / 2
+                    return np.concatenate([[v[0] + angle, v[1] + way * np.cos(c), v[2] + way * np.sin(c)], v[3:]])
+
+                F = np.stack([(move(x + h) - move(x - h)) / 2e-6 for h in 1e-6 * np.eye(len(x))], axis=1)
+                q = np.zeros(len(x))
+                q[:4] = f.noise.turn**2 * dt, f.noise.slip**2 * way, f.noise.slip**2 * way, f.noise.bias_walk**2 * dt
+                x, P = move(x), F @ P @ F.T + np.diag(q)
+            last = now
+        if ranging.fresh[k] and last is not None:
+            ahead = (ranging.t[k] - odometry.t[k]) * 1e-7
+            for i in np.flatnonzero(ranging.value.arrived[k]):
+
+                def predict(v, i=i, ahead=ahead, speed=speed, rate=rate):
+                    c = v[0] + v[COURSE] + (rate - v[TURN_BIAS]) * ahead / 2
+                    away = v[1:3] + speed * ahead * np.array([np.cos(c), np.sin(c)]) - BEACONS[i, :2]
+                    return (1 + v[SCALE]) * np.sqrt(away @ away + BEACONS[i, 2] ** 2) + v[ERRORS + i]
+
+                H = np.array([(predict(x + h) - predict(x - h)) / 2e-6 for h in 1e-6 * np.eye(len(x))])
+                y, S = ranging.value.range[k, i] - predict(x), H @ P @ H + f.errors.noise**2
+                if y * y <= f.errors.gate * S:
+                    K = P @ H / S
+                    x, P = x + K * y, P - np.outer(K, K) * S
+    return x, P
+
+
+def test_it_computes_what_a_dense_filter_computes():
+    """Derivatives by differences, covariance by its shortest formula: nothing is shared but the model."""
+    frames = frames_of(drive(seed=1))
+    state, _ = run(frames)
+    x, P = dense(frames, FILTER)
+    np.testing.assert_allclose(state.x, x, atol=2e-6)
+    np.testing.assert_allclose(state.P, P, atol=1e-6 * np.max(P))
+
+
+def nees(world, estimates):
+    """e' P^-1 e of the place at every step (n,)."""
+    s = estimates.state
+    e = np.stack([s.north - world.north, s.east - world.east])
+    a, b, c = s.sigma_north**2, s.covariance_north_east, s.sigma_east**2
+    return np.asarray((c * e[0] ** 2 - 2 * b * e[0] * e[1] + a * e[1] ** 2) / (a * c - b * b))
+
+
+def test_it_knows_how_wrong_it_is():
+    """Drives whose errors are those that it believes, at four instants far from each other."""
+    values = []
+    for seed in range(50):
+        world = drive(seed)
+        values.append(nees(world, run(frames_of(world))[1])[DRIVE // 4 - 1 :: DRIVE // 4])
+    mean, (low, high) = np.mean(values, axis=0), chi_square_bounds(2, len(values), 0.999)
+    assert ((low < mean) & (mean < high)).all(), (low, mean, high)
+
+
+@pytest.mark.parametrize(("what", "worse"), [("slip", 0.2), ("noise", 0.3), ("scale", 0.0)])
+def test_a_wrong_belief_shows(what, worse):
+    """A filter that believes too little of one error is told apart by the same measure."""
+    part = "noise" if what == "slip" else "errors"
+    old = getattr(FILTER, part)
+    new = (
+        replace(old, scale=0.0, sigma_scale=1e-4)
+        if what == "scale"
+        else replace(old, **{what: worse * getattr(old, what)})
+    )
+    estimator = replace(FILTER, **{part: new})
+    values = [nees(w, run(frames_of(w), estimator)[1])[DRIVE // 2 :].mean() for w in map(drive, range(10))]
+    assert np.mean(values) > 3.0
+
+
+def test_wild_ranges_are_refused():
+    world = drive(3)
+    wild = np.random.default_rng(0).random(world.range.shape) < 0.1
+    spoilt = world._replace(range=np.where(world.arrived & wild, world.range + 5.0, world.range))
+    state, estimates = run(frames_of(spoilt))
+    assert int(state.fix.rejected) == pytest.approx(np.sum(world.arrived & wild), abs=3)
+    error = np.hypot(estimates.state.north - world.north, estimates.state.east - world.east)
+    assert np.max(error) < 1.5
+
+
+def test_it_gives_in_to_ranges_that_insist():
+    """Put down elsewhere, it refuses eight ranges, then believes them, and is honest about where it is."""
+    lost = replace(FILTER, start=replace(FILTER.start, north=15.0))
+    world = drive(4)
+    state, estimates = run(frames_of(world), lost)
+    assert int(state.fix.given_in) >= 1
+    assert np.hypot(estimates.state.north[-1] - world.north[-1], estimates.state.east[-1] - world.east[-1]) < 1.0
+    never, _ = run(frames_of(world), replace(lost, errors=replace(lost.errors, patience=np.int32(0))))
+    assert int(never.fix.given_in) == 0
+
+
+def test_what_is_no_number_or_from_another_time_is_not_used():
+    frames = frames_of(drive(5))
+    ranging, odometry = frames.samples["ranging"], frames.samples["odometry"]
+    k = int(np.flatnonzero(ranging.fresh)[20])
+    clean, _ = run(frames)
+
+    def with_samples(**changes):
+        return replace(frames, samples={**frames.samples, **changes})
+
+    broken = ranging.value.range.copy()
+    broken[k] = np.nan
+    state, _ = run(with_samples(ranging=replace(ranging, value=replace(ranging.value, range=broken))))
+    assert int(state.fix.used) == int(clean.fix.used) - 1
+    assert np.isfinite(state.x).all()
+    late = ranging.t.copy()
+    late[k] -= seconds(5)
+    state, _ = run(with_samples(ranging=replace(ranging, t=late)))
+    assert int(state.fix.late) == 1
+    j = int(np.flatnonzero(odometry.fresh)[30])
+    distance = odometry.value.distance.copy()
+    distance[j] = np.inf
+    state, _ = run(with_samples(odometry=replace(odometry, value=replace(odometry.value, distance=distance))))
+    assert np.isfinite(state.x).all()
+    np.testing.assert_allclose(state.x[:3], clean.x[:3], atol=0.1)
+
+
+def test_a_lost_reading_of_odometry_loses_no_way():
+    frames = frames_of(drive(6)._replace(arrived=np.zeros((DRIVE, 4), bool)))
+    odometry = frames.samples["odometry"]
+    fewer = odometry.fresh & (np.arange(DRIVE) % 3 == 2)
+    fewer[[0, -1]] = True
+    held = np.maximum.accumulate(np.where(fewer, np.arange(DRIVE), 0))
+    thin = jax.tree.map(lambda v: v[held], replace(odometry, fresh=None))
+    full, _ = run(frames)
+    thinned, _ = run(replace(frames, samples={**frames.samples, "odometry": replace(thin, fresh=fewer)}))
+    np.testing.assert_allclose(thinned.x[:3], full.x[:3], atol=0.02)
+
+
+def test_beacons_that_are_no_list_of_positions_are_refused():
+    with pytest.raises(InputError, match="beacons"):
+        OdometryRanging(beacons=np.zeros((4, 2))).check()
+
+
+def test_a_way_that_no_wheel_can_drive_is_doubted_whole():
+    """A counter jumps by 0.8 m in a tenth of a second: the filter says so, instead of being wrong and sure."""
+    world = drive(7)
+    jump = np.where(np.arange(DRIVE) >= DRIVE // 2, 0.8, 0.0)
+    frames = frames_of(world._replace(distance=world.distance + jump))
+    near = slice(DRIVE // 2, DRIVE // 2 + 40)
+    honest = nees(world, run(frames)[1])[near]
+    trusting = replace(FILTER, noise=replace(FILTER.noise, grip=np.float64(1e3)))
+    blind = nees(world, run(frames, trusting)[1])[near]
+    assert honest.max() < 16.0 < blind.max()

@@ -1,0 +1,85 @@
+"""Particles on odometry and ranges: they find place and heading by themselves, and know how well."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+from estimators.odometry_drives import BEACONS, DRIVE, drive, frames_of
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.rng import key
+from trimtab.core.rotation import wrap
+from trimtab.estimators.ranging.odometry import OdometryNoise, RadioErrors
+from trimtab.estimators.ranging.odometry_particle import OdometryParticle
+
+FILTER = OdometryParticle(
+    noise=OdometryNoise(slip=0.05, turn=3e-3, bias_walk=1e-4),
+    errors=RadioErrors(noise=0.2, scale=0.05, sigma_scale=0.02, sigma_error=0.1),
+    beacons=BEACONS,
+    N=100,
+)
+LATE = slice(DRIVE // 2, None)
+
+
+@functools.cache
+def program():
+    def fly(estimator, frames, draws):
+        return jax.lax.scan(lambda s, f: estimator.step(f.t, s, f), estimator.init(draws), frames)
+
+    return jax.jit(fly)
+
+
+def run(world, seed=0, estimator=FILTER):
+    return program()(estimator, frames_of(world), key(seed))
+
+
+def errors(world, estimates):
+    """Of place (m) and heading (rad), (n,)."""
+    s = estimates.state
+    return np.hypot(s.north - world.north, s.east - world.east), np.asarray(wrap(s.heading - world.heading))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_finds_its_way_without_being_told_where_it_begins(seed):
+    world = drive(seed)
+    _, estimates = run(world, seed)
+    place, heading = errors(world, estimates)
+    assert np.asarray(estimates.valid)[LATE].all()
+    assert np.sqrt(np.mean(place[LATE] ** 2)) < 0.4
+    assert np.abs(heading[LATE]).max() < 0.15
+    s = estimates.state
+    normalised = ((s.north - world.north) / s.sigma_north)[LATE], ((s.east - world.east) / s.sigma_east)[LATE]
+    assert np.mean(np.square(normalised)) < 3.0
+
+
+def test_it_is_not_sure_before_it_can_be():
+    """Two places and every heading fit the first two ranges."""
+    _, estimates = run(drive(1))
+    valid = np.asarray(estimates.valid)
+    assert not valid[:10].any()
+    assert valid.any()
+
+
+def test_a_tenth_of_wild_ranges_is_borne():
+    world = drive(3)
+    wild = (np.random.default_rng(0).random(world.range.shape) < 0.1) & world.arrived
+    state, estimates = run(world._replace(range=np.where(wild, world.range + 8.0, world.range)), 1)
+    place, _ = errors(world, estimates)
+    assert np.sqrt(np.mean(place[LATE] ** 2)) < 0.5
+    assert int(state.drive.fix.rejected) >= 0.7 * wild.sum()
+
+
+def test_with_the_same_seed_it_is_the_same_and_with_another_nearly():
+    world = drive(2)
+    one, again, other = (np.asarray(run(world, seed)[1].state.north) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one, again)
+    assert (one != other).any()
+    np.testing.assert_allclose(one[-1], other[-1], atol=0.2)
+
+
+@pytest.mark.parametrize("change", [{"N": 1}, {"beacons": BEACONS[:1]}, {"beacons": np.zeros((4, 2))}])
+def test_what_is_no_cloud_and_no_beacons_is_refused(change):
+    with pytest.raises(InputError, match="OdometryParticle"):
+        replace(FILTER, **change).check()

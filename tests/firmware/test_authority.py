@@ -1,0 +1,145 @@
+"""Who commands the board and by which clock, to the same rules as `trimtab vehicle`."""
+
+from firmware.host import MS, Host, values
+
+from trimtab.live.autopilot_end import scenario_dialect
+from trimtab.run.identity import scenario_identity
+from trimtab.scenarios.build import build
+from trimtab.wire.identity import IdentityComparison
+from trimtab.wire.keys import passphrase_key
+
+ARM, CONTROL, ACCEPTED, DENIED = 400, 32100, 0, 2
+DAY = 86_400
+NEUTRAL = 3000
+
+
+def arm(host, end, on=True):
+    fields = {"target_system": 1, "command": ARM, "param1": float(on), "param3": float(end.session)}
+    return [m for m in host.run(2, end.pack("COMMAND_LONG", fields)) if m.name == "COMMAND_ACK"]
+
+
+def command(host, end, speed_rpm=6000.0, ahead=0):
+    fields = {"t": host.now + ahead, "valid": 1, "rudder_pulse": 1.5e-3, "speed_rpm": speed_rpm}
+    return host.run(10, end.pack("COMMAND", fields | {"session": end.session}))
+
+
+def two(host):
+    return [host.other(system=1, component=191) for _ in range(2)]
+
+
+def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
+    first, second = two(host)
+    assert [(m.get("result"), m.get("result_param2")) for m in arm(host, first)] == [(ACCEPTED, first.session)]
+    assert [(m.get("result"), m.get("result_param2")) for m in arm(host, second)] == [(DENIED, first.session)]
+    said = []
+    for _ in range(30):
+        said += command(host, first, 9000.0) + command(host, second, 0.0)
+    assert host.counts()["foreign"] == 30
+    assert host.pulses()[1] > NEUTRAL  # it turns as the first says
+    texts = [m.get("text") for m in said if m.name == "STATUSTEXT" and "commands" in m.get("text")]
+    assert texts == ["commands without authority refused"]
+    owners = [m for m in said if m.name == "COMMAND_ACK" and m.get("command") == CONTROL]
+    assert [m.get("result_param2") for m in owners] == [first.session]
+    assert [m.get("result") for m in arm(host, second, on=False)] == [DENIED]
+    assert host.pulses()[1] > NEUTRAL
+    assert [m.get("result") for m in arm(host, first, on=False)] == [ACCEPTED]
+    assert host.pulses()[1] == NEUTRAL
+    assert [m.get("result") for m in arm(host, second)] == [ACCEPTED]
+
+
+def test_the_board_is_handed_over_where_that_is_asked_for(host):
+    first, second = two(host)
+    arm(host, first)
+    fields = {"target_system": 1, "command": CONTROL, "param2": 1.0, "param5": float(second.session)}
+    (ack,) = [m for m in host.run(2, second.pack("COMMAND_LONG", fields)) if m.name == "COMMAND_ACK"]
+    assert (ack.get("result"), ack.get("result_param2")) == (ACCEPTED, second.session)
+    command(host, first)
+    command(host, second)
+    assert host.counts()["foreign"] == 1
+
+
+def test_what_a_ground_station_arms_is_flown_by_who_commands_first_and_it_may_disarm(host):
+    first, second = two(host)
+    host.arm()
+    command(host, second)
+    command(host, first)
+    assert host.counts()["foreign"] == 1
+    host.arm(False)
+    assert host.pulses()[1] == NEUTRAL
+
+
+def test_a_command_that_leads_costs_itself_alone(host):
+    first, _ = two(host)
+    arm(host, first)
+    for k in range(60):
+        command(host, first, ahead=490 * MS if k == 20 else 0)
+    assert host.counts()["leading_commands"] == 1
+    assert host.pulses()[1] > NEUTRAL
+
+
+def test_a_clock_that_is_behind_is_answered_and_one_a_day_ahead_moves_nothing(host):
+    host.run(10, host.pack("HEARTBEAT", type=6))
+    host.run(2000)
+    kept = host.library.host_kept()
+    for difference, count in ((-120.0, "stale"), (DAY, "leading")):
+        wrong = host.other(system=1, component=191, clock=lambda d=difference: host.clock() + d)
+        answers = []
+        for k in range(100):
+            answers += host.run(10, wrong.pack("TIMESYNC", {"ts1": k + 1}))
+        assert host.counts()[count] == 100
+        answered = values(answers, "TIMESYNC", "ts1")
+        assert 5 <= len(answered) <= 6  # five a second
+        assert set(answered) <= set(range(1, 101))
+        assert values(answers, "TIMESYNC", "tc1").min() > 0
+    host.run(2000)
+    assert host.library.host_kept() - kept < 10 * 100_000  # as time went, and no day more
+    before = host.counts()["accepted"]
+    host.run(1, host.pack("HEARTBEAT", type=6))
+    assert host.counts()["accepted"] == before + 1
+
+
+def test_another_key_is_answered_before_anybody_was_believed(library, written):
+    host = Host(library, written.dialect)
+    key = passphrase_key("another-passphrase-than-that")
+    station, stranger = host.other(key=key), host.other(key=key, system=1, component=191)
+    host.work(station.pack("TIMESYNC", {"ts1": 7}) + stranger.pack("HEARTBEAT", {"type": 18}))
+    host.now += MS
+    host.work()
+    assert host.sent() == host.peer.untimely == []
+    host.work(stranger.pack("TIMESYNC", {"ts1": 7}))
+    host.now += MS
+    host.work()
+    (answer,) = host.sent() or [u.message for u in host.peer.untimely]
+    assert (answer.name, answer.get("ts1")) == ("TIMESYNC", 0)
+    assert host.counts()["forged"] == 3
+
+
+def test_a_stored_stamp_that_is_ahead_of_all_is_told_to_who_asks(library, written):
+    """A wrong clock once: nobody with the right one had ever been answered."""
+    host = Host(library, written.dialect, stored=DAY * 100_000)
+    asker = host.other(system=1, component=191)
+    data = asker.pack("TIMESYNC", {"ts1": 7})
+    host.work(data)
+    host.now += MS
+    host.work()
+    (answer,) = host.sent() or [u.message for u in host.peer.untimely]
+    assert (answer.name, answer.get("ts1")) == ("TIMESYNC", 7)
+    asker.stamps.follow(host.peer.untimely[0].stamp)
+    host.work(asker.pack("HEARTBEAT", {"type": 18}))
+    assert host.counts()["accepted"] == 1
+
+
+def test_the_board_says_what_it_was_built_for(host, written):
+    """As the identity of the same scenario says it, to the last digit; another mass is a difference by its path."""
+    scenario = build("hovercraft/forward")
+    for settings, paths in (({}, []), ({"world.vehicle.mass": "2.8"}, ["world.vehicle.mass"])):
+        ours = scenario_identity(build("hovercraft/forward", settings), written.dialect)
+        comparison = IdentityComparison(host.peer, ours)
+        for _ in range(400):
+            asked = b"".join(comparison.due(host.now, 1, 1))
+            for message in host.run(10, asked):
+                if message.name == "TUNNEL":
+                    comparison.handle_message(message)
+        assert comparison.is_known
+        assert [d.path for d in comparison.differences()] == paths
+    assert scenario_dialect(scenario).fingerprint == written.dialect.fingerprint

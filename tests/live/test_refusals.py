@@ -1,0 +1,136 @@
+"""Wrong key, clock, scenario and owner between real programs: four sentences, and what each says flies, in one step."""
+
+import json
+import shutil
+import socket
+import time
+
+import pytest
+from links.ends import free_port
+from live.pair import Program, make_key
+
+from trimtab.native.compiler import find_compiler
+from trimtab.wire.keys import create_key
+from trimtab.wire.stamps import DIGITS, EPOCH, PER_SECOND
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
+]
+NAME = "hovercraft/forward"
+SHORT = ("--duration", "1 s", "--no-real-time")
+PATIENT = ("--set", "failsafe.timeout=5 s", "--set", "failsafe.age_max=5")
+"""The same at both ends: a busy machine that keeps a process waiting ends no flight here."""
+
+
+class Ends:
+    """A vehicle that waits, and autopilots that are started against it, each with a folder of its own keys."""
+
+    def __init__(self, folder, *options):
+        self.folder, self.port = folder, free_port(socket.SOCK_DGRAM)
+        if not (folder / "config").exists():
+            make_key(folder)
+        words = ("vehicle", NAME, "--listen", f"udp://:{self.port}", "--json", *PATIENT, *options)
+        self.vehicle = Program(*words, folder=folder)
+        self.vehicle.wait_for("listens on")
+
+    def start(self, name, *options, scenario=NAME):
+        own = self.folder / name
+        (own / "config" / "keys").mkdir(parents=True, exist_ok=True)
+        shutil.copy(self.folder / "config" / "keys" / "hovercraft.key", own / "config" / "keys")
+        words = ("fly", scenario, "--link", f"udp://127.0.0.1:{self.port}", "--json", *SHORT, *PATIENT, *options)
+        return Program(*words, folder=own)
+
+    def fly(self, name, *options, **kinds):
+        return self.start(name, *options, **kinds).finished()
+
+    def close(self):
+        self.vehicle.process.terminate()
+        return self.vehicle.finished()
+
+
+@pytest.fixture
+def ends(tmp_path):
+    started = Ends(tmp_path)
+    yield started
+    if started.vehicle.process.poll() is None:
+        started.close()
+
+
+def fix(ended):
+    """What the message says to type."""
+    return ended.said.partition("Fix: ")[2].strip()
+
+
+def test_four_sentences_and_one_step_from_each(ends):
+    other = create_key(ends.folder / "other.key")
+    refused = ends.fly("key", "--key", str(other.path))
+    assert refused.status == 2
+    assert "wrong key: " in refused.said
+    assert "--key FILE" in fix(refused)
+    assert ends.fly("key", "--key", str(ends.folder / "config" / "keys" / "hovercraft.key")).status == 0
+
+    stored = ends.folder / "clock" / "config" / "keys" / "hovercraft.key.1-191-0.time"
+    stored.parent.mkdir(parents=True)
+    ahead = int((time.time() + 86_400 - EPOCH) * PER_SECOND)
+    stored.write_text(f"{ahead:0{DIGITS}d}\n")
+    refused = ends.fly("clock")
+    assert refused.status == 2
+    assert "wrong clock: an earlier flight's was 8" in refused.said
+    assert fix(refused).endswith("--clock computer")
+    assert ends.fly("clock", "--clock", "computer").status == 0
+    assert ends.fly("clock").status == 0  # and it stays so
+
+    refused = ends.fly("scenario", scenario="hovercraft/spin")
+    assert refused.status == 2
+    assert "wrong scenario: " in refused.said
+    assert "scenario: hovercraft/forward there, hovercraft/spin here" in refused.said
+    assert "fly hovercraft/forward" in fix(refused)
+    refused = ends.fly("scenario", "--set", "world.vehicle.mass=2.8")
+    assert "world.vehicle.mass: 2.6 there, 2.8 here" in refused.said
+    assert ends.fly("scenario", "--set", "world.vehicle.mass=2.8", "--accept", "world.vehicle.mass").status == 0
+
+    ended = ends.close()
+    assert "signed with another key" in ended.said
+    assert "the clock of 1/191 is 8" in ended.said
+
+
+def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_reset(tmp_path):
+    make_key(tmp_path)
+    store = tmp_path / "config" / "keys" / "hovercraft.key.1-1-0.time"
+    store.write_text(f"{int((time.time() + 86_400 - EPOCH) * PER_SECOND):0{DIGITS}d}\n")
+    ends = Ends(tmp_path)
+    try:
+        refused = ends.fly("clock")
+        assert refused.status == 2
+        assert "the vehicle's is ahead of this computer's" in refused.said
+        assert fix(refused).partition("   ")[0].endswith("--clock vehicle")
+        flown = ends.fly("clock", "--clock", "vehicle")
+        assert flown.status == 0
+        assert "goes by the vehicle's clock, +8" in flown.said
+    finally:
+        ends.close()
+    ends = Ends(tmp_path, "--clock", "computer")
+    try:
+        assert ends.fly("clock").status == 0
+    finally:
+        ends.close()
+
+
+def test_of_two_autopilots_one_flies_and_the_other_takes_over_only_where_it_asks(ends):
+    first = ends.start("first", "--duration", "60 s")
+    ends.vehicle.wait_for("commanded by")
+    second = ends.fly("second")
+    assert second.status == 2
+    assert "wrong owner: the vehicle is flown by another autopilot" in second.said
+    assert fix(second).partition("   ")[0].endswith("--take-over")
+    assert first.process.poll() is None
+    third = ends.fly("third", "--take-over")
+    assert third.status == 0
+    ended = first.finished()
+    assert ended.status == 1
+    assert ended.result is not None
+    assert ended.result["cause"].startswith("the vehicle was taken over by session ")
+    told = ends.close().said
+    assert told.count("commanded by 1/191") == 2
+    assert "Disarming by" not in json.dumps(told)

@@ -1,0 +1,157 @@
+"""Messages for maps and 3-D scenes: as Foxglove's schemas want them, where the vehicle is, and how many."""
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from trimtab.core.quantity import Quantity
+from trimtab.core.time import ms, seconds
+from trimtab.logs.frames import POSE_COLUMNS, FrameWriter, frame_topics, quaternion
+from trimtab.logs.mcap import read_mcap
+from trimtab.logs.ring import Ring
+from trimtab.logs.stream import start_writer
+
+EPOCH = 1_790_000_000_123_456_700
+TOPICS = {"/tf": "foxglove.FrameTransform", "/scene": "foxglove.SceneUpdate", "/location": "foxglove.LocationFix"}
+REQUIRED = {
+    "foxglove.FrameTransform": "timestamp parent_frame_id child_frame_id translation rotation",
+    "foxglove.SceneUpdate": "deletions entities",
+    "foxglove.LocationFix": "timestamp frame_id latitude longitude altitude position_covariance"
+    " position_covariance_type",
+}
+"""As published: foxglove-sdk, schemas/jsonschema, in August 2026."""
+ENTITY = """timestamp frame_id id lifetime frame_locked metadata arrows cubes spheres cylinders lines triangles texts
+    models"""
+CUBE, ARROW = "pose size color", "pose shaft_length shaft_diameter head_length head_diameter color"
+SIGNALS = [("truth.x", (), np.float64, Quantity("m", "Where it is.", frame="W"))]
+
+
+def pose(k, place=True):
+    where = (0.68, -1.34, 20.0 + k) if place else (np.nan,) * 3
+    return (1.0 * k, -2.0, -0.5, 0.1, -0.2, 0.3, *where)
+
+
+def write(folder, rows=3000, place=True):
+    """A log of so many milliseconds, as a flight writes it."""
+    ring, path = Ring.create(columns=2 + POSE_COLUMNS), folder / "flight.mcap"
+    stream = start_writer(path, ring, signals=SIGNALS, metadata={"scenario": "a"}, frame="vehicle")
+    ring.write_text("before the clock")
+    stream.set_epoch(EPOCH)
+    for k in range(rows):
+        ring.write_row(np.array([k * ms(1), 0.5 * k, *pose(k, place)]))
+    ring.write_text("at the end")
+    assert stream.close() is not None
+    ring.close()
+    ring.unlink()
+    return path
+
+
+def messages(path):
+    """Topic -> (log time, schema, message) of each."""
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, schema, json.loads(message.data)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("log"))
+
+
+def test_each_fits_its_own_schema_and_has_what_the_published_one_requires(log):
+    found = messages(log)
+    for topic, title in TOPICS.items():
+        for time, schema, message in found[topic]:
+            assert schema.name == title
+            jsonschema.validate(message, json.loads(schema.data))
+            assert set(REQUIRED[title].split()) <= set(message)
+            stamp = message.get("timestamp") or message["entities"][0]["timestamp"]
+            assert stamp["sec"] * 10**9 + stamp["nsec"] == time
+    for topic in frame_topics():
+        schema = json.loads(topic.text)
+        assert set(schema["required"]) == set(REQUIRED[schema["title"]].split())
+    (entity,) = found["/scene"][0][2]["entities"]
+    assert set(entity) == set(ENTITY.split())
+    assert set(entity["cubes"][0]) == set(CUBE.split())
+    assert set(entity["arrows"][0]) == set(ARROW.split())
+    assert entity["frame_locked"]
+
+
+def test_poses_are_thinned_out_and_stand_at_the_time_of_day(log):
+    found = messages(log)
+    (world, *moves) = found["/tf"]
+    assert (world[2]["parent_frame_id"], world[2]["child_frame_id"]) == ("map", "world")
+    assert [time for time, _, _ in moves] == [EPOCH + 50_000_000 * k for k in range(60)]
+    assert [m["translation"]["x"] for _, _, m in moves] == [50.0 * k for k in range(60)]
+    assert len(found["/location"]) == 15
+    assert len(found["/scene"]) == 1
+    last = found["/location"][-1][2]
+    assert last["latitude"] == pytest.approx(np.degrees(0.68), abs=1e-9)
+    assert last["altitude"] == 2820.0
+
+
+def test_the_rows_read_as_ever_and_their_clock_is_known(log):
+    read = read_mcap(log)
+    assert read.ticks.tolist() == [k * ms(1) for k in range(3000)]
+    assert (read["truth.x"] == 0.5 * np.arange(3000)).all()
+    assert read.metadata["epoch_ns"] == EPOCH
+    events = [(round(e["t"], 7), e["text"]) for e in read.metadata["events"]]
+    assert events == [(0.0, "before the clock"), (2.999, "at the end")]
+    assert list(read.paths) == ["truth.x", "log.dropped", "log.unwritten"]
+    assert messages(log)["/truth"][7][0] == EPOCH + 7_000_000
+
+
+def test_a_log_that_is_cut_keeps_its_clock(log, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    read = read_mcap(cut)
+    assert (read.metadata["epoch_ns"], read.metadata["truncated"]) == (EPOCH, True)
+    assert read.ticks.tolist() == [k * ms(1) for k in range(len(read))]
+
+
+def test_without_an_origin_there_is_a_scene_and_no_map(tmp_path):
+    found = messages(write(tmp_path, 200, place=False))
+    assert "/location" not in found
+    assert len(found["/tf"]) == 5
+
+
+def test_what_is_not_known_is_not_told():
+    writer = FrameWriter("vehicle")
+    assert writer.messages(np.array([0, seconds(1)]), np.full((2, POSE_COLUMNS), np.nan), 0) == []
+
+
+def test_it_turns_as_scipy_turns_and_the_map_has_east_first_and_up():
+    from scipy.spatial.transform import Rotation
+
+    attitude = (0.3, -0.4, 2.0)
+    w, x, y, z = quaternion(attitude)
+    expected = Rotation.from_euler("ZYX", attitude[::-1]).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), expected, atol=1e-12)
+    message = json.loads(FrameWriter("v").messages(np.array([0]), np.array([pose(0)]), 0)[0].text)
+    turn = Rotation.from_quat([message["rotation"][k] for k in "xyzw"])
+    np.testing.assert_allclose(turn.apply([1.0, 2.0, 3.0]), [2.0, 1.0, -3.0], atol=1e-12)
+
+
+def test_they_cost_little(tmp_path):
+    """Beside rows of a hundred numbers that change."""
+    sizes, rng = [], np.random.default_rng(1)
+    names = [(f"truth.n{k}", (), np.float64, None) for k in range(100)]
+    walk = np.cumsum(rng.standard_normal((2000, 100)), axis=0)
+    for frame in ("", "vehicle"):
+        columns = 101 + (POSE_COLUMNS if frame else 0)
+        ring, path = Ring.create(columns=columns), tmp_path / f"a{frame}.mcap"
+        stream = start_writer(path, ring, signals=names, metadata={}, frame=frame)
+        if frame:
+            stream.set_epoch(EPOCH)
+        for k in range(2000):
+            ring.write_row(np.array([k * ms(1), *walk[k], *(pose(k) if frame else ())]))
+        stream.close()
+        ring.close()
+        ring.unlink()
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < 1.02 * sizes[0]

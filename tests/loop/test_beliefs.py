@@ -1,0 +1,116 @@
+"""What the parts of an autopilot believe of the vehicle: refused where they differ, told where the world differs."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.campaign.campaign import Campaign
+from trimtab.cli import main
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.loop.beliefs import belief_mismatches, check_beliefs, describe_mismatches, vehicle_copies
+from trimtab.run.program import describe_scenario
+from trimtab.scenarios.build import build
+
+SPIN, CLIMB = "hovercraft/spin", "hypersonic/climb-small"
+PREVIEW = {"internal": "preview"}
+
+
+def mismatches(scenario):
+    return belief_mismatches(scenario.autopilot, scenario.world.vehicle)
+
+
+def test_every_copy_of_the_vehicle_is_found():
+    for name, settings, copies in (
+        ("hovercraft/forward", {}, ["law.model"]),
+        ("hovercraft/heading-bang-bang", {}, ["law.damping.model", "law.turning.model"]),
+        (SPIN, {}, ["law.braking.model", "law.spinning.model"]),
+        (CLIMB, PREVIEW, ["estimator.craft", "law.internal.craft", "law.craft"]),
+    ):
+        scenario = build(name, settings)
+        found = vehicle_copies(scenario.autopilot, scenario.world.vehicle)
+        assert list(found) == [f"autopilot.{copy}" for copy in copies]
+        assert mismatches(scenario) == []
+
+
+@pytest.mark.parametrize("copy", ["estimator.craft", "law.craft", "law.internal.craft"])
+def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_and_what_to_type(copy):
+    path = f"autopilot.{copy}.m"
+    with pytest.raises(InputError) as refused:
+        build(CLIMB, {**PREVIEW, path: "301"})
+    text = str(refused.value)
+    assert path in text
+    assert "301" in text
+    assert "300" in text
+    assert "--set mismatch=" in text
+    alike = {f"autopilot.{c}.m": "301" for c in ("estimator.craft", "law.craft", "law.internal.craft")}
+    assert all(f"--set {p}=301" in text or p == path for p in alike) or copy == "estimator.craft"
+    assert [m.path for m in mismatches(build(CLIMB, {**PREVIEW, **alike}))] == ["m"]
+
+
+def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
+    path = "autopilot.law.internal.craft"
+    scenario = build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": path})
+    assert describe_mismatches([m._asdict() for m in mismatches(scenario)]) == (
+        f"believed ≠ world: {path}.m 301 vs 300 (intended)"
+    )
+    for other in ("autopilot.law.craft", "autopilot.law.internal.craft.modes"):
+        with pytest.raises(InputError, match="two parts believe"):
+            build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": other})
+    with pytest.raises(InputError, match="leads into no copy"):
+        build(CLIMB, {"mismatch": "autopilot.law.command"})
+
+
+def test_laws_of_one_state_machine_believe_in_one_vehicle():
+    with pytest.raises(InputError, match=r"spinning\.model\.mass: it is 3, but .*braking\.model\.mass is 2\.6"):
+        build(SPIN, {"autopilot.law.spinning.model.mass": "3"})
+    assert build(SPIN, {f"autopilot.law.{law}.model.mass": "3" for law in ("spinning", "braking")})
+
+
+def test_a_vehicle_that_differs_is_allowed_and_told():
+    heavy = build(SPIN, {"world.vehicle.mass": "3", "world.vehicle.friction.torque_viscous": "0.02"})
+    assert [tuple(m) for m in mismatches(heavy)] == [("friction", "none", "there"), ("mass", "2.6", "3")]
+    assert describe_scenario(heavy)["mismatch"][1] == {"path": "mass", "believed": "2.6", "actual": "3"}
+    assert "mismatch" not in describe_scenario(build(SPIN))
+    assert mismatches(build("hypersonic/mismatch"))
+    Campaign(SPIN, runs=4, spread={"world.vehicle.mass": "normal(100%, 5%)"})
+
+
+def test_a_campaign_may_not_spread_one_copy_unless_it_is_named():
+    spread = {"autopilot.law.spinning.model.mass": "uniform(90%, 110%)"}
+    with pytest.raises(InputError, match="two parts believe in different vehicles"):
+        Campaign(SPIN, runs=4, spread=spread)
+    Campaign(SPIN, runs=4, spread=spread, settings={"mismatch": "autopilot.law.spinning.model"})
+
+
+def test_numbers_that_are_not_finite_are_left_to_the_check_of_values():
+    with pytest.raises(InputError, match="not finite"):
+        build(SPIN, {"autopilot.law.spinning.model.mass": "nan"})
+
+
+def test_an_autopilot_without_copies_is_fine():
+    scenario = build("navigation/still")
+    check_beliefs(scenario.autopilot, scenario.world.vehicle)
+    assert describe_mismatches([]) == ""
+
+
+def test_many_differences_are_counted():
+    craft = build(CLIMB).world.vehicle
+    air = {name: 1.1 * getattr(craft.forces.aerodynamics, name) for name in ("CL_a", "CL_0", "CD_a", "CM_a", "CM_0")}
+    modes = replace(craft.modes, w1=17.0, w2=19.0)
+    plant = replace(
+        craft, modes=modes, forces=replace(craft.forces, aerodynamics=replace(craft.forces.aerodynamics, **air))
+    )
+    scenario = build(CLIMB)
+    line = describe_mismatches([m._asdict() for m in belief_mismatches(scenario.autopilot, plant)])
+    assert line.endswith(" and 1 more (intended)")
+
+
+def test_the_command_line_tells_it():
+    words = ["run", SPIN, "--set", "world.vehicle.mass=3", "--set", "duration=1", "--no-ideal"]
+    assert "believed ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output
+    printed = json.loads(CliRunner().invoke(main, [*words, "--json"]).output)
+    assert printed["mismatch"] == [{"path": "mass", "believed": "2.6", "actual": "3"}]
+    listed = CliRunner().invoke(main, ["list", "hypersonic/mismatch", "--json"]).output
+    assert {m["path"] for m in json.loads(listed)["mismatch"]} >= {"m", "forces.propulsion.b7"}

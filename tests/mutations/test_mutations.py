@@ -1,0 +1,24 @@
+"""The lists of mutations beside this file still name what is there; `run.py` tries them."""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from mutations.run import read_mutations
+
+ROOT = Path(__file__).parents[2]
+MUTATIONS = read_mutations()
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=[m.name for m in MUTATIONS])
+def test_a_mutation_changes_one_place_into_valid_python(mutation):
+    text = (ROOT / mutation.file).read_text(encoding="utf-8")
+    assert text.count(mutation.old) == 1, f"in {mutation.file}: {mutation.old}"
+    assert mutation.old != mutation.new
+    assert ast.dump(ast.parse(text.replace(mutation.old, mutation.new))) != ast.dump(ast.parse(text))
+    assert all((ROOT / t).is_file() for t in mutation.tests)
+
+
+def test_names_are_unique():
+    assert not [name for name, n in Counter(m.name for m in MUTATIONS).items() if n > 1]

@@ -1,0 +1,58 @@
+"""The oracles import nothing of the package, and what their tables hold is what they give."""
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oracles.write import HYPERSONIC, read_values
+
+FOLDER = Path(__file__).parent
+ALLOWED = {"oracles", "numpy", "scipy", "gtsam", *sys.stdlib_module_names} - {"importlib", "runpy"}
+
+
+@pytest.mark.parametrize("file", [f for f in sorted(FOLDER.glob("*.py")) if not f.name.startswith("test_")], ids=str)
+def test_oracles_import_numpy_scipy_and_gtsam_alone(file):
+    tree, names = ast.parse(file.read_text(encoding="utf-8")), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            names.add((node.module or "").partition(".")[0])
+        elif isinstance(node, ast.Name):
+            assert node.id not in ("__import__", "exec", "eval")
+    assert names <= ALLOWED
+
+
+def differences(table, values):
+    """Names of which the table holds something else."""
+    found = []
+    for name, value in values.items():
+        new = np.ravel(np.asarray(value, dtype=float))
+        size = max(1e-12, float(np.abs(new).max()))
+        if name not in table or table[name].shape != new.shape or np.abs(table[name] - new).max() > 1e-6 * size:
+            found.append(name)
+    return found
+
+
+def test_the_table_of_the_hypersonic_vehicle_is_what_the_oracle_gives():
+    from oracles.hypersonic_values import quick_values
+
+    values, table = quick_values(), read_values(HYPERSONIC)
+    assert len(values) > 80
+    assert differences(table, values) == []
+    name, value = next(iter(values.items()))
+    assert differences(table, {name: value * (1 + 1e-5)}) == [name], "the comparison itself can fail"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_flights_in_the_table_are_those_that_the_oracle_flies():
+    from oracles.hypersonic_values import flown_values, quick_values
+
+    values, table = flown_values(), read_values(HYPERSONIC)
+    assert differences(table, values) == []
+    assert set(table) == set(values) | set(quick_values()), "a name is left over"

@@ -1,0 +1,85 @@
+"""What the two sides of a scenario agree on, and what is said where they don't."""
+
+import pytest
+
+from trimtab.live.autopilot_end import scenario_dialect
+from trimtab.live.connection_problem import scenario_problem
+from trimtab.live.injector import add_idle_faults
+from trimtab.run.identity import identity_path, scenario_identity
+from trimtab.scenarios.build import build
+from trimtab.wire.identity import SettingDifference
+
+TYPED = "trimtab fly hovercraft/spin --link udp://127.0.0.1:14550"
+
+
+def identity(name, settings=None, **kinds):
+    scenario = build(name, settings, **kinds)
+    return scenario_identity(scenario, scenario_dialect(scenario)), scenario
+
+
+def differ(one, other):
+    return {path for path in {*one, *other} if one.get(path) != other.get(path)}
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return identity("hovercraft/forward")[0]
+
+
+def test_links_supervisor_gains_and_faults_are_not_compared(plain):
+    both, scenario = identity("hovercraft/forward", {"supervisor": "automatic", "autopilot.law.k1": "2"})
+    assert differ(plain, both) == set()
+    vehicle = scenario_identity(add_idle_faults(scenario), scenario_dialect(scenario))
+    assert differ(plain, vehicle) == set()
+    faulty = identity("hovercraft/forward", faults=["sensor:navigation off @ 3 s"])[0]
+    assert differ(plain, faulty) == set()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "paths"),
+    [
+        ("hovercraft/forward", {"world.vehicle.mass": "2.8"}, {"world.vehicle.mass"}),
+        ("hovercraft/forward", {"world.sensors.navigation.period": "0.012"}, {"world.sensors.navigation.period"}),
+        ("hovercraft/forward", {"failsafe.timeout": "0.5"}, {"failsafe.timeout"}),
+        ("hovercraft/forward", {"autopilot.period": "0.005"}, {"autopilot.period"}),
+    ],
+)
+def test_another_number_on_one_side_is_a_difference(plain, name, settings, paths):
+    assert differ(plain, identity(name, settings)[0]) == paths
+
+
+def test_what_the_other_end_tells_can_be_typed_here(plain):
+    changed = {"world.sensors.navigation.period": "20 ms", "failsafe.timeout": "0.35", "world.vehicle.mass": "2.81"}
+    other = identity("hovercraft/forward", changed)[0]
+    assert identity("hovercraft/forward", {path: other[path] for path in differ(plain, other)})[0] == other
+    own = {p: t for p, t in plain.items() if p.startswith(("world.", "failsafe.")) and " " not in t}
+    assert len(own) > 40
+    assert identity("hovercraft/forward", own)[0] == plain
+
+
+def test_another_scenario_of_the_same_messages_is_a_difference(plain):
+    other = identity("hovercraft/spin")[0]
+    assert other["messages"] == plain["messages"]
+    assert "scenario" in differ(plain, other)
+
+
+def test_numbers_of_a_vehicle_with_faults_ready_have_their_own_paths(plain):
+    assert identity_path("world.sensors.navigation.inner.period") == "world.sensors.navigation.period"
+    assert identity_path("world.sensors.navigation.inner.period") in plain
+
+
+def test_one_step_is_typed_whatever_differs():
+    mass = SettingDifference("world.vehicle.mass", "2.8", "2.6")
+    problem = scenario_problem([mass], TYPED)
+    assert problem.problem.endswith("world.vehicle.mass: 2.8 there, 2.6 here")
+    assert problem.fix.startswith(f"{TYPED} --set world.vehicle.mass=2.8 ")
+    assert "--accept world.vehicle.mass" in problem.fix
+    name = SettingDifference("scenario", "hovercraft/forward", "hovercraft/spin")
+    assert scenario_problem([name, mass], TYPED).fix == TYPED.replace("spin", "forward")
+    table = SettingDifference("world.actuators.table.values", "100 numbers, hash 1", "100 numbers, hash 2")
+    assert scenario_problem([mass, table], TYPED).fix.endswith(
+        f"{TYPED} --accept world.actuators --accept world.vehicle"
+    )
+    many = [SettingDifference(f"world.vehicle.n{k}", "1.0", "2.0") for k in range(20)]
+    assert "and 12 more" in scenario_problem(many, TYPED).problem
+    assert "same trimtab" in scenario_problem([SettingDifference("version", "0.1", "0.2")], TYPED).fix

@@ -1,0 +1,82 @@
+"""Each `--navigation` of the hovercraft: built and traced, one line in `list`, named in `--help`; flown for its page.
+
+The table of docs/scenarios.md, Which navigation, is printed, and compared with the page, by
+`pytest -n0 -s -m slow tests/scenarios/test_navigation_choices.py`.
+"""
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trimtab.campaign.workers.prepare import signal_shapes
+from trimtab.cli import main
+from trimtab.core.time import ms
+from trimtab.logs.navigation import state_series
+from trimtab.native.compiler import find_compiler
+from trimtab.run.simulate import simulate_many
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
+
+NAME = "hovercraft/zero-velocity"
+KINDS = catalogue.scenario_choices(NAME)["navigation"]
+PAGE = Path(__file__).parents[2] / "docs" / "scenarios.md"
+SEEDS, LATE = range(8), 5.0
+GROUPS = {"velocity": ("surge_velocity", "sway_velocity"), "position": ("north", "east"), "heading": ("heading",)}
+
+
+def test_every_kind_has_its_line_in_list_and_its_name_in_help():
+    listed = json.loads(CliRunner().invoke(main, ["list", NAME, "--json"]).output)["choice_lines"]["navigation"]
+    assert set(listed) == set(KINDS) >= {"errors", "ins", "tight", "particle"}
+    assert len({*listed.values()}) == len(KINDS)
+    text, help = (
+        "".join(CliRunner().invoke(main, words).output.split()) for words in (["list", NAME], ["run", "--help"])
+    )
+    for kind, line in listed.items():
+        assert kind in text
+        assert line.split()[0] in text
+        assert kind in help
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_gives_the_law_its_state(kind):
+    """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""
+    scenario = build(NAME, {"navigation": kind})
+    shapes, _ = signal_shapes(scenario)
+    assert {f"estimate.state.{name}" for name in scenario.autopilot.law.reads} <= shapes.keys()
+    assert ("estimate.state.sigma_north" in shapes) == (kind != "errors")
+
+
+@functools.cache
+def flown(kind):
+    """Per group of states root mean square error and NEES over its size, over seeds, from LATE on."""
+    logs = simulate_many(build(NAME, {"navigation": kind}), seeds=SEEDS, log_period=ms(10))
+    errors, normalised = ({group: [] for group in GROUPS} for _ in range(2))
+    for log in logs:
+        series = state_series(log)
+        for group, names in GROUPS.items():
+            for one in (series[n] for n in names):
+                late = one.t > LATE
+                errors[group].append(np.mean(one.error[late] ** 2))
+                normalised[group].append(np.mean((one.error[late] / one.sigma[late]) ** 2))
+    rms = {group: np.sqrt(np.mean(squares) * len(GROUPS[group])) for group, squares in errors.items()}
+    return rms, {group: np.mean(squares) for group, squares in normalised.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != "errors"])
+def test_every_kind_flies_as_its_page_says(kind):
+    rms, nees = flown(kind)
+    sizes = f"{1000 * rms['position']:.1f} | {1000 * rms['velocity']:.0f} | {np.degrees(rms['heading']):.2f}"
+    honest = " | ".join(f"{nees[group]:.2f}" for group in ("position", "velocity", "heading"))
+    line = f"| `{kind}` | {sizes} | {honest} |"
+    print(line)
+    assert rms["position"] < 0.03
+    assert rms["velocity"] < 0.05
+    assert rms["heading"] < 0.03
+    assert line in PAGE.read_text(encoding="utf-8")
