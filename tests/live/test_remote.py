@@ -261,9 +261,21 @@ def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
     line = ready()
     line.beat()
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
-    assert line.remote.list_problems(True, False) == ["the vehicle was not armed at the end"]  # it was nobody's
+    later = line.now + seconds(2)
+    assert line.remote.list_problems(True, False, later) == ["the vehicle was not armed at the end"]  # it was nobody's
     line.remote.has_authority = True
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
     line.beat(armed=True)
-    assert line.remote.list_problems(True, False) == ["the vehicle's failsafe acted"]
-    assert "nothing was heard from the vehicle at the end" in line.remote.list_problems(True, True)
+    assert line.remote.list_problems(True, False, line.now) == ["the vehicle's failsafe acted"]
+    assert "nothing was heard from the vehicle at the end" in line.remote.list_problems(True, True, line.now)
+
+
+def test_a_vehicle_that_ends_when_the_flight_does_is_no_problem_and_one_that_ends_before_is():
+    """Both ends were given the same length, and the vehicle's clock began a little earlier."""
+    line = ready()
+    line.beat(armed=True)
+    line.beat(armed=False)
+    assert line.remote.list_problems(True, False, line.now + ms(100)) == []
+    assert line.remote.list_problems(True, False, line.now + ms(1100)) == ["the vehicle was not armed at the end"]
+    line.beat(armed=False)
+    assert line.remote.list_problems(True, False, line.now + ms(1100)) == ["the vehicle was not armed at the end"]

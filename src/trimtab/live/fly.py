@@ -198,7 +198,8 @@ class LiveAutopilot:
                 finally:
                     cause, stopped = self._end_reason(), "it was aborted by request" if stop() else ""
                     ended = "the supervisor had ended the flight" if self.supervised.mode == ENDED else ""
-                    remote = self.remote.list_problems(self.arming_time is not None, self._silent)
+                    was_armed = self.arming_time is not None
+                    remote = self.remote.list_problems(was_armed, self._silent, monotonic_ns() // NS)
                     problems = [p for p in (cause, stopped, ended, *remote) if p]
                     is_ours = self.remote.has_authority or self.remote.is_asking
                     if is_ours and not self.remote.is_taken:  # else it is none of this end's business
