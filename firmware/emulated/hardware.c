@@ -1,4 +1,4 @@
-/* In the place of vehicle, sensors and actuators: the exported world and the motor of the thrust fan, in real time.
+/* In the place of vehicle, sensors and actuators: the exported world, and the thrust fan's motor on its battery, in real time.
 
    They read the servo timers' compare registers as servo and speed controller would read the pulses, and count the
    encoder's edges. With real hardware this file goes, and drivers come in its place. */
@@ -55,10 +55,9 @@ static int64_t next_instant(void) {
 }
 
 static void turn_motor(int64_t now) {
-    motor_i.input.voltage = 7.2;
     for (; motor_at + MOTOR_PERIOD <= now; motor_at += MOTOR_PERIOD) {
         motor_i.t = motor_at;
-        motor_i.input.duty = (motor_real)pulse_duty_of(compare[THRUST]);
+        motor_i.input = (motor_real)pulse_duty_of(compare[THRUST]);
         motor_step(&motor_p, &motor_s, &motor_i, &motor_o);
     }
 }

@@ -56,17 +56,21 @@ def fuzzer(written, tmp_path_factory):
     return compile_here(written.folder, output, *SANITIZERS, *sources)
 
 
-@pytest.fixture(scope="session")
-def library(written, tmp_path_factory):
-    output = tmp_path_factory.mktemp("host") / "host.so"
+def load_library(written, folder):
+    """The firmware in a folder as a library of this computer."""
     sources = [str(Path(__file__).parent / name) for name in ("host.c", "power.c")]
-    made = ctypes.CDLL(str(compile_here(written.folder, output, "-O1", "-shared", "-fPIC", *sources)))
+    made = ctypes.CDLL(str(compile_here(written.folder, folder / "host.so", "-O1", "-shared", "-fPIC", *sources)))
     made.host_sent.restype = ctypes.c_size_t
     made.host_width.restype = made.host_duty.restype = ctypes.c_uint16
     made.host_kept.restype = ctypes.c_uint64
     made.host_surge.restype = ctypes.c_double
     made.host_record.restype = ctypes.POINTER(ctypes.c_uint32)
     return made
+
+
+@pytest.fixture(scope="session")
+def library(written, tmp_path_factory):
+    return load_library(written, tmp_path_factory.mktemp("host"))
 
 
 @pytest.fixture

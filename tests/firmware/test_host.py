@@ -5,10 +5,12 @@ import itertools
 
 import numpy as np
 import pytest
+from firmware.conftest import load_library
 from firmware.host import COUNTS, KEY, MS, STAMP, Host, values
 
 from trimtab.actuators.speed_regulator import SpeedRegulator
-from trimtab.export.firmware_folder import key_image
+from trimtab.export.firmware_folder import key_image, write_firmware
+from trimtab.scenarios.build import build
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.stamps import EPOCH, PER_SECOND
 
@@ -65,6 +67,18 @@ def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host)
     # the motor's own curve: propeller torque over stall torque, and speed over free speed, at 6000 rpm
     assert duty == pytest.approx(2.207e-4 * 36 / 0.08474 + 6 / 19.2, abs=0.02)
     assert host.library.host_surge() > 0.3  # 0.4 N on 2.6 kg for over two seconds
+
+
+def test_an_emulated_fan_on_an_empty_battery_needs_the_more_duty(tmp_path):
+    """6.2 V empty, less what 0.03 ohm takes of the other 3 A and of the fan's own current: the battery's page."""
+    scenario = build("hovercraft/forward", {"world.actuators.fan.battery.initial": "0"})
+    written = write_firmware(scenario, tmp_path, KEY)
+    host = Host(load_library(written, tmp_path), written.dialect)
+    flying(host, 3000)
+    full = 2.207e-4 * 36 / 0.08474 + 6 / 19.2
+    duty = (host.pulses()[1] - NEUTRAL) / FULL
+    current = duty * 2.207e-4 * 36 * 19200 / (30 / np.pi * 7.2)
+    assert duty == pytest.approx(full * 7.2 / (6.2 - 0.03 * (3 + current)), abs=0.01)
 
 
 def test_failsafe_to_the_millisecond(host):

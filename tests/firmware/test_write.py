@@ -147,5 +147,7 @@ def test_the_gains_that_were_set_are_the_boards():
         scenario = build("hovercraft/forward", given)
         _, command = message_structures(replace_hardware(scenario))
         _, regulator, motor = firmware_blocks(scenario, command, "f64")
-        texts = [re.search(rf"->{name} = (.*);", b.source) for b, name in ((regulator, "kp"), (motor, "inertia"))]
+        texts = [
+            re.search(rf"->{name} = (.*);", b.source) for b, name in ((regulator, "kp"), (motor, r"motor\.inertia"))
+        ]
         assert [float(found[1]) for found in texts] == pytest.approx(wanted, rel=1e-15)

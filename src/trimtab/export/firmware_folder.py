@@ -11,26 +11,34 @@ import time
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.actuators.drive import FanDrive, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.actuators.motor import MotorInput
+from trimtab.actuators.motor import MotorOutput
 from trimtab.actuators.regulated_fan import RegulatedFan
 from trimtab.actuators.speed_regulator import SpeedRegulatorInput
-from trimtab.compiler.block import BlockText, block_text
+from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import identifier
 from trimtab.core.errors import InputError
-from trimtab.core.record import replace
+from trimtab.core.imperfections import without
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import Command, Frame
 from trimtab.core.time import to_seconds
 from trimtab.export.boards import FIRMWARE as START
 from trimtab.export.boards import TARGETS
 from trimtab.loop.scenario import Scenario
-from trimtab.run.blocks import failsafe_block, message_structures, replace_links, timed_block, world_block
+from trimtab.run.blocks import (
+    StepInput,
+    failsafe_block,
+    message_structures,
+    replace_links,
+    timed_block,
+    world_block,
+)
 from trimtab.run.identity import scenario_identity
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.generated import write_c_headers
@@ -147,8 +155,20 @@ def replace_hardware(scenario: Scenario) -> Scenario:
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """The scenario's own regulator and motor, or those that the firmware has by default."""
-    return getattr(scenario.world.actuators, "fan", None) or RegulatedFan()
+    """The scenario's own regulator, motor and battery, or those that the firmware has by default, always full."""
+    return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
+
+
+def motor_block(fan: RegulatedFan) -> BlockDefinition:
+    """Motor and encoder on their battery, as the regulator's timers meet them: a duty in, speed and count out."""
+
+    def turn(p: Any, s: Any, now: StepInput) -> Any:
+        state, speed_rpm, _ = p.turn(now.t, s, now.input)
+        return state, MotorOutput(speed_rpm=speed_rpm, count=state.count)
+
+    doc = "Motor, propeller, encoder and battery of the thrust fan."
+    first = StepInput(t=np.int64(0), input=np.float64(0.0))
+    return BlockDefinition("motor", doc, turn, lambda p: p.init(), to_arrays(fan), first)
 
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
@@ -159,9 +179,7 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
     speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
     fan = driven_fan(scenario)
     regulator = timed_block("speed_regulator", doc, fan.regulator, speed)
-    doc = "Motor, propeller and encoder of the thrust fan."
-    motor = timed_block("motor", doc, fan.motor, MotorInput(duty=zero, voltage=zero))
-    return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor)]
+    return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor_block(fan))]
 
 
 def refuse_workspaces(blocks: list[BlockText]) -> None:
