@@ -34,6 +34,8 @@ CAUSE, UNEXPLAINED, REPLAY = "cause:", "unexplained:", "replay"
 """How problems begin that are not of safety."""
 WAITING_S = 0.1
 """What was kept waiting for longer (s), a process, the line or the campaign itself, may have failed by that alone."""
+UNHEARD_S = 0.04
+"""A vehicle that is later by this (s) may have made its own outputs safe: they wait for 50 ms, armed or not."""
 
 
 class RefusedStart(NamedTuple):
@@ -213,9 +215,10 @@ def _list_waits(case: Case, logs: Mapping[str, Log]) -> list[str]:
     waits = []
     for name, log in logs.items():
         path = "firmware.late" if name.startswith("vehicle") else "loop.late"
-        flown = ~log["firmware.held"].astype(bool) if "firmware.held" in log else np.ones(len(log), bool)
-        longest = float(np.max(log[path][flown], initial=0.0)) if path in log else 0.0
-        if longest > WAITING_S + case.stopped_s.get(name, 0.0):
+        went_safe = any(e["text"].startswith("outputs were safe") for e in log.metadata.get("events", []))
+        counts = ~log["firmware.held"].astype(bool) if "firmware.held" in log else np.ones(len(log), bool)
+        longest = float(np.max(log[path][counts | went_safe], initial=0.0)) if path in log else 0.0
+        if longest > (UNHEARD_S if went_safe else WAITING_S) + case.stopped_s.get(name, 0.0):
             waits.append(f"{name} {longest:.2f} s")
     return waits
 

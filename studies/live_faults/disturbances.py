@@ -34,11 +34,11 @@ from studies.live_faults.words import (
     EvidenceCheck,
     arming_count,
     counter_rise,
+    either_of,
     exit_status,
     flag_gap,
     logged_event,
     outputs_safe,
-    peak_level,
 )
 from trimtab.wire.keys import create_key
 
@@ -52,6 +52,13 @@ NO_COMMAND = r"failsafe: no command", r"not armed any more"
 LOST = r"nothing from the vehicle", r"heard again", r"supervisor: lost: link lost", r"supervisor: flying: found again"
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
 """Lines that follow from no command, from silence, from old samples."""
+UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$"
+REFUSED = logged_event(SECOND, CONFIRM)
+"""Of an autopilot that comes when another fault has put the vehicle into failsafe: nobody has confirmed."""
+GARBAGE = "supervisor: (ended|fault): ", "autopilot: fault"
+"""Of an estimate that is no number, or beyond the envelope."""
+FORGED = "unsigned or signed"
+"""A bit of a signature is no part of a frame's checksum: such a frame is whole, and signed wrongly."""
 LONG_S = 20.0
 """Of a flight in which another process must first start."""
 
@@ -103,7 +110,7 @@ def freeze_autopilot(draw: random.Random) -> Disturbance:
         acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT, seconds),
         STOPS,
         seconds,
-        (FAILSAFE, peak_level(AUTOPILOT, "loop.late", 0.9 * seconds), TOLD, exit_status(AUTOPILOT, 1)),
+        (FAILSAFE, logged_event(AUTOPILOT, "^this end stood still for"), TOLD, exit_status(AUTOPILOT, 1)),
         (*NO_COMMAND, *LOST, *STALE, "^this end stood still for", "a sample is refused: .* has waited"),
         stopped_s={AUTOPILOT: seconds},
         is_last=True,
@@ -124,7 +131,7 @@ def replace_autopilot(draw: random.Random) -> Disturbance:
                 logged_event(SECOND, CONFIRM),
                 arming_count(1),
             ),
-            explains=(*NO_COMMAND, "the flying process is gone", "arming refused", "REFUSED$"),
+            explains=(*NO_COMMAND, "the flying process is gone", *UNCONFIRMED),
             statuses={AUTOPILOT: (KILLED,), SECOND: (1,)},
             fly=LONG_S,
             is_last=True,
@@ -135,11 +142,17 @@ def replace_autopilot(draw: random.Random) -> Disturbance:
         start_another("--take-over"),
         FLIES,
         evidence=(
-            logged_event(AUTOPILOT, "ended: the vehicle was taken over by session"),
-            logged_event(VEHICLE, "Control taken over from 1/191 session"),
+            either_of(logged_event(AUTOPILOT, "ended: the vehicle was taken over by session"), REFUSED),
+            either_of(logged_event(VEHICLE, "Control taken over from 1/191 session"), REFUSED),
             exit_status(AUTOPILOT, 1),
         ),
-        explains=("taken over", "Control taken over", "belongs to another autopilot now", "without authority"),
+        explains=(
+            "taken over",
+            "Control taken over",
+            "belongs to another autopilot now",
+            "without authority",
+            *UNCONFIRMED,
+        ),
         statuses={AUTOPILOT: (1,)},
         fly=LONG_S,
         is_last=True,
@@ -322,10 +335,10 @@ def break_sensor(draw: random.Random) -> Disturbance:
     evidence: list[EvidenceCheck] = [logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}")]
     if gap is not None:
         evidence.append(flag_gap(AUTOPILOT, "downlink.navigation.fresh", gap))
-    evidence += [FAILSAFE, logged_event(AUTOPILOT, "supervisor: ended: ")] if not_a_number else []
+    evidence += [FAILSAFE, logged_event(AUTOPILOT, GARBAGE[0])] if not_a_number else []
     explains = (r"fault\.", *(STALE if silent or not_a_number or word in ("slow", "delayed", "intermittent") else ()))
     explains += LOST if silent else ()  # a vehicle without samples is heard once a second
-    explains += ("supervisor: ended: ", *NO_COMMAND) if not_a_number else ()
+    explains += (*GARBAGE, *NO_COMMAND) if not_a_number else ()
     ends = STOPS if not_a_number else FLIES
     does = f"{part} {word} for {seconds} s"
     return Disturbance("sensor or downlink", does, acts.inject_fault(does), ends, seconds, tuple(evidence), explains)
@@ -383,7 +396,7 @@ def break_line(draw: random.Random) -> Disturbance:
         ends,
         1.0,
         (counter_rise(who, f"{what}.{counter}"),),
-        NO_COMMAND if ends == EITHER else (),
+        (*(NO_COMMAND if ends == EITHER else ()), *((FORGED, *LOST) if way == "flipped" else ())),
     )
 
 

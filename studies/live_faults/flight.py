@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import monotonic, sleep
@@ -59,6 +60,7 @@ class FaultFlight:
         self._key = folder / "config" / "keys" / "hovercraft.key"
         create_key(self._key)
         self._environment = {"TRIMTAB_CONFIG": str(folder / "config")}
+        self._injecting = threading.Lock()
         self.overslept_s = 0.0
         """The longest that one of the campaign's own waits lasted beyond what it was to last."""
         self.vehicles: list[Process] = []
@@ -154,14 +156,15 @@ class FaultFlight:
 
     @contextlib.contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Another end that speaks to the vehicle, past the relay."""
-        link = open_link(self.ends.listen)
-        endpoint = Endpoint(self.knowledge.dialect, *INJECTOR, self.key, datagrams=True)
-        try:
-            yield Injector(link, endpoint)
-        finally:
-            endpoint.close()
-            link.close()
+        """Another end that speaks to the vehicle, past the relay: one at a time, for it is one sender with one clock."""
+        with self._injecting:
+            link = open_link(self.ends.listen)
+            endpoint = Endpoint(self.knowledge.dialect, *INJECTOR, self.key, datagrams=True)
+            try:
+                yield Injector(link, endpoint)
+            finally:
+                endpoint.close()
+                link.close()
 
     def finish(self) -> list[ProcessResult]:
         """Wait for all ends, and gather what they left."""

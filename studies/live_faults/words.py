@@ -73,6 +73,11 @@ def logged_event(who: str, pattern: str) -> EvidenceCheck:
     return look
 
 
+def either_of(*checks: EvidenceCheck) -> EvidenceCheck:
+    """The first of several that a log says."""
+    return lambda evidence: next((said for said in (check(evidence) for check in checks) if said), "")
+
+
 def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
     """A counter of a log that has risen."""
 

@@ -101,6 +101,8 @@ class Duties:
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
         """The kind of limit that the vehicle is beyond, for the next step."""
+        self.is_ending = False
+        """The vehicle's own end has come; it is disarmed for that."""
 
     def slot(self, path: str) -> Any:
         """Where a number of the newest command stands in the inputs of what it comes to first."""
@@ -172,6 +174,7 @@ class Duties:
     def status(self) -> Status:
         """As the vehicle tells it."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
+        state = State.POWEROFF if self.is_ending and state != State.CRITICAL else state
         mode = MANUAL_MODE if self._is_manual_mode or self._is_switched else COMPUTER_MODE
         return Status(mode=mode, armed=self.is_commanded, state=state)
 

@@ -44,7 +44,7 @@ SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
 TOGETHER = seconds(1)
-"""A vehicle that disarmed no longer than this before a flight's end has ended with it: where both ends were given the
+"""A vehicle whose own end came no longer than this before the flight's has ended with it: where both ends were given the
 same length, the vehicle counts it from its release, and this end from when it heard of that."""
 QUICK_ROUND_TRIP = ms(300)
 """At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
@@ -81,8 +81,8 @@ class RemoteVehicle:
         self.system = self.component = 0
         self.heartbeat_time: int | None = None
         """When the vehicle's last heartbeat came."""
-        self._disarming_time = 0
-        """When it was heard that it is not armed any more."""
+        self._end_time: int | None = None
+        """When it was heard that it is not armed any more, for its own end has come."""
         self.misfit = ""
         """Why its messages can't be understood; empty while nothing speaks against it."""
         self.remarks: list[str] = []
@@ -225,7 +225,7 @@ class RemoteVehicle:
             return
         armed = bool(message.get("base_mode") & ModeFlag.ARMED)
         if self.armed and not armed:
-            self._disarming_time = now
+            self._end_time = now if message.get("system_status") == State.POWEROFF else None
             self.tell("the vehicle is not armed any more")
         self.is_in_failsafe = message.get("system_status") == State.CRITICAL
         self.has_failed_safe |= self.has_authority and self.is_in_failsafe
@@ -316,11 +316,12 @@ class RemoteVehicle:
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int) -> list[str]:
         """What a script should know of a vehicle at the end of its flight, before it is disarmed."""
-        has_left_early = not self.armed and now - self._disarming_time > TOGETHER
+        has_ended_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
         problems = {
             "the vehicle was never armed": not was_armed,
             "the vehicle's failsafe acted": self.has_failed_safe,
-            "the vehicle was not armed at the end": was_armed and has_left_early and not self.is_taken,
+            "the vehicle was not armed at the end": was_armed
+            and not (self.armed or has_ended_with_it or self.is_taken),
             "nothing was heard from the vehicle at the end": was_armed and is_silent,
         }
         return [text for text, holds in problems.items() if holds]

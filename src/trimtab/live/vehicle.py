@@ -245,6 +245,7 @@ class LiveVehicle:
             limit=log_limit,
         )
         self._problems.clear()
+        self.duties.is_ending = False
         self.guard.log_folder = None if log is None else log.parent
         try:
             if watchdog is not None:
@@ -302,6 +303,7 @@ class LiveVehicle:
             why = self._end_reason(t, duration, stop) if last is None else ""
             if why:
                 self._report(why)
+                self.duties.is_ending = True
                 last = t + (DISARM_DELAY if self.duties.is_commanded else 0)
                 self.duties.handle_event(ArmRequest(False), t)
             if last is not None and t >= last:

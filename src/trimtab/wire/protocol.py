@@ -86,6 +86,7 @@ class State(IntEnum):
     ACTIVE = 4
     CRITICAL = 5
     EMERGENCY = 6
+    POWEROFF = 7
 
 
 class CommandCode(IntEnum):
