@@ -12,7 +12,8 @@ from firmware.chip import Chip
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 BOARD = FIRMWARE / "boards" / "stm32f405"
-DRIVERS = ["board", "clock", "encoder", "flash", "receiver", "servo", "spi", "storage", "usart", "watchdog"]
+DRIVERS = ["board", "bus_device", "clock", "encoder", "flash", "i2c", "program", "receiver", "servo", "spi", "storage"]
+DRIVERS += ["time", "usart", "watchdog"]
 MS = 10_000
 
 

@@ -39,11 +39,11 @@ def program(tmp_path_factory):
 class Craft(Host):
     """A board in a time of the test's own: one millisecond is a tick of its timers, a sample of its sensor."""
 
-    def __init__(self, program, folder):
+    def __init__(self, program, folder, chip=Chip):
         self.dialect, library = program
         (folder / "flight.so").write_bytes(library.read_bytes())
         self.library = ctypes.CDLL(str(folder / "flight.so"))
-        self.chip, self.now, self.count, self.speed_rpm = Chip(self.library), 0, 0.0, 0.0
+        self.chip, self.now, self.count, self.speed_rpm = chip(self.library), 0, 0.0, 0.0
         self.force, self.rate = np.array([0.0, 0.0, 9.80665]), np.zeros(3)
         self.library.flight_begin(KEY.secret, ctypes.c_uint64(STAMP))
         self.peer = self.other()

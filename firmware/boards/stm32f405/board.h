@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "pieces.h"
+
 enum { CORE_HZ = 168000000, APB2_HZ = 84000000 }; /* the timers' 84 MHz come from the Makefile: the emulator has another */
 
 /* clock.c: 168 MHz from the crystal, or from the chip's own oscillator where it does not start; whether by the crystal. */
@@ -18,11 +20,16 @@ void watchdog_kick(void);
 void brown_out_begin(void);
 const char *reset_cause(void);
 
-/* board.c */
+/* board.c, of each role its own */
 void board_begin(bool by_crystal);
 void board_refuse(const char *reason);
 void board_ticked(void);
+
+/* program.c */
 __attribute__((noreturn)) void board_reset(void);
+
+/* time.c */
+void time_begin(void);
 uint32_t mask_interrupts(void);
 void restore_interrupts(uint32_t before);
 
@@ -52,6 +59,19 @@ uint16_t encoder_count(int64_t at);
 
 /* spi.c */
 void spi_begin(void);
+
+/* The bus between two controllers. bus_device.c: the end that is addressed; slave/bus_master.c: the other. */
+void bus_begin(void);
+bool bus_take(piece *to);
+void bus_answer(const uint8_t *bytes, size_t n);
+void bus_event(void);
+void bus_error(void);
+
+/* slave/units.c: the ultrasonic units' lines. */
+void units_begin(void);
+bool units_waiting(void);
+void unit_interrupt_0(void);
+void unit_interrupt_1(void);
 
 /* storage.c: the journals in flash. */
 void storage_begin(void);

@@ -1,10 +1,12 @@
-/* The hardware of a vehicle: pulses out, the fan's encoder in, and the inertial sensor's samples to the autopilot.
+/* The hardware of a vehicle: pulses out, the fan's encoder in, samples of the inertial sensor to the autopilot, and those
+   of a slave controller's ultrasonic units, where the scenario has any.
 
    The chip is mounted with x forward and y to port, so z up; the vehicle's axes are forward, starboard, down. Between two
    of the scenario's samples the chip's are averaged. Sensors of the scenario that are not on this board stay silent:
    the autopilot's checks before arming see that. */
 #include "board.h"
 #include "icm42688.h"
+#include "ping.h"
 #include "samples.h"
 #include "vehicle.h"
 
@@ -27,7 +29,52 @@ static void empty(void) {
     force_saturated = rate_saturated = false;
 }
 
+#ifdef SAMPLES_RANGING
+static const int BEACONS = (int)(sizeof samples.sensors.ranging.value.range / sizeof samples.sensors.ranging.value.range[0]);
+static piece_assembler pieces;
+
+static void send_ping(vehicle *v, const ping *p) {
+    for (int i = 0; i < BEACONS; ++i) {
+        samples.sensors.ranging.value.range[i] = 0;
+        samples.sensors.ranging.value.arrived[i] = false;
+    }
+    for (int i = 0; i < p->n; ++i) {
+        int beacon = p->replies[i].beacon;
+        if (beacon >= BEACONS) continue;
+        samples.sensors.ranging.value.range[beacon] = (world_real)ping_range(&p->replies[i]);
+        samples.sensors.ranging.value.arrived[beacon] = true;
+    }
+    samples.sensors.ranging.value.unit = p->unit;
+    samples.sensors.ranging.t = p->at;
+    samples.sensors.ranging.fresh = samples.sensors.ranging.valid = true;
+    if (link_heard(&v->link)) samples_send(&v->link, &samples);
+    samples.sensors.ranging.fresh = false;
+}
+
+/* The slave's pings to the autopilot; and whether the lift fan is to turn to the slave, which believes no word twice. */
+static void work_bus(vehicle *v) {
+    static uint8_t count;
+    uint8_t word[MESSAGE_MOST], data[LIFT_DATA];
+    bus_message m;
+    ping heard;
+    piece p;
+    while (bus_take(&p)) {
+        pieces_put(&pieces, &p);
+        while (pieces_message(&pieces, &m))
+            if (ping_unpack(&m, &heard)) send_ping(v, &heard);
+    }
+    data[0] = v->failsafe_out.lift ? 1 : 0;
+    data[1] = ++count;
+    bus_answer(word, message_pack(MESSAGE_LIFT, data, sizeof data, word));
+}
+#else
+static void work_bus(vehicle *v) { (void)v; }
+#endif
+
 void hardware_begin(void) {
+#ifdef SAMPLES_RANGING
+    bus_begin();
+#endif
     spi_begin();
     icm_begin(&chip, board_now());
     empty();
@@ -63,6 +110,7 @@ void hardware_work(vehicle *v, int64_t now) {
     icm_sample s;
     if (icm_work(&chip, now, &s)) add(&s);
     board_refuse(icm_good(&chip) ? NULL : "inertial sensor");
+    work_bus(v);
     if (now < next) return;
     if (n > 0u) send(v, now / SAMPLES_IMU * SAMPLES_IMU);
     next = (now / SAMPLES_IMU + 1) * SAMPLES_IMU;

@@ -55,6 +55,7 @@ static inline int register_await(uint32_t address, uint32_t mask, uint32_t value
 #define GPIOB 0x40020400u
 #define GPIOC 0x40020800u
 #define GPIO_MODER 0x00u
+#define GPIO_OTYPER 0x04u
 #define GPIO_OSPEEDR 0x08u
 #define GPIO_PUPDR 0x0Cu
 #define GPIO_IDR 0x10u
@@ -86,6 +87,24 @@ static inline int register_await(uint32_t address, uint32_t mask, uint32_t value
 #define USART_CR1 0x4001100Cu
 #define USART_CR3 0x40011014u
 
+/* USART 2 and 3, chapter 30; offsets from the base. */
+#define USART2 0x40004400u
+#define USART3 0x40004800u
+#define UART_SR 0x00u
+#define UART_DR 0x04u
+#define UART_BRR 0x08u
+#define UART_CR1 0x0Cu
+
+/* I2C 2, chapter 27. */
+#define I2C_CR1 0x40005800u
+#define I2C_CR2 0x40005804u
+#define I2C_OAR1 0x40005808u
+#define I2C_DR 0x40005810u
+#define I2C_SR1 0x40005814u
+#define I2C_SR2 0x40005818u
+#define I2C_CCR 0x4000581Cu
+#define I2C_TRISE 0x40005820u
+
 /* SPI 1, chapter 28. */
 #define SPI_CR1 0x40013000u
 #define SPI_SR 0x40013008u
@@ -114,5 +133,6 @@ static inline int register_await(uint32_t address, uint32_t mask, uint32_t value
 #define MPU_RBAR 0xE000ED9Cu
 #define MPU_RASR 0xE000EDA0u
 
-enum { IRQ_USART1 = 37, IRQ_TIM5 = 50, IRQ_DMA2_STREAM2 = 58, IRQ_DMA2_STREAM7 = 70 };
+enum { IRQ_I2C2_EVENT = 33, IRQ_I2C2_ERROR = 34, IRQ_USART1 = 37, IRQ_USART2 = 38, IRQ_USART3 = 39 };
+enum { IRQ_TIM5 = 50, IRQ_DMA2_STREAM2 = 58, IRQ_DMA2_STREAM7 = 70 };
 #endif

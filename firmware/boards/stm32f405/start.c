@@ -20,10 +20,17 @@ __attribute__((section(".vectors"), used)) static void (*const vectors[SYSTEM + 
     [2] = fault, /* NMI: the clock security system found the crystal dead */
     [3] = fault, [4] = fault, [5] = fault, [6] = fault, [11] = fault, [12] = fault, [14] = fault,
     [15] = board_ticked,
+#ifdef ROLE_SLAVE
+    [SYSTEM + IRQ_USART2] = unit_interrupt_0,
+    [SYSTEM + IRQ_USART3] = unit_interrupt_1,
+#else
+    [SYSTEM + IRQ_I2C2_EVENT] = bus_event,
+    [SYSTEM + IRQ_I2C2_ERROR] = bus_error,
     [SYSTEM + IRQ_USART1] = usart_interrupt,
     [SYSTEM + IRQ_TIM5] = receiver_captured,
     [SYSTEM + IRQ_DMA2_STREAM2] = usart_lapped,
     [SYSTEM + IRQ_DMA2_STREAM7] = usart_sent,
+#endif
 };
 
 /* ARMv7-M B3.5: region i, its size a power of two. The rest of the address space may not be touched. */
