@@ -156,7 +156,7 @@ class FaultFlight:
 
     @contextlib.contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Another end that speaks to the vehicle, past the relay: one at a time, for it is one sender with one clock."""
+        """Another end that speaks to the vehicle, past the relay: one at a time, for all are one sender."""
         with self._injecting:
             link = open_link(self.ends.listen)
             endpoint = Endpoint(self.knowledge.dialect, *INJECTOR, self.key, datagrams=True)

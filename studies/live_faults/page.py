@@ -60,7 +60,7 @@ fails where it doesn't.
 
 ## Flights drawn at random
 
-    trimtab live-faults --draw 200 --seed 1 --jobs 8
+    trimtab live-faults --draw 200 --seed 1 --jobs 3
 
 draws, by number and seed alone, an autopilot killed, frozen, replaced, impersonated, mis-clocked or mis-configured, a
 vehicle killed, frozen or restarted, a word on sensor, uplink, downlink or actuators, or a bad line; in half of the

@@ -46,7 +46,7 @@ def command(
     \b
     trimtab live-faults --only cut-1 --only autopilot-killed
     trimtab live-faults --jobs 3 --out campaign --json
-    trimtab live-faults --draw 200 --seed 1 --jobs 8
+    trimtab live-faults --draw 200 --seed 1 --jobs 3
     trimtab live-faults --findings
     """
     campaign = _import_module("campaign")

@@ -44,8 +44,8 @@ SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
 """Answers after which the other clock counts as known, and is asked for seldom."""
 TOGETHER = seconds(1)
-"""A vehicle whose own end came no longer than this before the flight's has ended with it: where both ends were given the
-same length, the vehicle counts it from its release, and this end from when it heard of that."""
+"""A vehicle whose own end came no longer than this before the flight's has ended with it: where both were given one
+length, the vehicle counts it from its release, and this end from when it heard of that."""
 QUICK_ROUND_TRIP = ms(300)
 """At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
 
@@ -316,12 +316,12 @@ class RemoteVehicle:
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int) -> list[str]:
         """What a script should know of a vehicle at the end of its flight, before it is disarmed."""
-        has_ended_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
+        ends_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
+        is_disarmed = not (self.armed or ends_with_it or self.is_taken)
         problems = {
             "the vehicle was never armed": not was_armed,
             "the vehicle's failsafe acted": self.has_failed_safe,
-            "the vehicle was not armed at the end": was_armed
-            and not (self.armed or has_ended_with_it or self.is_taken),
+            "the vehicle was not armed at the end": was_armed and is_disarmed,
             "nothing was heard from the vehicle at the end": was_armed and is_silent,
         }
         return [text for text, holds in problems.items() if holds]
