@@ -7,7 +7,7 @@ import time
 
 import pytest
 from links.ends import free_port
-from live.pair import Program, make_key
+from live.pair import WATCHED, Program, make_key
 
 from trimtab.native.compiler import find_compiler
 from trimtab.wire.keys import create_key
@@ -30,7 +30,7 @@ class Ends:
         self.folder, self.port = folder, free_port(socket.SOCK_DGRAM)
         if not (folder / "config").exists():
             make_key(folder)
-        words = ("vehicle", NAME, "--listen", f"udp://:{self.port}", "--json", *PATIENT, *options)
+        words = ("vehicle", NAME, "--listen", f"udp://:{self.port}", "--json", *PATIENT, *WATCHED, *options)
         self.vehicle = Program(*words, folder=folder)
         self.vehicle.wait_for("listens on")
 
