@@ -15,6 +15,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import kernels
 
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"  # pages run `trimtab`
+ROOT = str(Path(__file__).parents[1])  # and import the studies beside the package
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (ROOT, os.environ.get("PYTHONPATH"))))
 
 project = "trimtab"
 version = release = installed("trimtab")
